@@ -4,14 +4,16 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from numba.core.event import Event, Listener, install_listener
-
+from mdms_array.extras import COMPILER, require
+from mdms_array.figures import REPORTED_S
 from mdms_host.clock import MonotonicClock
 from mdms_model.log import LOG
 
-#: Less is not reported.
-REPORTED_S = 0.5
+if TYPE_CHECKING:
+    from numba.core.event import Event
+
 NOTICE = "Compiling the simulator's inner loops; this happens once per installation."
 
 
@@ -24,7 +26,14 @@ class Compiled:
 
 @contextmanager
 def compiling_watched() -> Iterator[Compiled]:
-    """Measures what is compiled meanwhile; a long time is announced on a terminal, once."""
+    """Measures what is compiled meanwhile; a long time is announced on a terminal, once.
+
+    Raises `Error` without the compiler.
+    """
+    require(COMPILER, "a simulation")
+    # It is an extra.
+    from numba.core.event import Listener, install_listener  # noqa: PLC0415
+
     compiled, clock = Compiled(), MonotonicClock()
 
     class Stopwatch(Listener):
@@ -34,13 +43,13 @@ def compiling_watched() -> Iterator[Compiled]:
         start_s = 0.0
         reported = False
 
-        def on_start(self, event: Event) -> None:
+        def on_start(self, event: "Event") -> None:
             if not self.depth:
                 self.start_s = clock.now_s()
             self.depth += 1
             self.report()
 
-        def on_end(self, event: Event) -> None:
+        def on_end(self, event: "Event") -> None:
             self.report()
             self.depth -= 1
             if not self.depth:

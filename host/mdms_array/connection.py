@@ -2,6 +2,7 @@
 
 from argparse import Namespace
 from collections.abc import Callable, Coroutine, Iterator, Sequence
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -13,16 +14,9 @@ import numpy as np
 
 from mdms_array.array import Belief, believe
 from mdms_array.checks import check_load, refuse_tipping
+from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of
-from mdms_array.run import (
-    FaultError,
-    Incident,
-    Run,
-    RunError,
-    StoppedError,
-    TimeLimitError,
-    parcels_by_name,
-)
+from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
 from mdms_array.source import Source, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.can_link.link import AnyLink, Link, open_bus
@@ -38,13 +32,13 @@ from mdms_host.programs.table import Table
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.errors import InputError
 
-__all__ = ["connect"]
-
 Result = TypeVar("Result")
 #: Bring-up, and finding the parcels, take no longer, or something is wrong [s].
 FOUND_S = 30.0
 #: How often a waiting call looks whether the thread still lives [s].
 LOOK_S = 0.1
+#: What ends a table by hand, and not one call alone.
+ENDS = ("fault", "lost", "stopped", "failed")
 
 
 @contextmanager
@@ -149,18 +143,18 @@ class ThreadDriver:
         self._calls: list[tuple[Task[Any], Event]] = []
         self._operation: Operation | None = None
         self._error: BaseException | None = None
+        self._thread = Thread(target=self._operate, name="table", daemon=True)
 
     @contextmanager
     def driven(self) -> Iterator[None]:
         """Bring the table up, and stop it in order at the end. Raises `RunError`."""
-        thread = Thread(target=self._operate, name="table", daemon=True)
-        thread.start()
+        self._thread.start()
         try:
             self._wait_for(lambda: self._program.began, FOUND_S)
             yield
         finally:
             self._asked.put(self._coordinator.stop)
-            thread.join()
+            self._thread.join()
         if self._error is not None or self._coordinator.fault is not None:
             # It came while the script was thinking, and no call has said so.
             raise self._ended()
@@ -201,33 +195,38 @@ class ThreadDriver:
     @property
     def run_so_far(self) -> Run:
         """The run up to now, as it is believed."""
-        coordinator, scenario = self._coordinator, self._belief.scenario
         record = self._recorder.record(list(self._link.incidents))
-        names = [parcel.name for parcel in scenario.parcel]
-        status, reason = self._status()
-        return Run(
-            scenario,
-            status,
-            reason,
-            record,
-            {},
-            parcels_by_name(record, names, dict(coordinator.goals), ()),
-            incidents=[Incident(time_s, text) for time_s, text in coordinator.troubles],
+        # The coordinator belongs to the thread; the record is too long for a cycle.
+        return self._in_thread(
+            lambda: believed_run(
+                self._belief.scenario, record, self._coordinator, fault=self._fault()
+            )
         )
 
-    def _status(self) -> tuple[str, str]:
-        coordinator = self._coordinator
+    def _in_thread(self, work: Callable[[], Result]) -> Result:
+        """Do something short between two cycles; what it returns. Raises what it raises."""
+        done: Future[Result] = Future()
+
+        def do() -> None:
+            try:
+                done.set_result(work())
+            except Exception as error:
+                done.set_exception(error)
+
+        self._asked.put(do)
+        while not done.done():
+            if not self._thread.is_alive():
+                return work()
+            wait((done,), LOOK_S)
+        return done.result()
+
+    def _fault(self) -> str | None:
+        """Why the table cannot go on."""
         if self._error is not None:
-            return "fault", str(self._error)
-        if coordinator.fault is not None:
-            # How the run ended names what was held up, too.
-            told = None if self._operation is None else self._operation.fault
-            return "fault", told or coordinator.fault
-        if coordinator.lost is not None:
-            return "lost", coordinator.lost
-        if coordinator.stuck is not None:
-            return "stopped", coordinator.stuck
-        return "reached", ""
+            return str(self._error) or type(self._error).__name__
+        # How the run ended names what was held up, too.
+        told = None if self._operation is None else self._operation.fault
+        return told or self._coordinator.fault
 
     def _operate(self) -> None:
         """What the thread does from beginning to end."""
@@ -251,9 +250,9 @@ class ThreadDriver:
             (event or Event()).wait(LOOK_S)
 
     def _ended(self) -> RunError:
-        _, reason = self._status()
-        kind = FaultError if self._error or self._coordinator.fault else StoppedError
-        return kind(reason or "the table has stopped", self.run_so_far)
+        run = self.run_so_far
+        kind = ERRORS[run.status] if run.status in ENDS else StoppedError
+        return kind(run.reason if run.status in ENDS else "the table has stopped", run)
 
     def _look(self, _time_s: float) -> None:
         """Start what has been asked for, and tell who waits for what is done; in the thread."""

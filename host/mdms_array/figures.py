@@ -1,21 +1,32 @@
-"""The figures of a run: the JSON of `simulate`, and the same for people."""
+"""What a run comes to: its one status and reason, and its figures, for JSON and for people."""
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from math import degrees, hypot, pi
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdms_array.compiling import REPORTED_S
-from mdms_array.run import Finished
+from mdms_array.host import has_failed, waits_text
+from mdms_array.run import Incident, ParcelRun, Run
+from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, outcome_of
+from mdms_host.motion.outcome import (
+    REACHED_M,
+    REACHED_RAD,
+    GoalOutcome,
+    missed_text,
+    outcome_of,
+)
 from mdms_model.arrays import Floats
 from mdms_model.run.comings import exit_of, is_wrong
 from mdms_model.run.record import Contact, Record
+from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario
 
-__all__ = ["figures_of", "report"]
+if TYPE_CHECKING:
+    from mdms_sim.referee.rules import Violation
+    from mdms_sim.simulation import BusFigures
 
 POSE = ("x_m", "y_m", "yaw_rad")
 TWIST = ("vx_m_s", "vy_m_s", "yaw_rate_rad_s")
@@ -25,39 +36,216 @@ REST_SPEED_M_S = 1e-3
 REST_YAW_RATE_RAD_S = 5e-3
 #: A contact slips from this speed of the wheel's surface over the parcel on.
 SLIPPING_M_S = 5e-3
+#: Compiling that takes less is not reported [s].
+REPORTED_S = 0.5
 
 
-def figures_of(scenario: Scenario, finished: Finished) -> dict[str, Any]:
-    """What `mdms simulate --json` prints but the run folder's path."""
-    record = finished.record
-    duration_s = float(record.time_s[-1] - record.time_s[0])
+def simulated_run(
+    scenario: Scenario,
+    record: Record,
+    coordinator: Coordinator | None = None,
+    *,
+    nodes: str | None = None,
+    bus: "BusFigures | None" = None,
+    violations: "Sequence[Violation]" = (),
+    wall_s: float = 0.0,
+    compile_s: float = 0.0,
+    by_hand: bool = False,
+) -> Run:
+    """What a simulation comes to, judged by the truth.
+
+    `wall_s` leaves out `compile_s`, which passes once per installation. A table `by_hand` has no
+    program that could be late.
+    """
+    if record.slip_m_s is None:
+        record.slip_m_s = slip_m_s(scenario, record)
+    goals = {} if coordinator is None else dict(coordinator.goals)
+    outcomes = _true_outcomes(scenario, record, goals)
+    late = coordinator is not None and not by_hand and not coordinator.finished
+    fault = None if coordinator is None else coordinator.fault
+    status, reason = _status(record, coordinator, fault, outcomes, late=late)
+    duration_s, wall_s = float(record.time_s[-1] - record.time_s[0]), max(wall_s, 1e-6)
     figures: dict[str, Any] = {
         "title": scenario.title,
         "fidelity": scenario.run.fidelity,
-        "nodes": finished.nodes,
+        "nodes": nodes,
         "seed": scenario.run.seed,
         "duration_s": duration_s,
-        "wall_s": finished.wall_s,
-        "compile_s": finished.compile_s,
-        "real_time_factor": duration_s / finished.wall_s,
-        "parcels": [
-            _parcel(scenario, record, number)
-            for number in range(len(scenario.parcel))
-            # One that is away is nowhere.
-            if np.isfinite(record.pose[-1, number]).all()
-        ],
-        "goals": [asdict(outcome) for outcome in goals_of(scenario, finished)],
-        "fault": fault_of(finished),
+        "wall_s": wall_s,
+        "compile_s": compile_s,
+        "real_time_factor": duration_s / wall_s,
+        "status": status,
+        "reason": reason,
+        "parcels": _parcels(scenario, record),
+        "goals": [asdict(outcome) for outcome in outcomes],
+        "fault": _tip(record) or _fault(coordinator, fault),
         "slipping_share": slipping_share(record),
     }
     if scenario.stream:
         figures["stream"] = stream_figures(scenario, record)
-    if finished.bus is not None:
-        figures["bus"] = asdict(finished.bus)
-        figures["lost_cells"] = list(finished.lost_cells)
-        figures["pauses"] = finished.pauses
-        figures["violations"] = [asdict(violation) for violation in finished.violations]
-    return figures
+    if bus is not None:
+        figures |= {"bus": asdict(bus), **_cells_lost(coordinator)}
+        figures["violations"] = [asdict(violation) for violation in violations]
+    return _run(
+        scenario,
+        (status, reason),
+        record,
+        figures,
+        coordinator,
+        outcomes=outcomes,
+        violations=violations,
+        bus=bus,
+    )
+
+
+def believed_run(
+    scenario: Scenario,
+    record: Record,
+    coordinator: Coordinator,
+    *,
+    fault: str | None,
+    late: bool = False,
+    interrupted: bool = False,
+) -> Run:
+    """What a run on a real or served table comes to, as it is believed: nobody knows the truth.
+
+    `fault` is what ended it, if anything did; `late` is whether its program was to end and has not,
+    and `interrupted` whether a person has ended it.
+    """
+    goals = coordinator.goals
+    outcomes = [
+        _believed_outcome(coordinator, parcel.name, goals[parcel.name])
+        for parcel in scenario.parcel
+        if parcel.name in goals
+    ]
+    # Off the wheels a parcel may roll on a little; what has ended well has.
+    judged = () if coordinator.finished and not late else outcomes
+    status, reason = _status(record, coordinator, fault, judged, late=late)
+    if interrupted and status == "time limit":
+        status, reason = "stopped", "stopped by a person"
+    figures: dict[str, Any] = {
+        "title": scenario.title,
+        "status": status,
+        "reason": reason,
+        "fault": _fault(coordinator, fault),
+        **_cells_lost(coordinator),
+        "parcels": _parcels(scenario, record),
+        "goals": [asdict(outcome) for outcome in outcomes],
+    }
+    return _run(scenario, (status, reason), record, figures, coordinator, outcomes=outcomes)
+
+
+def _run(
+    scenario: Scenario,
+    verdict: tuple[str, str],
+    record: Record,
+    figures: dict[str, Any],
+    coordinator: Coordinator | None,
+    *,
+    outcomes: Iterable[GoalOutcome],
+    violations: "Sequence[Violation]" = (),
+    bus: "BusFigures | None" = None,
+) -> Run:
+    troubles = () if coordinator is None else tuple(coordinator.troubles)
+    return Run(
+        scenario,
+        *verdict,
+        record,
+        figures,
+        _parcel_runs(scenario, record, coordinator, {each.parcel: each for each in outcomes}),
+        incidents=[Incident(time_s, text) for time_s, text in troubles],
+        lost_cells=() if coordinator is None else tuple(sorted(coordinator.lost_cells)),
+        pauses=0 if coordinator is None else coordinator.pauses,
+        violations=violations,
+        bus=bus,
+        endless=coordinator is not None and coordinator.endless,
+    )
+
+
+def _status(
+    record: Record,
+    coordinator: Coordinator | None,
+    fault: str | None,
+    outcomes: Iterable[GoalOutcome],
+    *,
+    late: bool,
+) -> tuple[str, str]:
+    """How a run has ended, and why if not as asked: the first of these that has a reason.
+
+    What a parcel has become comes first, then the cells, then the program.
+    """
+    wrong, missed = _wrong(record), missed_text(outcomes)
+    reasons: list[tuple[str, str | None]] = [("lost", _tip(record))]
+    if coordinator is not None:
+        stuck, endless = coordinator.stuck, coordinator.endless
+        failed = has_failed(coordinator)
+        waits = f"the program has not come to its end{waits_text(coordinator)}"
+        reasons += [
+            ("fault", fault),
+            ("failed", stuck if failed else None),
+            ("lost", coordinator.lost),
+            ("failed", wrong),
+            # How far it is from its goal says more than that it cannot go on.
+            ("stopped", "; ".join(filter(None, (missed, stuck))) if stuck else None),
+            ("time limit", missed),
+            ("time limit", waits if late and not endless else None),
+            ("time limit", "the job has no end of its own" if endless else None),
+        ]
+    else:
+        reasons.append(("failed", wrong))
+    return next(((status, reason) for status, reason in reasons if reason), ("reached", ""))
+
+
+def _tip(record: Record) -> str | None:
+    """Which parcel has tipped first; None where none has."""
+    tips = (event for event in record.events if event.kind == "tip")
+    return next((f"{tip.parcel} tips at {tip.time_s:.3f} s: {tip.detail}" for tip in tips), None)
+
+
+def _wrong(record: Record) -> str | None:
+    """Which parcel has left by a wrong exit first; None where none has."""
+    wrong = [event for event in record.events if event.kind == "exit" and is_wrong(event)]
+    more = f", and {len(wrong) - 1} more after it" if len(wrong) > 1 else ""
+    return f"{wrong[0].parcel} {wrong[0].detail}{more}" if wrong else None
+
+
+def _fault(coordinator: Coordinator | None, fault: str | None) -> str | None:
+    """Why the run has failed but for its time limit: cells, a parcel lost or stuck."""
+    return fault if coordinator is None else fault or coordinator.lost or coordinator.stuck
+
+
+def _cells_lost(coordinator: Coordinator | None) -> dict[str, Any]:
+    if coordinator is None:
+        return {"lost_cells": [], "pauses": 0}
+    return {"lost_cells": sorted(coordinator.lost_cells), "pauses": coordinator.pauses}
+
+
+def _parcel_runs(
+    scenario: Scenario,
+    record: Record,
+    coordinator: Coordinator | None,
+    outcomes: Mapping[str, GoalOutcome],
+) -> dict[str, ParcelRun]:
+    """What a record has of each parcel, in the order of its arrays."""
+    goals = {} if coordinator is None else coordinator.goals
+    unknown = np.full_like(record.pose, np.nan)
+    believed = unknown if record.estimate is None else record.estimate
+    true = unknown if record.is_belief else record.pose
+    return {
+        parcel.name: ParcelRun(
+            parcel.name,
+            record.time_s,
+            true[:, number],
+            believed[:, number],
+            _goal(goals.get(parcel.name)),
+            outcomes.get(parcel.name),
+        )
+        for number, parcel in enumerate(scenario.parcel)
+    }
+
+
+def _goal(goal: Goal | None) -> tuple[float, float, float | None] | None:
+    return None if goal is None else (goal.x_m, goal.y_m, goal.yaw_rad)
 
 
 def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
@@ -77,11 +265,13 @@ def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
     }
 
 
-def goals_of(scenario: Scenario, finished: Finished) -> list[GoalOutcome]:
+def _true_outcomes(
+    scenario: Scenario, record: Record, goals: Mapping[str, Goal]
+) -> list[GoalOutcome]:
     """How far from its goal each parcel that was steered to one ends in truth."""
-    record, outcomes = finished.record, []
+    outcomes = []
     for number, parcel in enumerate(scenario.parcel):
-        goal = finished.goals.get(parcel.name)
+        goal = goals.get(parcel.name)
         if goal is not None:
             pose = record.pose[-1, number]
             there = _pose(pose) if np.isfinite(pose).all() else None
@@ -89,12 +279,11 @@ def goals_of(scenario: Scenario, finished: Finished) -> list[GoalOutcome]:
     return outcomes
 
 
-def fault_of(finished: Finished) -> str | None:
-    """Why the run has failed: a parcel that tips, a fault of the nodes, a parcel lost or stuck."""
-    tips = (event for event in finished.record.events if event.kind == "tip")
-    for tip in tips:
-        return f"{tip.parcel} tips at {tip.time_s:.3f} s: {tip.detail}"
-    return finished.fault or finished.lost or finished.stuck
+def _believed_outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
+    """How far from its goal a parcel is believed to have ended."""
+    believed = coordinator.estimate(name)
+    pose = None if believed is None else (believed.x_m, believed.y_m, believed.yaw_rad)
+    return outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
 
 
 def slipping_share(record: Record) -> float:
@@ -128,14 +317,30 @@ def _pose(values: Floats) -> tuple[float, float, float]:
     return x_m, y_m, yaw_rad
 
 
-def _parcel(scenario: Scenario, record: Record, number: int) -> dict[str, Any]:
-    parcel: dict[str, Any] = {"name": scenario.parcel[number].name}
-    parcel |= _named(POSE, record.pose[-1, number])
-    parcel |= _named(TWIST, record.twist[-1, number])
-    parcel["at_rest"] = _at_rest(record, number)
-    if record.estimate is not None and np.isfinite(record.estimate[-1, number]).all():
-        parcel["estimate"] = _named(POSE, record.estimate[-1, number])
-    return parcel
+def _parcels(scenario: Scenario, record: Record) -> list[dict[str, Any]]:
+    """Where each parcel is in the end, and is believed to be; one that is away is nowhere."""
+    parcels = (
+        {"name": parcel.name} | _truth(record, number) | _belief(record, number)
+        for number, parcel in enumerate(scenario.parcel)
+    )
+    return [
+        parcel
+        for parcel in parcels
+        if "x_m" in parcel or ("estimate" in parcel and record.is_belief)
+    ]
+
+
+def _truth(record: Record, number: int) -> dict[str, Any]:
+    if not len(record.time_s) or not np.isfinite(record.pose[-1, number]).all():
+        return {}
+    named = _named(POSE, record.pose[-1, number]) | _named(TWIST, record.twist[-1, number])
+    return named | {"at_rest": _at_rest(record, number)}
+
+
+def _belief(record: Record, number: int) -> dict[str, Any]:
+    if record.estimate is None or not np.isfinite(record.estimate[-1, number]).all():
+        return {}
+    return {"estimate": _named(POSE, record.estimate[-1, number])}
 
 
 def _named(names: tuple[str, ...], values: Floats) -> dict[str, float]:
@@ -150,7 +355,7 @@ def _at_rest(record: Record, number: int) -> bool:
     return bool(np.all(slow & (abs(yaw_rate_rad_s) < REST_YAW_RATE_RAD_S)))
 
 
-def report(figures: dict[str, Any]) -> list[str]:
+def report(figures: Mapping[str, Any]) -> list[str]:
     """The figures as lines for people."""
     nodes = f" on {figures['nodes']} nodes" if figures["nodes"] else ""
     lines = [

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import GoalOutcome
 from mdms_model.arrays import Floats
 from mdms_model.errors import Error
@@ -15,19 +14,6 @@ if TYPE_CHECKING:
     from mdms_sim.referee.rules import Violation
     from mdms_sim.simulation import BusFigures
 
-__all__ = [
-    "FailedError",
-    "FaultError",
-    "Incident",
-    "LostError",
-    "ParcelRun",
-    "Run",
-    "RunError",
-    "StoppedError",
-    "TimeLimitError",
-    "ViolationError",
-    "WheelRun",
-]
 
 Pose = tuple[float, float, float]
 
@@ -96,9 +82,9 @@ class ParcelRun:
     """
 
     name: str
-    time_s: Floats
-    true: Floats
-    believed: Floats
+    time_s: Floats = field(repr=False)
+    true: Floats = field(repr=False)
+    believed: Floats = field(repr=False)
     goal: tuple[float, float, float | None] | None = None
     outcome: GoalOutcome | None = None
 
@@ -130,12 +116,12 @@ class ParcelRun:
 class WheelRun:
     """One wheel over a run; all arrays are of shape (T,)."""
 
-    time_s: Floats
-    reference_m_s: Floats
-    speed_m_s: Floats
-    voltage_v: Floats
-    normal_n: Floats
-    force_n: Floats
+    time_s: Floats = field(repr=False)
+    reference_m_s: Floats = field(repr=False)
+    speed_m_s: Floats = field(repr=False)
+    voltage_v: Floats = field(repr=False)
+    normal_n: Floats = field(repr=False)
+    force_n: Floats = field(repr=False)
 
     @property
     def columns(self) -> dict[str, Floats]:
@@ -143,47 +129,16 @@ class WheelRun:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """A run that has ended: what it recorded, how long it took, and what a coordinator met.
-
-    `troubles` are what the coordinator found amiss, as (time [s], text), `lost` is which parcels it
-    does not find any more at the end, and `stuck` why it could not go on to its goals; `goals` are
-    where it steered parcels last, and `unfinished` is whether its program was to end, and has not,
-    `endless` whether it has no end of its own,
-    `waits` where it waits, and `failed` whether it has ended by an error in it;
-    `lost_cells` are those that it does without by then, and `pauses` is how often it has held all
-    parcels. `violations` are what the referee of the simulation has noted.
-    `wall_s` leaves out `compile_s`, which passes once per installation.
-    """
-
-    record: Record
-    nodes: str | None = None
-    bus: "BusFigures | None" = None
-    fault: str | None = None
-    lost: str | None = None
-    stuck: str | None = None
-    goals: Mapping[str, Goal] = field(default_factory=dict)
-    unfinished: bool = False
-    endless: bool = False
-    waits: str = ""
-    failed: bool = False
-    troubles: tuple[tuple[float, str], ...] = ()
-    lost_cells: tuple[int, ...] = ()
-    pauses: int = 0
-    violations: "tuple[Violation, ...]" = ()
-    wall_s: float = 0.0
-    compile_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Run:
     """A run that has ended, or a table up to now. It pickles.
 
     `status` is `reached`, `time limit`, `fault`, `lost`, `stopped` or `failed`, and `reason` says
     why it is not `reached`. An `endless` job, such as sorting a stream, has no end but its time
-    limit. `violations` are what the referee of a simulation has noted. `figures` are those of
-    `mdms simulate --json`, `bus` those of the bus, and `record` is all that was sampled.
+    limit. `incidents` are what the host found amiss, `lost_cells` the cells that it does without at
+    the end, and `pauses` is how often it has held all parcels. `violations` are what the referee of
+    a simulation has noted. `figures` are those of `mdms simulate --json`, `bus` those of the bus,
+    and `record` is all that was sampled.
     """
 
     scenario: Scenario
@@ -193,10 +148,16 @@ class Run:
     figures: Mapping[str, Any]
     parcels: Mapping[str, ParcelRun]
     incidents: Sequence[Incident] = ()
+    lost_cells: Sequence[int] = ()
+    pauses: int = 0
     violations: "Sequence[Violation]" = ()
     bus: "BusFigures | None" = None
     endless: bool = False
-    wall_s: float = 0.0
+
+    def __repr__(self) -> str:
+        """A line that fits a terminal."""
+        why = f": {self.reason}" if self.reason else ""
+        return f"<Run {self.scenario.title!r}, {self.duration_s:g} s, {self.status}{why}>"
 
     @property
     def log_sha256(self) -> str | None:
@@ -205,8 +166,9 @@ class Run:
 
     @property
     def duration_s(self) -> float:
-        """How long it took on the table."""
-        return float(self.record.time_s[-1] - self.record.time_s[0])
+        """How long it took on the table [s]."""
+        time_s = self.record.time_s
+        return float(time_s[-1] - time_s[0]) if len(time_s) else 0.0
 
     @property
     def events(self) -> Sequence[Event]:
@@ -240,31 +202,6 @@ class Run:
         if self.status == "reached" or (self.status == "time limit" and self.endless):
             return
         raise ERRORS[self.status](self.reason, self)
-
-
-def parcels_by_name(
-    record: Record, names: Sequence[str], goals: Mapping[str, Any], outcomes: Sequence[GoalOutcome]
-) -> dict[str, ParcelRun]:
-    """What a record has of each parcel, in the order of its arrays."""
-    by_name = {outcome.parcel: outcome for outcome in outcomes}
-    unknown = record.pose * float("nan")
-    believed = unknown if record.estimate is None else record.estimate
-    true = unknown if record.is_belief else record.pose
-    return {
-        name: ParcelRun(
-            name,
-            record.time_s,
-            true[:, number],
-            believed[:, number],
-            _goal(goals.get(name)),
-            by_name.get(name),
-        )
-        for number, name in enumerate(names)
-    }
-
-
-def _goal(goal: Any) -> tuple[float, float, float | None] | None:
-    return None if goal is None else (goal.x_m, goal.y_m, goal.yaw_rad)
 
 
 def _last(poses: Floats) -> Pose | None:

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mdms_array.compiling import compiling_watched
-from mdms_array.figures import fault_of, figures_of, goals_of
+from mdms_array.extras import COMPILER, RECORDING, require
+from mdms_array.figures import simulated_run
 from mdms_array.host import (
     coordinator_of,
     estimates_of,
-    has_failed,
     programmed,
     references_m_s,
     waits_text,
@@ -21,36 +21,31 @@ from mdms_array.host import (
 from mdms_array.recording import PlanLog, coordinator_events, keep_run
 from mdms_array.run import (
     FaultError,
-    Finished,
-    Incident,
     LostError,
     Run,
     StoppedError,
     TimeLimitError,
-    parcels_by_name,
 )
-from mdms_array.source import Source, open_source
+from mdms_array.source import LONGEST_S, SHORTEST_S, Source, check_time, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.outcome import missed_text
 from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
 from mdms_model.errors import InputError
-from mdms_model.run.comings import is_wrong
 from mdms_model.run.folder import BUS_LOG, fresh_folder
 from mdms_model.run.history import MOST_SAMPLES
 from mdms_model.run.record import Record
-from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario
 from mdms_model.scenario.task import Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.referee.truth import HostReport, Pose
-from mdms_sim.simulation import Simulation, addresses_of, open_bank
+from mdms_sim.simulation import Outcome, Simulation, addresses_of, open_bank
 from mdms_sim.simulation import simulate as run_simulation
 
+Result = TypeVar("Result")
 #: The paper's model, by fidelity.
 SOLVERS = {"row": solve_row, "ideal": solve_ideal}
 
@@ -61,7 +56,7 @@ def run_scenario(
     progress: Callable[[float], None] | None = None,
     bus_log: Path | None = None,
     main: Main | None = None,
-) -> Finished:
+) -> Run:
     """Run a scenario in its fidelity; `main` is a program in place of its tasks, field or goals.
 
     `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
@@ -70,26 +65,25 @@ def run_scenario(
     if main is not None:
         scenario = programmed(scenario)
     if scenario.run.fidelity == "firmware":
-        return timed(scenario, lambda: _firmware(scenario, nodes, progress, bus_log, main))
-    return timed(scenario, lambda: _model(scenario))
+        return _firmware(scenario, nodes, progress, bus_log, main)
+    record, wall_s, compile_s = timed(lambda: _model(scenario))
+    return simulated_run(scenario, record, wall_s=wall_s, compile_s=compile_s)
 
 
-def timed(scenario: Scenario, prepare: Callable[[], Callable[[], Finished]]) -> Finished:
-    """Prepare a run, do it, and measure how long it took."""
+def timed(prepare: Callable[[], Callable[[], Result]]) -> tuple[Result, float, float]:
+    """Prepare a run, and do it; what it returns, how long it took, and how long numba compiled."""
     with compiling_watched() as compiled:
         work = prepare()
         before_s, clock = compiled.seconds, MonotonicClock()
-        finished = work()
-        wall_s = max(clock.now_s() - (compiled.seconds - before_s), 1e-6)
-    if finished.record.slip_m_s is None:
-        finished.record.slip_m_s = slip_m_s(scenario, finished.record)
-    return replace(finished, wall_s=wall_s, compile_s=compiled.seconds)
+        result = work()
+        wall_s = clock.now_s() - (compiled.seconds - before_s)
+    return result, wall_s, compiled.seconds
 
 
-def _model(scenario: Scenario) -> Callable[[], Finished]:
+def _model(scenario: Scenario) -> Callable[[], Record]:
     """The paper's model, without cells and bus, ready to run."""
     solve, reference_m_s = SOLVERS[scenario.run.fidelity], references_m_s(scenario)
-    return lambda: Finished(solve(scenario, reference_m_s))
+    return lambda: solve(scenario, reference_m_s)
 
 
 def _firmware(
@@ -98,9 +92,33 @@ def _firmware(
     progress: Callable[[float], None] | None,
     bus_log: Path | None,
     main: Main | None,
-) -> Callable[[], Finished]:
-    """Cells, bus and coordinator, ready to run."""
-    coordinator = coordinator_of(scenario, main=main)
+) -> Run:
+    """Cells, bus and coordinator."""
+
+    def prepare() -> Callable[[], tuple[Coordinator, Outcome]]:
+        coordinator = coordinator_of(scenario, main=main)
+        return lambda: (coordinator, _simulated(scenario, coordinator, nodes, progress, bus_log))
+
+    (coordinator, outcome), wall_s, compile_s = timed(prepare)
+    return simulated_run(
+        scenario,
+        outcome.record,
+        coordinator,
+        nodes=nodes,
+        bus=outcome.bus,
+        violations=outcome.violations,
+        wall_s=wall_s,
+        compile_s=compile_s,
+    )
+
+
+def _simulated(
+    scenario: Scenario,
+    coordinator: Coordinator,
+    nodes: str,
+    progress: Callable[[float], None] | None,
+    bus_log: Path | None,
+) -> Outcome:
     plans = PlanLog(coordinator)
 
     def on_progress(time_s: float) -> None:
@@ -108,41 +126,20 @@ def _firmware(
         if progress is not None:
             progress(time_s)
 
-    def work() -> Finished:
-        outcome = run_simulation(
-            scenario,
-            [coordinator],
-            nodes,
-            bus_log=bus_log,
-            estimates=lambda: estimates_of(coordinator, scenario),
-            host_report=lambda: host_report_of(coordinator),
-            progress=on_progress,
-            # A program ends by itself; goals are held to the end.
-            over=lambda: scenario.motion.field == "program" and _has_ended(coordinator),
-            prepare=lambda simulation: _schedule_signals(simulation, scenario, coordinator.program),
-        )
-        _add_events(outcome.record, coordinator)
-        outcome.record.plans = plans.plans
-        troubles = tuple(coordinator.troubles)
-        return Finished(
-            outcome.record,
-            nodes,
-            outcome.bus,
-            fault=coordinator.fault,
-            lost=coordinator.lost,
-            stuck=coordinator.stuck,
-            goals=dict(coordinator.goals),
-            unfinished=not (coordinator.finished or coordinator.endless),
-            endless=coordinator.endless,
-            waits=waits_text(coordinator),
-            failed=has_failed(coordinator),
-            troubles=troubles,
-            lost_cells=tuple(sorted(coordinator.lost_cells)),
-            pauses=coordinator.pauses,
-            violations=outcome.violations,
-        )
-
-    return work
+    outcome = run_simulation(
+        scenario,
+        [coordinator],
+        nodes,
+        bus_log=bus_log,
+        estimates=lambda: estimates_of(coordinator, scenario),
+        host_report=lambda: host_report_of(coordinator),
+        progress=on_progress,
+        # A program ends by itself; goals are held to the end.
+        over=lambda: scenario.motion.field == "program" and _has_ended(coordinator),
+        prepare=lambda simulation: _schedule_signals(simulation, scenario, coordinator.program),
+    )
+    _add_reports(outcome.record, coordinator, plans)
+    return outcome
 
 
 def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
@@ -173,23 +170,19 @@ def _has_ended(coordinator: Coordinator) -> bool:
     return coordinator.finished or coordinator.stuck is not None
 
 
-def _add_events(record: Record, coordinator: Coordinator) -> None:
-    """Put the coordinator's events among those of the physics, by time."""
+def _add_reports(record: Record, coordinator: Coordinator, plans: PlanLog) -> None:
+    """Put the coordinator's events among those of the physics, by time, and its plans."""
     events = record.events + coordinator_events(coordinator)
     record.events = sorted(events, key=lambda event: event.time_s)
+    record.plans = plans.plans
 
 
-__all__ = ["simulate", "virtual"]
-
-Result = TypeVar("Result")
 Signals = Mapping[str, Sequence[tuple[float, Any]]]
 NS_PER_S = 1_000_000_000
 #: Signals come before the cells tick at that instant.
 PRIORITY_SIGNAL = 4
 #: The parcels of a table are found within this, or something is wrong with them [s].
 FOUND_S = 20.0
-#: A virtual table has no end of its own; a scenario has one [s].
-LONGEST_S = 1e5
 
 
 def simulate(
@@ -206,19 +199,22 @@ def simulate(
     to it from outside: by name, pairs of time [s] and value. `limit_s` takes the place of the
     scenario's duration. `record` is a folder that keeps the run.
 
-    Raises `InputError` for what cannot be run.
+    Raises `InputError` for what cannot be run, and `Error` where an extra is not installed.
     """
+    require(COMPILER, "mdms_array.simulate")
+    if record is not None:
+        require(RECORDING, "mdms_array.simulate with a record")
     checked, main = open_source(scenario, program)
     if limit_s is not None:
-        checked = replace(checked, run=replace(checked.run, duration_s=limit_s))
+        duration_s = check_time("limit_s", limit_s, SHORTEST_S)
+        checked = replace(checked, run=replace(checked.run, duration_s=duration_s))
     listed = _listed(signals)
     if listed and main is None and checked.motion.field != "program":
         raise InputError(f"signals: {', '.join(signals or ())} is given, but no program takes it")
     checked = replace(checked, signal=(*checked.signal, *listed))
     if record is None:
-        return run_of(checked, run_scenario(checked, main=main))
-    finished, _ = run_and_keep(checked, Path(record), main=main)
-    return run_of(checked, finished)
+        return run_scenario(checked, main=main)
+    return run_and_keep(checked, Path(record), main=main)
 
 
 def run_and_keep(
@@ -229,63 +225,27 @@ def run_and_keep(
     progress: Callable[[float], None] | None = None,
     bus_format: str = "log",
     main: Main | None = None,
-) -> tuple[Finished, dict[str, Any]]:
-    """Run a scenario and keep it in a folder; the run and its figures. Raises OSError."""
+) -> Run:
+    """Run a scenario and keep it in a folder, which its figures name then. Raises OSError."""
     with fresh_folder(out) as folder:
-        finished = run_scenario(scenario, nodes, progress, folder / BUS_LOG, main)
-        figures = figures_of(scenario, finished) | {"run": str(out)}
-        keep_run(folder, scenario, finished.record, figures, bus_format)
-    return finished, figures
-
-
-def run_of(scenario: Scenario, finished: Finished) -> Run:
-    """What a finished run comes to."""
-    status, reason = _status(scenario, finished)
-    outcomes = goals_of(scenario, finished)
-    names = [parcel.name for parcel in scenario.parcel]
-    return Run(
-        scenario,
-        status,
-        reason,
-        finished.record,
-        figures_of(scenario, finished),
-        parcels_by_name(finished.record, names, finished.goals, outcomes),
-        incidents=[Incident(time_s, text) for time_s, text in finished.troubles],
-        violations=finished.violations,
-        bus=finished.bus,
-        endless=finished.endless,
-        wall_s=finished.wall_s,
-    )
-
-
-def _status(scenario: Scenario, finished: Finished) -> tuple[str, str]:
-    """How a run has ended, and why if not as asked: the first of these that holds."""
-    events = finished.record.events
-    tipped = any(event.kind == "tip" for event in events)
-    wrong = [event for event in events if event.kind == "exit" and is_wrong(event)]
-    missed = missed_text(goals_of(scenario, finished))
-    late = f"the program has not come to its end{finished.waits}"
-    endings: tuple[tuple[object, str, str | None], ...] = (
-        (tipped, "lost", fault_of(finished)),
-        (finished.failed, "failed", finished.stuck),
-        (finished.fault, "fault", finished.fault),
-        (finished.lost, "lost", finished.lost),
-        (wrong, "failed", f"{wrong[0].parcel} {wrong[0].detail}" if wrong else None),
-        (finished.stuck, "stopped", finished.stuck),
-        (missed, "time limit", missed),
-        (finished.unfinished, "time limit", late),
-        (finished.endless, "time limit", "the job has no end of its own"),
-        (True, "reached", ""),
-    )
-    return next((status, str(reason)) for holds, status, reason in endings if holds)
+        run = run_scenario(scenario, nodes, progress, folder / BUS_LOG, main)
+        run = replace(run, figures={**run.figures, "run": str(out)})
+        keep_run(folder, scenario, run.record, dict(run.figures), bus_format)
+    return run
 
 
 def _listed(signals: Signals | None) -> tuple[Signal, ...]:
-    return tuple(
-        Signal(name, value, float(time_s))
-        for name, pairs in (signals or {}).items()
-        for time_s, value in pairs
-    )
+    listed = []
+    for name, pairs in (signals or {}).items():
+        for pair in pairs:
+            if not (isinstance(pair, Sequence) and len(pair) == 2):
+                raise InputError(
+                    f"signals: {name} has {pair!r}, but must have pairs (time_s, value)"
+                )
+            listed.append(
+                Signal(name, pair[1], check_time(f"signals: the time of {name}", pair[0]))
+            )
+    return tuple(listed)
 
 
 @contextmanager
@@ -293,15 +253,19 @@ def virtual(scenario: Source, signals: Signals | None = None) -> Iterator[Blocki
     """A table by hand, in virtual time: time passes only inside its calls.
 
     The scenario's goals, tasks and duration do not count. Entering brings the cells up and finds
-    the parcels. Raises `InputError` for what cannot be run, and `RunError` for a table that does
-    not come up.
+    the parcels. Raises `InputError` for what cannot be run, `Error` where an extra is not
+    installed, and `RunError` for a table that does not come up.
     """
+    require(COMPILER, "mdms_array.virtual")
     checked, _ = open_source(scenario, wait_for_ever)
     checked = replace(checked, signal=(*checked.signal, *_listed(signals)))
     with closing(open_bank("cpython", addresses_of(checked).node_ids)) as bank:
         driver = VirtualDriver(checked, bank)
         driver.begin()
-        yield BlockingTable(driver)
+        try:
+            yield BlockingTable(driver)
+        finally:
+            driver.close()
 
 
 class VirtualDriver:
@@ -324,6 +288,7 @@ class VirtualDriver:
         )
         _schedule_signals(self._simulation, scenario, program)
         self._wall_s = 0.0
+        self._closed = False
 
     def begin(self) -> None:
         """Bring the cells up and find the parcels. Raises `RunError`."""
@@ -331,6 +296,10 @@ class VirtualDriver:
         if not self._program.began:
             waits = waits_text(self._coordinator) or ": its parcels have not been found"
             raise TimeLimitError(f"the table does not come up{waits}", self.run_so_far)
+
+    def close(self) -> None:
+        """Let no more time pass."""
+        self._closed = True
 
     @property
     def table(self) -> Table:
@@ -343,6 +312,8 @@ class VirtualDriver:
         limit_s: float | None,
     ) -> Result:
         """Let time pass until a coroutine is done; what it returns. Raises what it raises."""
+        if self._closed:
+            raise StoppedError("the table has stopped: its `with` block has ended", self.run_so_far)
         task = self.table.start(routine(self.table))
         task.heed()
         self._advance(LONGEST_S if limit_s is None else limit_s, lambda: task.done)
@@ -355,27 +326,17 @@ class VirtualDriver:
     @property
     def run_so_far(self) -> Run:
         """The run up to now."""
-        coordinator, outcome = self._coordinator, self._simulation.outcome()
-        events = outcome.record.events + coordinator_events(coordinator)
-        outcome.record.events = sorted(events, key=lambda event: event.time_s)
-        outcome.record.plans = self._plans.plans
-        return run_of(
+        outcome = self._simulation.outcome()
+        _add_reports(outcome.record, self._coordinator, self._plans)
+        return simulated_run(
             self._scenario,
-            Finished(
-                outcome.record,
-                "cpython",
-                outcome.bus,
-                fault=coordinator.fault,
-                lost=coordinator.lost,
-                stuck=coordinator.stuck,
-                goals=dict(coordinator.goals),
-                failed=has_failed(coordinator),
-                troubles=tuple(coordinator.troubles),
-                lost_cells=tuple(sorted(coordinator.lost_cells)),
-                pauses=coordinator.pauses,
-                violations=outcome.violations,
-                wall_s=max(self._wall_s, 1e-6),
-            ),
+            outcome.record,
+            self._coordinator,
+            nodes="cpython",
+            bus=outcome.bus,
+            violations=outcome.violations,
+            wall_s=self._wall_s,
+            by_hand=True,
         )
 
     def _advance(self, seconds: float, over: Callable[[], bool]) -> None:

@@ -4,6 +4,8 @@ import inspect
 import runpy
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import nan
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,10 @@ from mdms_model.scenario.file import load_scenario, scenario_from
 from mdms_model.scenario.scenario import Scenario
 
 _SUFFIX = ".py"
+#: No run is longer, as a scenario's duration [s].
+LONGEST_S = 1e5
+#: Nor shorter: the first sample is taken at 0.
+SHORTEST_S = 1e-3
 #: A scenario: its built-in name, its file, its tables, or itself.
 Source = str | Path | Mapping[str, Any] | Scenario
 
@@ -44,13 +50,33 @@ def open_source(source: Source, main: Main | None = None) -> tuple[Scenario, Mai
         scenario = source
     elif isinstance(source, Mapping):
         scenario = scenario_from(source)
-    else:
+    elif isinstance(source, str | Path):
         scenario = load_scenario(source)
+    else:
+        raise InputError(f"scenario: {source!r} is neither a name, a file, a dict nor a Scenario")
     if main is not None:
-        if not inspect.iscoroutinefunction(main):
-            raise InputError(f"program: {main!r} is not `async def program(table)`")
+        check_program(main)
         scenario = _programmed(scenario)
     return checked(scenario), main
+
+
+def check_program(main: object) -> None:
+    """Raises `InputError` for what is no program: a coroutine function that takes a table."""
+    if not inspect.iscoroutinefunction(main):
+        raise InputError(f"program: {main!r} is not `async def program(table)`")
+    try:
+        inspect.signature(main).bind("table")
+    except TypeError as error:
+        raise InputError(f"program: {main!r} does not take one table: {error}") from None
+
+
+def check_time(name: str, time_s: object, least_s: float = 0.0) -> float:
+    """A time that a caller gives [s]. Raises `InputError` for one that no run has."""
+    number = float(time_s) if isinstance(time_s, Real) else nan
+    # NaN is in no range.
+    if not least_s <= number <= LONGEST_S:
+        raise InputError(f"{name} is {time_s!r}, but must be {least_s:g} to {LONGEST_S:g} seconds")
+    return number
 
 
 def _programmed(scenario: Scenario) -> Scenario:

@@ -4,11 +4,10 @@ from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, TypeVar
 
 from mdms_array.run import Run
+from mdms_array.source import check_program, check_time
 from mdms_host.programs.program import Main
 from mdms_host.programs.script import until
 from mdms_host.programs.table import Table, TableParcel
-
-__all__ = ["BlockingParcel", "BlockingTable"]
 
 Result = TypeVar("Result")
 
@@ -65,16 +64,17 @@ class BlockingTable:
 
         Raises what the program raises, and TimeLimitError.
         """
-        self._driver.call(program, limit_s)
+        check_program(program)
+        call(self._driver, program, limit_s)
 
     def arrival(self, limit_s: float | None = None) -> "BlockingParcel":
         """The next parcel that comes onto the table. Raises ProgramError where none may come."""
-        parcel = self._driver.call(lambda table: table.arrival(), limit_s)
+        parcel = call(self._driver, lambda table: table.arrival(), limit_s)
         return BlockingParcel(self._driver, parcel)
 
     def signal(self, name: str, limit_s: float | None = None) -> Any:
         """The next value that has been sent under a name."""
-        return self._driver.call(lambda table: table.signal(name), limit_s)
+        return call(self._driver, lambda table: table.signal(name), limit_s)
 
     def send_signal(self, name: str, value: Any = None) -> None:
         """Send a value to the program; see `Table.send_signal`."""
@@ -82,7 +82,8 @@ class BlockingTable:
 
     def sleep(self, seconds: float) -> None:
         """Let so much time of the table pass."""
-        self._driver.call(lambda table: table.sleep(seconds), None)
+        seconds = check_time("seconds", seconds)
+        call(self._driver, lambda table: table.sleep(seconds), None)
 
 
 class BlockingParcel:
@@ -122,11 +123,20 @@ class BlockingParcel:
         Raises ProgramError when it cannot come there, and TimeLimitError. After TimeLimitError the
         parcel still goes there, until it is ordered elsewhere.
         """
-        self._driver.call(lambda _: self._parcel.move(x_m, y_m, yaw_rad), limit_s)
+        call(self._driver, lambda _: self._parcel.move(x_m, y_m, yaw_rad), limit_s)
 
     def leave(self, exit: str | None = None, limit_s: float | None = None) -> None:
         """Have it leave by an exit, or the one for its kind; returns when it has left."""
-        self._driver.call(lambda _: self._parcel.leave(exit), limit_s)
+        call(self._driver, lambda _: self._parcel.leave(exit), limit_s)
+
+
+def call(
+    driver: Driver,
+    routine: Callable[[Table], Coroutine[Any, Any, Result]],
+    limit_s: float | None,
+) -> Result:
+    """Have a driver run a coroutine. Raises `InputError` for a limit that is no time."""
+    return driver.call(routine, None if limit_s is None else check_time("limit_s", limit_s))
 
 
 async def wait_for_ever(_table: Table) -> None:

@@ -12,8 +12,6 @@ import numpy as np
 from mdms_model.arrays import Floats, Ints
 from mdms_protocol.codecs import cob
 
-__all__ = ["Layout", "WheelPlace"]
-
 _SENSOR_OFFSETS_M = (
     (0.0, 0.0),
     (0.03175, 0.03175),

@@ -2,8 +2,6 @@
 out.
 """
 
-__all__ = ["Error", "InputError"]
-
 
 class Error(Exception):
     """Base of all errors that a user of the packages can do something about."""

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 from mdms_model.scenario.scenario import Cell
 
-__all__ = ["Drive", "drive_of", "rim_mass_kg"]
-
 
 @dataclass(frozen=True, slots=True)
 class Drive:

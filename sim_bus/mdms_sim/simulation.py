@@ -44,8 +44,6 @@ from mdms_sim.referee.rules import Violation
 from mdms_sim.referee.truth import HostReport, Truth
 from mdms_sim.sampling import Sampler
 
-__all__ = ["BusFigures", "Outcome", "Simulation", "open_bank", "simulate"]
-
 NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
 #: Latency of a cell's background loop: from a frame's end, or a tick, to its answer in a mailbox.

@@ -13,6 +13,7 @@ REASONS = {
     "needs a board over USB": r"mpremote (fs|exec|reset).*|mdms scan -i slcan -c /dev/ttyACM0 .*",
     "needs cells with firmware of their own": r"mdms (commission --from|stop|flash --bus) ?.*",
     "needs a page and its token": r"(import json|from websockets.*|with connect.*|    table.*)",
+    "needs a scanner and a broker": ".*",
     "runs this test too": r"make (test|quick|check)( +#.*)?",
 }
 _NOT_RUN = re.compile(r"<!-- not run: (.*) -->")

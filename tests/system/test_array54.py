@@ -18,22 +18,22 @@ def array54(*overrides):
 @pytest.fixture(scope="module")
 def carried(tmp_path_factory):
     log = tmp_path_factory.mktemp("run") / "bus.log"
-    finished = run_scenario(array54("run.duration_s=5.5", "array.forwarded=[1]"), bus_log=log)
-    return finished, log.read_text().splitlines()
+    run = run_scenario(array54("run.duration_s=5.5", "array.forwarded=[1]"), bus_log=log)
+    return run, log.read_text().splitlines()
 
 
 def test_box_reaches_its_goal_over_the_borders_of_buses(carried):
-    finished, _ = carried
-    x_m, y_m, yaw_rad = finished.record.pose[-1, 0]
-    assert finished.fault is None
+    run, _ = carried
+    x_m, y_m, yaw_rad = run.record.pose[-1, 0]
+    assert run.status == "reached"
     assert math.hypot(x_m - 0.35, y_m - 0.15) < 0.005
     assert abs(math.degrees(yaw_rad) - 30) < 2
-    assert finished.bus.errors == 0
+    assert run.bus.errors == 0
 
 
 def test_cells_of_all_three_buses_have_driven_it(carried):
-    finished, _ = carried
-    driven = (abs(finished.record.reference_m_s) > 0).any(axis=0).reshape(6, 9, 2)
+    run, _ = carried
+    driven = (abs(run.record.reference_m_s) > 0).any(axis=0).reshape(6, 9, 2)
     assert all(driven[:, first : first + 3].any() for first in (0, 3, 6))
 
 
@@ -65,7 +65,7 @@ def test_states_of_border_cells_are_heard_on_both_sides(carried):
 
 def test_loss_of_one_cell_stops_the_cells_of_all_buses():
     lost = 'fault=[{kind="off", cells=[23], start_s=1.0}]'
-    finished = run_scenario(array54("run.duration_s=2.2", "run.pauses=0", lost))
-    assert "cell 23 (node 8 of bus 1)" in finished.fault
-    assert abs(finished.record.twist[-1, 0]).max() < 5e-3
-    assert not finished.record.voltage_v[-1].any()
+    run = run_scenario(array54("run.duration_s=2.2", "run.pauses=0", lost))
+    assert "cell 23 (node 8 of bus 1)" in run.reason
+    assert abs(run.record.twist[-1, 0]).max() < 5e-3
+    assert not run.record.voltage_v[-1].any()

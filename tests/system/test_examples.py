@@ -1,6 +1,8 @@
 """Every example runs to its end in virtual time, as it would on hardware."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,11 +10,11 @@ import pytest
 from mdms_host.cli import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-#: All but the table that some of them share.
+#: All but the table that some of them share, and what is run by Python itself.
 PROGRAMS = sorted(
     path.name
     for path in EXAMPLES.iterdir()
-    if path.suffix in (".py", ".toml") and path.name != "infeed18.toml"
+    if path.suffix in (".py", ".toml") and path.name not in ("infeed18.toml", "by_hand.py")
 )
 
 
@@ -30,6 +32,14 @@ def test_an_example_does_what_it_says(name, capsys):
     if "stream" in figures:
         assert figures["stream"]["left"] >= 2
         assert figures["stream"]["wrong"] == figures["stream"]["touches"] == 0
+
+
+def test_a_box_is_carried_by_hand():
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / "by_hand.py"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("reached>\n")
 
 
 def test_54_cells_on_three_buses_sort_what_comes(capsys):

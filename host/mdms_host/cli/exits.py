@@ -21,6 +21,9 @@ INTERRUPTED = 130
 #: Classes are named here, not imported: a verb should not wait for the modules of the others.
 EXITS = {
     "builtins.OSError": Exit.FAILURE,
+    "mdms_array.run.FaultError": Exit.NODE_FAULT,
+    "mdms_array.run.StoppedError": Exit.TIME_LIMIT,
+    "mdms_array.run.TimeLimitError": Exit.TIME_LIMIT,
     "mdms_model.errors.Error": Exit.FAILURE,
     "mdms_model.errors.InputError": Exit.USAGE,
     "mdms_host.can_link.link.LinkError": Exit.NO_DEVICE,

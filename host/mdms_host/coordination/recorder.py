@@ -78,13 +78,17 @@ class Recorder:
         """What was recorded so far, with the coordinator's events and the link's incidents."""
         events = [Event(time_s, "coordinator", text) for time_s, text in self._coordinator.events]
         events += [Event(time_s, "link", text) for time_s, text in incidents]
-        columns = self._history.columns()
+        history = self._history.copy()
+        if not len(history.time_s):
+            self._sample(0.0)
+            history = self._history.copy()
+        columns = history.columns()
         if not self._reports.any:
             columns = without_reports(columns)
         poses, wheels = columns["estimate"], columns["reference_m_s"]
         nowhere, nothing = np.full_like(poses, np.nan), np.full_like(wheels, np.nan)
         return Record(
-            time_s=self._history.time_s,
+            time_s=history.time_s,
             pose=nowhere,
             twist=nowhere,
             voltage_v=nothing,

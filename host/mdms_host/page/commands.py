@@ -59,6 +59,14 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
+class Signal:
+    """The program that runs gets this value from outside, as by `table.send_signal`."""
+
+    name: str
+    value: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """The program ends in order: wheels are braked, and all drives turned off."""
 
@@ -143,6 +151,7 @@ Command: TypeAlias = (
     Goal
     | Name
     | Start
+    | Signal
     | Stop
     | StopAll
     | ReadObjects
@@ -161,6 +170,7 @@ COMMANDS: dict[str, type[Command]] = {
     "goal": Goal,
     "name": Name,
     "start": Start,
+    "signal": Signal,
     "stop": Stop,
     "stop_all": StopAll,
     "read_objects": ReadObjects,

@@ -23,6 +23,8 @@ from mdms_host.page.shown.objects import ObjectReader
 from mdms_host.page.shown.offered import plan_of
 from mdms_host.page.shown.signals import Signals
 from mdms_host.page.shown.things import sized, things_of
+from mdms_host.programs.program import TableProgram
+from mdms_host.programs.table_parcel import ProgramError
 from mdms_model.arrays import Floats
 
 #: Ways and tiles are looked at so often [s].
@@ -39,7 +41,9 @@ class LiveTable:
     `error_frames` counts those of all buses, where somebody does.
     """
 
-    offers: tuple[str, ...] = ("goal", "name", "start", "stop", "stop_all", "read_objects")
+    offers: tuple[str, ...] = (
+        *("goal", "name", "start", "signal", "stop", "stop_all", "read_objects"),
+    )
 
     def __init__(
         self,
@@ -213,6 +217,8 @@ class LiveTable:
             case commands.Start():
                 self._seat.start()
                 self.note("page", "the program is started")
+            case commands.Signal():
+                self._send_signal(command)
             case commands.Stop():
                 self._seat.stop()
                 self.note("page", "the program is stopped")
@@ -234,6 +240,16 @@ class LiveTable:
         if coordinator is None or not self._seat.busy:
             raise RefusedError("no program runs; start one first")
         return coordinator
+
+    def _send_signal(self, command: commands.Signal) -> None:
+        program = self._running().program
+        if not isinstance(program, TableProgram):
+            raise RefusedError("the program that runs has no tasks, and takes no signals")
+        try:
+            program.table.send_signal(command.name, command.value)
+        except ProgramError as error:
+            raise RefusedError(str(error)) from None
+        self.note("page", f"signal {command.name!r:.60}: {command.value!r:.60}")
 
     def _note_stop(self) -> None:
         """One who presses a button for long does not push all other events out."""

@@ -2,7 +2,8 @@
 
 from collections import deque
 from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
-from math import inf
+from math import inf, isfinite
+from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,6 +22,8 @@ __all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
 Result = TypeVar("Result")
 #: What has been named is found within this, or is not what it was taken for [s].
 _FOUND_S = 3.0
+#: Values under a name that wait to be taken: bounded, since anybody outside sends them.
+_MOST_SIGNALS = 1000
 
 
 class Table:
@@ -130,6 +133,8 @@ class Table:
         """
         if newcomer.length_m is None:
             raise ProgramError(f"{newcomer.name} needs a size to be announced")
+        if near_m is not None:
+            _check_numbers(newcomer.name, x_m=near_m[0], y_m=near_m[1])
         self._taken_in().announce(newcomer, near_m)
         self.expects = True
 
@@ -197,14 +202,20 @@ class Table:
         """Send a value to the program; any thread may do so.
 
         Raises ProgramError in virtual time, where only `[[signal]]` of the scenario and `signals=`
-        send any: a run must not depend on the machine's time.
+        send any: a run must not depend on the machine's time. So too where very many values wait
+        under that name: nobody takes them.
         """
         if not self._takes_signals:
             raise ProgramError(
                 f"signal {name!r}: in virtual time signals come from the scenario ([[signal]]) or "
                 "from signals=, each with its time"
             )
-        self._signals.setdefault(name, deque()).append(value)
+        queue = self._signals.setdefault(name, deque())
+        if len(queue) >= _MOST_SIGNALS:
+            raise ProgramError(
+                f"signal {name!r}: {len(queue)} values wait already, and the program takes none"
+            )
+        queue.append(value)
 
     async def _outside(self, condition: Condition) -> None:
         """Wait for what comes from outside: a program that does has no end of its own."""
@@ -217,6 +228,7 @@ class Table:
     async def _move(
         self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
     ) -> None:
+        _check_numbers(parcel.name, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad or 0.0)
         if parcel.is_round and yaw_rad:
             raise ProgramError(f"{parcel.name} is round: no sensor shows how it is turned")
         await self._order(parcel, Goal(x_m, y_m, None if parcel.is_round else yaw_rad))
@@ -257,7 +269,7 @@ class TableDriver:
     def put(self, parcel: TableParcel, arrives: bool = True) -> None:
         """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
         self.table._parcels[parcel.name] = parcel
-        parcel.carried_by((self.table._move, self.table._leave))
+        parcel._carried_by((self.table._move, self.table._leave))
         if arrives:
             self.table._arrived.append(parcel)
 
@@ -265,8 +277,8 @@ class TableDriver:
         """A parcel has left."""
         parcel = self.table._parcels.pop(name)
         parcel.has_left = True
-        parcel.carried_by(None)
-        parcel.see(None)
+        parcel._carried_by(None)
+        parcel._see(None)
         if parcel in self.table._arrived:
             self.table._arrived.remove(parcel)
 
@@ -278,7 +290,7 @@ class TableDriver:
             if not belief.named
         }
         for name, parcel in self.table._parcels.items():
-            parcel.see(beliefs.get(name))
+            parcel._see(beliefs.get(name))
 
     def step(self, step_s: float) -> BaseException | None:
         """Let a cycle pass, and the program go on; an error that ends it, if any."""
@@ -297,6 +309,13 @@ class TableDriver:
     def receive(self, name: str, value: Any) -> None:
         """A signal has come whose time is that of the run."""
         self.table._signals.setdefault(name, deque()).append(value)
+
+
+def _check_numbers(name: str, **values: object) -> None:
+    """Raises ProgramError for what is no number: it would break the cycle of the whole table."""
+    for key, value in values.items():
+        if not (isinstance(value, Real) and isfinite(value)):
+            raise ProgramError(f"{key} of {name} is {value!r}, but must be a number")
 
 
 def _place(pose: Floats) -> tuple[float, float]:

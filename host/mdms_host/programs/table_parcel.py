@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
+from math import inf
+from numbers import Real
 from typing import Any, Protocol
 
 from mdms_host.estimation.belief import Belief
@@ -10,6 +12,8 @@ from mdms_model.errors import Error
 #: Orders a parcel to a place (x, y, yaw), or out by an exit; returns when it is there, or has left.
 Move = Callable[["TableParcel", float, float, float | None], Coroutine[Any, Any, None]]
 Leave = Callable[["TableParcel", str | None], Coroutine[Any, Any, None]]
+#: Outlines that a program may give.
+SHAPES = ("rectangle", "disc")
 
 
 class ProgramError(Error):
@@ -68,11 +72,11 @@ class TableParcel:
             raise ProgramError(f"{self.name} has left the table")
         await self._orders[1](self, exit)
 
-    def carried_by(self, orders: tuple[Move, Leave] | None) -> None:
+    def _carried_by(self, orders: tuple[Move, Leave] | None) -> None:
         """Take orders from this table; None once the parcel has left it."""
         self._orders = orders
 
-    def see(self, belief: Belief | None) -> None:
+    def _see(self, belief: Belief | None) -> None:
         """Take in what is believed of it now."""
         self._belief = belief
 
@@ -81,7 +85,8 @@ class TableParcel:
 class Newcomer:
     """A parcel that nobody has drawn before, by the name that it is to be called by.
 
-    Without a size that of what sensors show is taken. `mass_kg` None is one that is not known.
+    Without a size that of what sensors show is taken. `shape` is 'rectangle' or 'disc'. `mass_kg`
+    None is one that is not known. Raises ProgramError for sizes and masses that are none.
     """
 
     name: str
@@ -90,6 +95,16 @@ class Newcomer:
     shape: str = "rectangle"
     kind: str = ""
     mass_kg: float | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("length_m", "width_m", "mass_kg"):
+            value = getattr(self, key)
+            if value is not None and not (isinstance(value, Real) and 0.0 < float(value) < inf):
+                raise ProgramError(f"{key} of {self.name} is {value!r}, but must be above 0")
+        if self.shape not in SHAPES:
+            raise ProgramError(
+                f"shape of {self.name} is {self.shape!r}, but must be one of {SHAPES}"
+            )
 
 
 class Newcomers(Protocol):

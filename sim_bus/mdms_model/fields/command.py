@@ -11,8 +11,6 @@ from mdms_model.fields.references import references_m_s
 from mdms_model.motor import drive_of
 from mdms_model.scenario.scenario import Scenario
 
-__all__ = ["Command", "accepted", "command_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Command:

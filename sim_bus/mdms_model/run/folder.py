@@ -11,18 +11,18 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from mdms_model.errors import InputError
+from mdms_model.errors import Error, InputError
 from mdms_model.run.mcap.lichtblick import layout_of
 from mdms_model.run.record import Record, RecordFileError
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
-
-__all__ = ["RunFolderError", "StoredRun", "read_run", "write_run"]
 
 FORMAT = "mdms-run"
 FORMAT_VERSION = 1
@@ -112,7 +112,7 @@ def fresh_folder(folder: Path) -> Iterator[Path]:
 
 
 def write_run(
-    folder: Path,
+    folder: str | Path,
     scenario: Scenario,
     record: Record,
     figures: dict[str, Any],
@@ -123,10 +123,9 @@ def write_run(
     A picture is drawn of any run, an animation where cells steered, or the host several parcels;
     `save_picture` goes by the name of its file.
     """
-    # A record file needs an extra; who only names the files of a run folder does without it.
-    from mdms_model.run.mcap.file import write_record
-
-    write_record(folder / RECORD, scenario, record)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    _record_file().write_record(folder / RECORD, scenario, record)
     layout = json.dumps(layout_of(scenario, record), indent=1, ensure_ascii=False)
     (folder / LAYOUT).write_text(layout + "\n", "utf-8")
     if save_picture is not None:
@@ -143,14 +142,28 @@ def write_run(
     (folder / META).write_text(json.dumps(meta, indent=2) + "\n", "utf-8")
 
 
+def _record_file() -> ModuleType:
+    """What reads and writes record files. Raises `Error` without its extra.
+
+    A caller that only names the files of a run folder does without it.
+    """
+    try:
+        return import_module("mdms_model.run.mcap.file")
+    except ModuleNotFoundError as error:
+        raise Error(
+            f"a run folder needs pip install 'mdms-array[record]'; not installed: {error.name}"
+        ) from None
+
+
 def _is_lively(record: Record) -> bool:
     """Whether one picture cannot show the places of the parcels over time."""
     steered = {name for plan in record.plans for name in plan.ways}
     return record.identity is not None or len(steered) > 1
 
 
-def read_run(folder: Path) -> StoredRun:
+def read_run(folder: str | Path) -> StoredRun:
     """Read a run back. Raises `RunFolderError` when the folder holds none."""
+    folder = Path(folder)
     if not folder.exists():
         raise RunFolderError(f"{folder}: no such run folder")
     meta = _read_meta(folder)
@@ -161,11 +174,10 @@ def read_run(folder: Path) -> StoredRun:
             f"{folder}: written in format {meta['format_version']}, but this version reads "
             f"{FORMAT_VERSION}; use the version named in {META}"
         )
-    from mdms_model.run.mcap.file import read_record  # see `write_run`
-
+    file = _record_file()
     try:
         scenario = scenario_from(meta["scenario"])
-        record = read_record(folder / RECORD, scenario)
+        record = file.read_record(folder / RECORD, scenario)
         return StoredRun(folder, scenario, record, meta["figures"])
     except (ScenarioError, RecordFileError, KeyError) as error:
         raise RunFolderError(f"{folder}: damaged run folder: {error}") from None

@@ -35,6 +35,12 @@ class History:
             del self._samples[1::2]
             self._stride *= 2
 
+    def copy(self) -> "History":
+        """The same samples, and none that another thread appends meanwhile."""
+        copied = History(self._most)
+        copied._samples = list(self._samples)
+        return copied
+
     @property
     def time_s(self) -> Floats:
         """When the samples were taken, shape (T,)."""

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from mdms_model.arrays import Floats
 from mdms_model.errors import InputError
 
-__all__ = ["Contact", "Event", "Plan", "Record", "RecordFileError", "Tile"]
-
 
 class Contact(IntEnum):
     """The contact of a wheel under a parcel; the paper's three greys, sliding by direction.

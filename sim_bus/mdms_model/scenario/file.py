@@ -10,15 +10,6 @@ from mdms_model.scenario.rules.every import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import build, spell_out
 
-__all__ = [
-    "builtin_names",
-    "builtin_text",
-    "load_scenario",
-    "read_tree",
-    "scenario_from",
-    "set_value",
-]
-
 SCENARIOS = Path(__file__).parent / "builtin"
 #: A scenario may be based on another, and that on a third, but not without end.
 _MOST_BASES = 3

@@ -24,20 +24,6 @@ from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.stream import Exit, Stream
 from mdms_model.scenario.task import Signal, Task
 
-__all__ = [
-    "Array",
-    "Cell",
-    "Goal",
-    "Parcel",
-    "Patch",
-    "Run",
-    "Scenario",
-    "ScenarioError",
-    "Stop",
-    "Wheel",
-    "Wire",
-]
-
 
 class ScenarioError(InputError):
     """A scenario that cannot be run; the message is one line with key, value, limit and way out."""

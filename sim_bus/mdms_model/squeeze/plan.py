@@ -12,8 +12,6 @@ from math import inf, pi
 
 from mdms_model.squeeze.turning import SqueezeError, SqueezeFunction
 
-__all__ = ["Range", "Squeeze", "SqueezePlan", "plan_squeezes"]
-
 #: A plan that is exact to less than this would not survive rounding.
 LEAST_MARGIN_RAD = 1e-6
 HALVINGS = 40

@@ -10,8 +10,6 @@ from mdms_model.arrays import Floats
 from mdms_model.errors import InputError
 from mdms_model.squeeze.bisectors import Bisector, Bisectors
 
-__all__ = ["SqueezeError", "SqueezeFunction", "alike_turns", "squeeze_function"]
-
 #: Angles nearer than this are the same: a plan that needs them apart would not survive a breath.
 SAME_RAD = 1e-6
 

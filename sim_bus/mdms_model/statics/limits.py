@@ -12,22 +12,6 @@ from mdms_model.motor import Drive, drive_of
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_model.statics.normal_bounds import NormalBounds, centred_normal_n, search_normals
 
-__all__ = [
-    "ParcelLimits",
-    "equilibrium_n",
-    "equilibrium_normal_n",
-    "is_paper_row",
-    "normal_max_n",
-    "normal_min_n",
-    "paper_bounds",
-    "parcel_limits",
-    "rolling_equilibrium_max_m_s",
-    "rolling_max_m_s",
-    "rolls",
-    "sliding_min_m_s",
-    "whole_pitches",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ParcelLimits:

@@ -44,6 +44,9 @@ _STOPPING = (
 )
 
 
+Place = tuple[float, float, float]
+
+
 @dataclass(slots=True)
 class _Stopping:
     """A fault with the parcels that were moving then, and since when each stands [s]."""
@@ -145,7 +148,7 @@ class Claims:
             text = f"{name} {claim} is {1e3 * off_m:.1f} mm and {degrees(off_rad):.1f} degrees off"
             self._note("true", text, parcel=name)
 
-    def _check_belief(self, name: str, goal: Pose, believed: Pose | None) -> None:
+    def _check_belief(self, name: str, goal: Pose, believed: Place | None) -> None:
         """Note an arrival that is too far from the goal by the host's own belief."""
         number = self._names.get(name)
         if number is None or believed is None:
@@ -159,9 +162,9 @@ class Claims:
                 parcel=name,
             )
 
-    def _off(self, number: int, goal: Pose, pose: Pose | None = None) -> tuple[float, float]:
-        """How far a parcel is from a goal, in truth or at a pose, its symmetry allowed [m, rad]."""
-        x_m, y_m, yaw_rad = self._world.pose[number].tolist() if pose is None else pose
+    def _off(self, number: int, goal: Pose, place: Place | None = None) -> tuple[float, float]:
+        """How far a parcel is from a goal, in truth or at a place, its symmetry allowed."""
+        x_m, y_m, yaw_rad = self._world.pose[number].tolist() if place is None else place
         same_rad = self._symmetries[number]
         wanted_rad = goal[2]
         if wanted_rad is None or same_rad == 0.0:

@@ -36,7 +36,7 @@ class HostReport:
 
     goals: Mapping[str, Pose] = field(default_factory=dict)
     arrived: Mapping[str, Pose] = field(default_factory=dict)
-    believed: Mapping[str, Pose] = field(default_factory=dict)
+    believed: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     reason: str | None = None
     trouble_s: float = -inf
     over: bool = False

@@ -36,8 +36,8 @@ def defects(row: Row, ended: Ended) -> list[str]:
     found = []
     if ended.ends not in (row.ends, *row.otherwise):
         found.append(f"ended with {ended.ends.name}")
-    if ended.finished.pauses not in row.pauses or ended.finished.lost_cells != row.lost:
-        found.append(f"{ended.finished.pauses} pauses, lost {ended.finished.lost_cells}")
+    if ended.run.pauses not in row.pauses or ended.run.lost_cells != row.lost:
+        found.append(f"{ended.run.pauses} pauses, lost {ended.run.lost_cells}")
     if ended.touches:
         found.append(f"{ended.touches} touches")
     patterns = messages(HEADING)[row.what] if ended.ends is row.ends else []
@@ -52,7 +52,7 @@ def defects(row: Row, ended: Ended) -> list[str]:
 
 def reached(ended: Ended) -> bool:
     """Whether the box lies at its goal, by truth."""
-    x_m, y_m, yaw_rad = ended.finished.record.pose[-1, 0]
+    x_m, y_m, yaw_rad = ended.run.record.pose[-1, 0]
     goal_x_m, goal_y_m, goal_yaw_rad = GOAL
     off_m = hypot(x_m - goal_x_m, y_m - goal_y_m)
     return off_m < 0.005 and abs(remainder(yaw_rad - goal_yaw_rad, tau)) < 2 * tau / 360

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from tests.benchmarks.cells.neighbours import at_least
 
-from mdms_array.figures import figures_of
 from mdms_array.simulation import run_scenario
 from mdms_model.scenario.file import load_scenario
 
@@ -50,12 +49,11 @@ def row(loop: str, seeds: range) -> dict[str, Any]:
         overrides = [*LOOPS[loop], f"run.seed={seed}", f"run.duration_s={LIMIT_S}"]
         scenario = load_scenario("swap2", overrides)
         finished = run_scenario(scenario)
-        goals = figures_of(scenario, finished)["goals"]
         touches += sum(event.kind == "touch" for event in finished.record.events)
-        if finished.fault is None and not finished.unfinished and all(g["reached"] for g in goals):
+        if finished.status == "reached":
             arrived += 1
             durations_s.append(float(finished.record.time_s[-1]))
-            errors_m += [goal["position_error_m"] for goal in goals]
+            errors_m += [goal["position_error_m"] for goal in finished.figures["goals"]]
     return {
         "name": f"swap2 by {loop}, simulated time to its end",
         "ours": float(np.median(durations_s)) if durations_s else None,

@@ -13,7 +13,7 @@ from typing import Any
 
 from tests.benchmarks.cells.neighbours import at_least
 
-from mdms_array.figures import fault_of, goals_of, stream_figures
+from mdms_array.figures import stream_figures
 from mdms_array.simulation import run_scenario
 from mdms_array.source import open_program
 from mdms_model.scenario.file import load_scenario
@@ -47,12 +47,12 @@ def sorted_by_seed(
         scenario, _ = open_program("sort54", more)
         finished = run_scenario(scenario)
         figures = stream_figures(scenario, finished.record)
-        print(f"  sort54, {name}, seed {seed}: {figures}, {fault_of(finished)}", flush=True)
+        print(f"  sort54, {name}, seed {seed}: {figures}, {finished.figures['fault']}", flush=True)
         lasted_s = seconds - scenario.stream[0].start_s
         per_hour += 3600.0 * figures["left"] / lasted_s / len(seeds)
         wrong, touches = wrong + figures["wrong"], touches + figures["touches"]
         if finished.record.time_s[-1] < seconds - 0.1:
-            broken_off[seed] = fault_of(finished)
+            broken_off[seed] = finished.figures["fault"]
     return {
         "name": f"sort54, {seconds:g} s, {name}",
         "ours": per_hour,
@@ -72,7 +72,7 @@ def steered(seeds: range) -> dict[str, Any]:
     for seed in seeds:
         scenario = load_scenario("neighbours", [LOSS, f"run.seed={seed}"])
         finished = run_scenario(scenario)
-        (goal,) = goals_of(scenario, finished)
+        (goal,) = (parcel.outcome for parcel in finished.parcels.values())
         events = finished.record.events
         said_s = [event.time_s for event in events if "has arrived" in event.detail]
         print(f"  neighbours, seed {seed}: {goal}, said {said_s}", flush=True)

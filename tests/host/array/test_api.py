@@ -2,13 +2,22 @@
 
 import json
 import pickle
+import re
 import subprocess
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import mdms_array as mdms
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import read_tree
+
+
+async def no_table():
+    pass
 
 
 async def sorter(table):
@@ -87,6 +96,62 @@ def test_a_signal_of_the_scenario_reaches_its_program():
     assert 0.0 < at_s <= 1.0
 
 
+def test_what_a_caller_gets_wrong_is_told_and_the_table_goes_on():
+    with mdms.virtual("array18") as table:
+        for wrong in (print, no_table):
+            with pytest.raises(mdms.InputError, match="program: "):
+                table.run(wrong)
+        for wrong in (float("nan"), -1.0, "1"):
+            with pytest.raises(mdms.InputError, match="seconds is "):
+                table.sleep(wrong)
+            with pytest.raises(mdms.InputError, match="limit_s is "):
+                table["box"].move(0.0, 0.0, limit_s=wrong)
+            with pytest.raises(mdms.ProgramError, match="x_m of box is "):
+                table["box"].move("0.1", 0.0)
+        table["box"].move(np.float32(0.05), np.int64(0))
+        assert table["box"].pose[0] == pytest.approx(0.05, abs=3e-3)
+    with pytest.raises(mdms.StoppedError, match="its `with` block has ended"):
+        table["box"].move(0.0, 0.0)
+
+
+def test_a_run_is_shown_in_a_line_and_its_arrays_are_taken_by_numpy():
+    run = mdms.simulate("paper-fig7", limit_s=0.5)
+    assert repr(run) == "<Run 'Paper, figure 7: full rolling', 0.5 s, reached>"
+    assert len(repr(run.parcels["box"])) < 80
+    assert np.asarray(run.parcels["box"].true).shape == (len(run.record.time_s), 3)
+    columns = np.column_stack(list(run.wheels[1, 1].columns.values()))
+    assert columns.shape == (len(run.record.time_s), 6)
+
+
+@pytest.mark.parametrize("wrong", [{"limit": 3.0}, {"fidelity": "ideal"}])
+def test_an_unknown_keyword_is_refused(wrong):
+    with pytest.raises(TypeError, match="unexpected keyword argument"):
+        mdms.simulate("array18", **wrong)
+
+
+@pytest.mark.parametrize(
+    ("status", "error", "code"),
+    [
+        ("reached", None, Exit.OK),
+        ("time limit", mdms.TimeLimitError, Exit.TIME_LIMIT),
+        ("stopped", mdms.StoppedError, Exit.TIME_LIMIT),
+        ("fault", mdms.FaultError, Exit.NODE_FAULT),
+        ("lost", mdms.LostError, Exit.FAILURE),
+        ("failed", mdms.FailedError, Exit.FAILURE),
+    ],
+)
+def test_one_verdict_is_error_message_and_exit_code(status, error, code, capsys):
+    run = replace(mdms.simulate("paper-fig7", limit_s=0.01), status=status, reason="why")
+    assert verdict(run) == code
+    assert ("mdms: why" in capsys.readouterr().err) == (error is not None)
+    if error is not None:
+        with pytest.raises(error, match="why"):
+            run.raise_for_status()
+    # A time limit ends what has no end of its own.
+    endless = replace(run, endless=True)
+    assert verdict(endless) == (Exit.OK if status == "time limit" else code)
+
+
 def test_nobody_else_sends_signals_in_virtual_time():
     with mdms.virtual("array18") as table, pytest.raises(mdms.Error, match="in virtual time"):
         table.send_signal("scanner", "A")
@@ -114,11 +179,45 @@ def test_a_fault_of_the_cells_ends_the_calls_that_wait():
         ({"scenario": "array18", "program": print}, "is not `async def"),
         ({"scenario": "paper-fig7", "program": sorter}, "run.fidelity is 'row'"),
         ({"scenario": "array18", "signals": {"a": [(0.0, "b")]}}, "no program takes it"),
+        ({"scenario": "array18", "program": no_table}, "does not take one table"),
+        ({"scenario": None}, "neither a name, a file, a dict nor a Scenario"),
+        ({"scenario": "array18", "limit_s": -1}, "limit_s is -1, but must be 0.001 to 100000"),
+        ({"scenario": "array18", "limit_s": "3"}, "limit_s is '3'"),
+        ({"scenario": "array18", "limit_s": float("nan")}, "limit_s is nan"),
+        ({"scenario": "array18", "limit_s": 1e12}, "limit_s is 1000000000000.0"),
+        (
+            {"scenario": "sort54", "signals": {"scanner": [(-1.0, "A")]}},
+            "the time of scanner is -1.0, but must be 0 to 100000",
+        ),
+        ({"scenario": "sort54", "signals": {"scanner": (1.0, "A")}}, "scanner has 1.0, but must"),
     ],
 )
 def test_what_cannot_be_run_is_refused(arguments, told):
     with pytest.raises(mdms.InputError, match=told):
         mdms.simulate(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("missing", "call", "told"),
+    [
+        ("numba", "mdms.simulate('array18')", "mdms_array.simulate needs pip install .*\\[sim\\]"),
+        ("numba", "mdms.virtual('array18').__enter__()", "mdms_array.virtual needs .*numba"),
+        ("mcap", "mdms.simulate('array18', record='run')", "with a record needs .*\\[record\\]"),
+        ("mcap", "mdms.write_run('run', None, None, {})", "a run folder needs .*\\[record\\]"),
+    ],
+)
+def test_what_needs_an_extra_names_it(missing, call, told, tmp_path):
+    script = (
+        f"import sys; sys.modules[{missing!r}] = None\n"
+        "import mdms_array as mdms\n"
+        "mdms.connect, mdms.Table, mdms.tasks, mdms.read_run\n"
+        f"try: {call}\n"
+        "except mdms.Error as error: print(error)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, check=True, text=True, cwd=tmp_path
+    )
+    assert re.search(told, done.stdout)
 
 
 def test_the_import_is_light():
@@ -128,3 +227,22 @@ def test_the_import_is_light():
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
     assert {"numba", "matplotlib", "mdms_sim", "numpy"}.isdisjoint(json.loads(done.stdout))
+
+
+def test_every_name_can_be_imported_and_helps_to_write_programs():
+    names = {}
+    exec("from mdms_array import *", names)
+    assert set(mdms.__all__) <= names.keys()
+    assert mdms.tasks.swap.__name__ == "swap"
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        mdms.simulat  # noqa: B018
+
+
+def test_run_folders_are_named_by_strings_or_paths(tmp_path):
+    run = mdms.simulate("paper-fig7", limit_s=0.5, record=str(tmp_path / "run"))
+    stored = mdms.read_run(str(tmp_path / "run"))
+    assert stored.record.time_s.tolist() == run.record.time_s.tolist()
+    mdms.write_run(str(tmp_path / "again"), stored.scenario, stored.record, stored.figures)
+    assert mdms.read_run(tmp_path / "again").figures == stored.figures
+    with pytest.raises(mdms.InputError, match="no such run folder"):
+        mdms.read_run("nowhere")

@@ -1,25 +1,23 @@
 """What the figures of a run say of its parcels."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from mdms_array.figures import figures_of, report
-from mdms_array.run import Finished
+from mdms_array.figures import report, simulated_run
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 
 TIME_S = np.linspace(0.0, 2.0, 201)
 
 
-def finished(x_m, wall_s=0.5, estimate=None):
+def figures(scenario, x_m, estimate=None, **times_s):
     pose = np.zeros((len(TIME_S), 1, 3))
     pose[:, 0, 0] = x_m
     wheels = np.zeros((len(TIME_S), 10))
     twist = np.gradient(pose, TIME_S, axis=0)
     codes = wheels.astype(np.int8)
-    return Finished(Record(TIME_S, pose, twist, *[wheels] * 5, codes, estimate), wall_s=wall_s)
+    record = Record(TIME_S, pose, twist, *[wheels] * 5, codes, estimate)
+    return simulated_run(scenario, record, **times_s).figures
 
 
 @pytest.fixture
@@ -27,40 +25,39 @@ def scenario():
     return load_scenario("paper-fig7")
 
 
-def parcel_of(scenario, done):
-    return figures_of(scenario, done)["parcels"][0]
+def parcel_of(scenario, x_m, estimate=None):
+    return figures(scenario, x_m, estimate)["parcels"][0]
 
 
 def test_parcel_at_a_turning_point_is_not_at_rest(scenario):
     swinging = 0.1 * np.cos(np.pi * TIME_S)
-    parcel = parcel_of(scenario, finished(swinging))
+    parcel = parcel_of(scenario, swinging)
     assert abs(parcel["vx_m_s"]) < 0.01
     assert parcel["at_rest"] is False
 
 
 def test_parcel_that_has_stood_a_while_is_at_rest(scenario):
-    assert parcel_of(scenario, finished(np.minimum(TIME_S, 1.0)))["at_rest"] is True
+    assert parcel_of(scenario, np.minimum(TIME_S, 1.0))["at_rest"] is True
 
 
 def test_real_time_factor_is_simulated_over_wall_time(scenario):
-    assert figures_of(scenario, finished(0.0, wall_s=0.5))["real_time_factor"] == 4.0
+    assert figures(scenario, 0.0, wall_s=0.5)["real_time_factor"] == 4.0
 
 
 def test_estimate_is_told_only_where_there_is_one(scenario):
     belief = np.full((len(TIME_S), 1, 3), np.nan)
-    assert "estimate" not in parcel_of(scenario, finished(0.0, estimate=belief))
+    assert "estimate" not in parcel_of(scenario, 0.0, estimate=belief)
     belief[-1] = (0.1, 0.2, 0.3)
-    told = parcel_of(scenario, finished(0.0, estimate=belief))["estimate"]
+    told = parcel_of(scenario, 0.0, estimate=belief)["estimate"]
     assert told == {"x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.3}
 
 
 def test_report_has_a_line_per_parcel(scenario):
-    lines = report(figures_of(scenario, finished(0.25)))
+    lines = report(figures(scenario, 0.25))
     assert "20" not in lines[1]
     assert lines[2].strip() == "box: x +0.2500 m, y +0.0000 m, yaw +0.0 deg, at rest"
 
 
 def test_that_compiling_happens_once_is_not_said_twice(scenario):
     """The notice said it, when compiling began."""
-    done = replace(finished(0.0), compile_s=20.0)
-    assert "  after 20.0 s of compiling" in report(figures_of(scenario, done))
+    assert "  after 20.0 s of compiling" in report(figures(scenario, 0.0, compile_s=20.0))

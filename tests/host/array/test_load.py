@@ -104,7 +104,7 @@ def test_the_host_sends_sync_as_often_as_the_scenario_says():
     overrides = ["run.duration_s=1.5", "wire.bitrate=500000", "wire.sync_period_s=0.02"]
     slow = run_scenario(open_program("array18", overrides)[0])
     fast = run_scenario(open_program("array18", overrides[:1])[0])
-    assert slow.fault is None
+    assert slow.status != "fault"
     assert slow.bus.frames == pytest.approx(fast.bus.frames / 2, rel=0.25)
 
 

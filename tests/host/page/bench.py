@@ -17,6 +17,7 @@ from mdms_host.page.shown.bus_watch import KINDS
 from mdms_host.page.shown.description import describe
 from mdms_host.page.shown.signals import HEAD, Signals
 from mdms_host.page.shown.things import Thing
+from mdms_host.programs.program import Main
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank
@@ -47,12 +48,16 @@ class Desk:
     """
 
     def __init__(
-        self, monkeypatch, scenario: Scenario | None = None, others: tuple[Any, ...] = ()
+        self,
+        monkeypatch,
+        scenario: Scenario | None = None,
+        others: tuple[Any, ...] = (),
+        main: Main | None = None,
     ) -> None:
         self.wall_ns = 0
         monkeypatch.setattr(clock.time, "monotonic_ns", lambda: self.wall_ns)
         self.scenario = scenario or load_scenario("array18")
-        self.seat = seat_of(self.scenario)
+        self.seat = seat_of(self.scenario, main)
         bank = PythonBank(addresses_of(self.scenario).node_ids)
         self.simulation = Simulation(
             self.scenario,

@@ -73,6 +73,40 @@ def test_goal_of_nothing_is_refused(desk, running):
         running.table.do(commands.Goal("crate", 0.0, 0.0))
 
 
+def test_a_signal_that_is_sent_reaches_the_program_that_waits_for_it(monkeypatch):
+    got = []
+
+    async def waits(table):
+        got.append(await table.signal("scanner"))
+        await table.sleep(60.0)
+
+    keys = ["motion.field=program", "run.duration_s=60"]
+    desk = Desk(monkeypatch, load_scenario("array18", keys), main=waits)
+    with pytest.raises(RefusedError, match="no program runs"):
+        desk.table.do(commands.Signal("scanner", "A"))
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: "running" in desk.texts, 3.0)
+    desk.run(0.5)
+    assert not got
+    desk.table.do(commands.Signal("scanner", "A"))
+    desk.run(0.1)
+    assert got == ["A"]
+    assert "signal 'scanner': 'A'" in desk.texts
+    for _ in range(1000):
+        desk.table.do(commands.Signal("more"))
+    with pytest.raises(RefusedError, match=r"'more': 1000 values wait already"):
+        desk.table.do(commands.Signal("more"))
+    # In virtual time a run must not depend on anybody's clock.
+    desk.seat.coordinator.program.driver.in_virtual_time()
+    with pytest.raises(RefusedError, match="in virtual time"):
+        desk.table.do(commands.Signal("scanner", "B"))
+
+
+def test_a_program_of_goals_takes_no_signal(running):
+    with pytest.raises(RefusedError, match="takes no signals"):
+        running.table.do(commands.Signal("scanner", "A"))
+
+
 def test_unknown_thing_gets_a_goal_only_once_it_has_a_name(monkeypatch):
     keys = ["motion.field=goal", "belief.thing.known=false"]
     keys += [f"parcel={BESIDE}"]

@@ -169,3 +169,31 @@ def test_what_was_taken_for_a_parcel_to_come_is_none_and_the_parcel_is_expected_
     stage.arrive("crate")
     assert len(came) == 2
     assert stage.program.finished
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ({"length_m": float("nan")}, "length_m of crate is nan, but must be above 0"),
+        ({"width_m": -0.3}, "width_m of crate is -0.3"),
+        ({"length_m": "0.3"}, "length_m of crate is '0.3'"),
+        ({"mass_kg": 0.0}, "mass_kg of crate is 0.0"),
+        ({"shape": "star"}, "shape of crate is 'star', but must be one of"),
+    ],
+)
+def test_a_newcomer_that_no_parcel_can_be_is_refused(wrong, told):
+    with pytest.raises(ProgramError, match=told):
+        Newcomer("crate", **wrong)
+
+
+def test_a_newcomer_is_announced_near_numbers_only():
+    async def main(table):
+        table.announce(CRATE, near_m=(float("nan"), 0.0))
+
+    stage = Stage(main)
+    register = Register(stage)
+    stage.run(1.0)
+    assert stage.program.stuck == (
+        "the program was broken off: x_m of crate is nan, but must be a number"
+    )
+    assert not register.expected

@@ -107,6 +107,22 @@ def test_what_is_not_there_is_named(wish, text):
         raise AssertionError(stage.program.stuck)
 
 
+@pytest.mark.parametrize("place", [(float("nan"), 0.0), ("0.1", 0.0), (0.0, 0.0, float("inf"))])
+def test_a_place_that_is_no_number_is_refused_before_the_cycle_reckons_with_it(place):
+    refused = []
+
+    async def main(table):
+        try:
+            await table["box 1"].move(*place)
+        except ProgramError as error:
+            refused.append(str(error))
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run()
+    assert stage.log == []
+    assert refused[0].endswith("must be a number")
+
+
 def test_an_error_of_the_programs_own_ends_it_and_is_named_with_its_place():
     async def main(table):
         await table.sleep(0.05)

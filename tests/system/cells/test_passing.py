@@ -1,8 +1,6 @@
 """Scenario `passing2` from its begin to its end: two boxes pass each other over a bus's border."""
 
-from mdms_array.figures import figures_of
-from mdms_array.simulation import run_scenario
-from mdms_host.cli.simulation.simulate import verdict
+import mdms_array as mdms
 from mdms_model.scenario.file import load_scenario
 
 COLUMNS, ROWS = 4, 6
@@ -24,10 +22,11 @@ SHORTER = (
 
 
 def test_both_boxes_arrive_and_neither_is_left_behind() -> None:
-    scenario = load_scenario("passing2", SHORTER)
-    finished = run_scenario(scenario)
-    goals = figures_of(scenario, finished)["goals"]
-    assert [goal["parcel"] for goal in goals if goal["reached"]] == ["eastbound", "westbound"]
-    assert not finished.troubles
-    assert not [event for event in finished.record.events if event.kind in ("touch", "tip")]
-    assert verdict(scenario, finished) == 0
+    run = mdms.simulate(load_scenario("passing2", SHORTER))
+    assert {name for name, parcel in run.parcels.items() if parcel.reached} == {
+        "eastbound",
+        "westbound",
+    }
+    assert not run.incidents
+    assert not [event for event in run.events if event.kind in ("touch", "tip")]
+    run.raise_for_status()

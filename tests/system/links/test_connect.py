@@ -37,6 +37,9 @@ def test_a_box_goes_where_a_script_wants_it_and_waits_while_the_script_thinks(tm
         box = table["box"]
         box.move(0.08, 0.0, limit_s=20.0)
         there = simulation.world.pose[0].copy()
+        # The table's thread samples on meanwhile.
+        lengths = {len(each) for each in table.run_so_far.parcels["box"].columns.values()}
+        assert len(lengths) == 1
         # A person reads a line; no setpoint gets late by that.
         sleep(0.3)
         box.move(-0.08, 0.0, limit_s=20.0)
@@ -47,6 +50,7 @@ def test_a_box_goes_where_a_script_wants_it_and_waits_while_the_script_thinks(tm
     assert back[:2] == pytest.approx((-0.08, 0.0), abs=6e-3)
     assert run.status == "reached"
     assert run.parcels["box"].true_pose is None
+    assert run.parcels["box"].reached
     assert run.parcels["box"].believed_pose[0] == pytest.approx(-0.08, abs=6e-3)
 
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdms_array.run import Finished
-from mdms_array.simulation import run_scenario
+import mdms_array as mdms
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.coordination.phase import Phase
@@ -151,7 +150,7 @@ ROWS = (
 class Ended:
     """A run of a row: how it ended, what it reported, and what moved that was not to."""
 
-    finished: Finished
+    run: mdms.Run
     ends: Exit
     texts: str
     #: The fastest wheel while all are to stand, and of cells that no parcel lies on [m/s].
@@ -165,12 +164,11 @@ def run_row(row: Row, start_s: float = START_S, seed: int = 1) -> Ended:
     fault = [f"fault=[{{{row.fault}, start_s={start_s:.3f}}}]"] if row.fault else []
     until_s = row.until_s + max(start_s - START_S, 0.0)
     overrides = (*TABLE, *fault, *row.more, f"run.duration_s={until_s:.3f}", f"run.seed={seed}")
-    scenario = load_scenario("array18", [*overrides])
-    finished = run_scenario(scenario)
-    record = finished.record
+    run = mdms.simulate(load_scenario("array18", overrides))
+    record = run.record
     return Ended(
-        finished,
-        verdict(scenario, finished),
+        run,
+        verdict(run),
         " / ".join(event.detail for event in record.events),
         _moved_m_s(record, start_s + row.stands_s),
         _strayed_m_s(record),

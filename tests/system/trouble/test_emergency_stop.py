@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.benchmarks.sim_bus.stopping import hardware
 
+import mdms_array as mdms
 from mdms_array.host import coordinator_of
-from mdms_array.simulation import run_scenario
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
@@ -19,7 +19,7 @@ PRESSED_S = 0.9
 def demo(fault):
     """What becomes of the demo under a fault of the supply from then on."""
     struck = f"fault=[{{kind='supply', start_s={PRESSED_S}{fault}}}]"
-    return run_scenario(load_scenario("array18", [struck, "run.duration_s=4"])).record
+    return mdms.simulate(load_scenario("array18", [struck, "run.duration_s=4"])).record
 
 
 def tips(record):

@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 
-from mdms_array.figures import figures_of
-from mdms_array.simulation import run_scenario
+import mdms_array as mdms
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import load_scenario
 
 LIFTED_S = 1.5
 
 
-def run(*overrides: str, duration_s: float = 12.0):
+def run(*overrides: str, duration_s: float = 12.0) -> mdms.Run:
     slow = "motion.speed_m_s=0.1"
-    scenario = load_scenario("array18", [f"run.duration_s={duration_s}", slow, *overrides])
-    return scenario, run_scenario(scenario)
+    keys = [f"run.duration_s={duration_s}", slow, *overrides]
+    return mdms.simulate(load_scenario("array18", keys))
 
 
 def lifted(**keys: float) -> str:
@@ -22,8 +21,8 @@ def lifted(**keys: float) -> str:
     return f"fault=[{{kind='lift', parcel='box', start_s={LIFTED_S}{more}}}]"
 
 
-def times_of(finished, text: str) -> list[float]:
-    return [event.time_s for event in finished.record.events if text in event.detail]
+def times_of(run: mdms.Run, text: str) -> list[float]:
+    return [event.time_s for event in run.events if text in event.detail]
 
 
 @pytest.fixture(scope="module")
@@ -32,42 +31,39 @@ def gone():
 
 
 def test_a_parcel_that_is_lifted_away_is_doubtful_within_a_fifth_of_a_second_then_lost(gone):
-    _, finished = gone
-    (doubtful_s,) = times_of(finished, "box is doubtful")
-    (lost_s,) = times_of(finished, "box is lost")
+    (doubtful_s,) = times_of(gone, "box is doubtful")
+    (lost_s,) = times_of(gone, "box is lost")
     assert LIFTED_S < doubtful_s <= LIFTED_S + 0.2
     assert LIFTED_S < lost_s <= LIFTED_S + 1.0
 
 
 def test_wheels_stop_under_a_parcel_that_is_not_there(gone):
-    _, finished = gone
-    record = finished.record
+    record = gone.record
     assert np.abs(record.speed_m_s[record.time_s < LIFTED_S][-1]).max() > 0.05
     assert np.abs(record.speed_m_s[record.time_s > LIFTED_S + 1.0]).max() < 2e-3
 
 
 def test_a_run_that_ends_with_a_lost_parcel_reports_it_and_has_no_pose_of_it(gone):
-    scenario, finished = gone
-    figures = figures_of(scenario, finished)
-    assert figures["fault"].startswith("lost: box since 2.")
-    assert "estimate" not in figures["parcels"][0]
-    assert verdict(scenario, finished) == 1
+    assert gone.status == "lost"
+    assert gone.reason.startswith("lost: box since 2.")
+    assert gone.parcels["box"].believed_pose is None
+    assert "estimate" not in gone.figures["parcels"][0]
+    assert verdict(gone) == 1
 
 
 @pytest.mark.parametrize("held_s", [0.5, 2.0])
 def test_a_parcel_that_is_set_down_elsewhere_is_found_and_goes_on_to_its_goal(held_s):
     back = lifted(duration_s=held_s, x_m=-0.02, y_m=0.02, yaw_rad=0.2)
-    scenario, finished = run(back, duration_s=held_s + 6.0)
-    found_s = times_of(finished, "box found")
+    ended = run(back, duration_s=held_s + 6.0)
+    found_s = times_of(ended, "box found")
     assert LIFTED_S + held_s < found_s[-1] < LIFTED_S + held_s + 0.5
-    (goal,) = figures_of(scenario, finished)["goals"]
-    assert goal["reached"]
-    assert figures_of(scenario, finished)["fault"] is None
+    assert ended.parcels["box"].reached
+    assert ended.status == "reached"
 
 
 @pytest.mark.parametrize("side", ["length_m=0.38", "width_m=0.28"])
 def test_a_box_that_is_told_20_mm_wrong_arrives_where_it_is_to_be(side):
-    scenario, finished = run(f"belief.box.{side}", duration_s=6.0)
-    (goal,) = figures_of(scenario, finished)["goals"]
-    assert goal["reached"]
-    assert goal["position_error_m"] < 0.003
+    ended = run(f"belief.box.{side}", duration_s=6.0)
+    outcome = ended.parcels["box"].outcome
+    assert outcome.reached
+    assert outcome.position_error_m < 0.003

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from tests.micropython_builds import skipping_without_micropython
 
+import mdms_array as mdms
 from mdms_array.host import coordinator_of
-from mdms_array.run import Finished
-from mdms_array.simulation import run_scenario
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import load_scenario
@@ -95,7 +94,7 @@ def test_coordinator_reports_a_lost_supply_and_stops_the_array() -> None:
     assert not np.abs(record.voltage_v[record.time_s > CUT_S + 0.6]).any()
 
 
-def run_of(control: str, fault: str, *more: str, until_s: float = 2.0) -> Finished:
+def run_of(control: str, fault: str, *more: str, until_s: float = 2.0) -> mdms.Run:
     """A box on 12 cells on its way, and a fault."""
     overrides = (
         *("array.columns=4", f"motion.control='{control}'", f"run.duration_s={until_s}"),
@@ -104,28 +103,28 @@ def run_of(control: str, fault: str, *more: str, until_s: float = 2.0) -> Finish
         f"fault=[{{{fault}}}]",
     )
     scenario = load_scenario("array18", [*overrides, *more])
-    finished = run_scenario(scenario)
-    assert finished.fault is not None
-    tips = any(event.kind == "tip" for event in finished.record.events)
-    assert verdict(scenario, finished) is (Exit.FAILURE if tips else Exit.NODE_FAULT)
-    return finished
+    run = mdms.simulate(scenario)
+    tips = any(event.kind == "tip" for event in run.events)
+    assert run.status == ("lost" if tips else "fault")
+    assert verdict(run) is (Exit.FAILURE if tips else Exit.NODE_FAULT)
+    return run
 
 
-def driven_s(finished: Finished) -> np.ndarray:
+def driven_s(run: mdms.Run) -> np.ndarray:
     """The instants at which any wheel has a voltage [s]."""
-    record = finished.record
+    record = run.record
     return record.time_s[np.abs(record.voltage_v).max(axis=1) > 0]
 
 
 @pytest.mark.parametrize("control", ["host", "cells"])
 @pytest.mark.parametrize("pressed", ["start_s=0.0", "start_s=0.1, duration_s=0.2"])
 def test_run_that_finds_the_emergency_stop_pressed_ends_with_that_reason(control, pressed) -> None:
-    finished = run_of(control, f"kind='supply', {pressed}", until_s=1.5)
-    assert finished.fault == (
+    run = run_of(control, f"kind='supply', {pressed}", until_s=1.5)
+    assert run.reason == (
         "the motors' supply is below its limit on all 12 cells (0x3220): "
         "release the emergency stop, or mend the supply, then start again"
     )
-    assert not len(driven_s(finished))
+    assert not len(driven_s(run))
 
 
 class Listener:
@@ -160,18 +159,17 @@ def test_bring_up_resets_no_fault_while_the_emergency_stop_is_pressed(start_s) -
 
 def test_cells_without_a_supply_are_named_and_may_be_done_without() -> None:
     fault = "kind='supply', start_s=0.0, cells=[3, 4]"
-    finished = run_of("host", fault, until_s=1.5)
-    assert finished.fault is not None
-    assert "on cell 3 (node 3), cell 4 (node 4) (0x3220)" in finished.fault
+    run = run_of("host", fault, until_s=1.5)
+    assert "on cell 3 (node 3), cell 4 (node 4) (0x3220)" in run.reason
     scenario = load_scenario(
         "array18",
         ["run.on_lost_cell='go_on'", "run.duration_s=1.5", f"fault=[{{{fault}, duration_s=0.6}}]"],
     )
-    finished = run_scenario(scenario)
+    run = mdms.simulate(scenario)
     # They have their supply again, and only a person takes them back.
-    assert finished.lost_cells == (3, 4)
-    assert not np.abs(finished.record.voltage_v[:, 4:8]).any()
-    assert len(driven_s(finished))
+    assert run.lost_cells == (3, 4)
+    assert not np.abs(run.record.voltage_v[:, 4:8]).any()
+    assert len(driven_s(run))
 
 
 @pytest.mark.parametrize("control", ["host", "cells"])
@@ -179,17 +177,20 @@ def test_cells_without_a_supply_are_named_and_may_be_done_without() -> None:
 def test_releasing_the_emergency_stop_lets_no_host_go_on(control, policy) -> None:
     pressed = f"kind='supply', start_s={CUT_S}, duration_s=0.2"
     more = (f"run.on_lost_cell='{policy}'", "run.hold_s=0.5")
-    finished = run_of(control, pressed, *more, until_s=2.5)
-    times_s = driven_s(finished)
+    run = run_of(control, pressed, *more, until_s=2.5)
+    times_s = driven_s(run)
     assert times_s.min() < CUT_S
     assert times_s.max() < CUT_S + 0.02
-    assert "0x3220" in str(finished.fault)
+    assert "0x3220" in run.reason
 
 
 @pytest.mark.parametrize("control", ["host", "cells"])
 @pytest.mark.parametrize("policy", ["stop", "hold", "go_on"])
 def test_host_does_not_go_on_after_a_power_cut_of_most_cells(control, policy) -> None:
     cut = f"kind='off', start_s={CUT_S}, duration_s=0.2"
-    finished = run_of(control, cut, f"run.on_lost_cell='{policy}'", until_s=2.5)
-    assert driven_s(finished).max() < CUT_S + 0.1
-    assert finished.fault == "12 of 12 cells have restarted: their supply was cut; start again"
+    run = run_of(control, cut, f"run.on_lost_cell='{policy}'", until_s=2.5)
+    assert driven_s(run).max() < CUT_S + 0.1
+    why = "12 of 12 cells have restarted: their supply was cut; start again"
+    # Where the box has tipped off the cells that coast, that is the run's reason.
+    assert f"fault: {why}" in [event.detail for event in run.events]
+    assert run.reason.startswith("box tips") or run.reason == why

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from tests.system.trouble.documented import messages
 
-from mdms_array.run import Finished
-from mdms_array.simulation import run_scenario
+import mdms_array as mdms
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.programs.program import Main
@@ -96,16 +95,15 @@ ROWS = (
 def test_a_program_ends_as_it_should_and_what_broke_is_reported(row: Row) -> None:
     fault = [f"fault=[{{{row.fault}, start_s={START_S}}}]"] if row.fault else []
     overrides = (*TABLE, *fault, f"run.duration_s={row.until_s}", *row.more)
-    scenario = load_scenario("array18", [*overrides])
-    finished = run_scenario(scenario)
-    assert verdict(scenario, finished) is row.ends
-    assert (finished.pauses, finished.lost_cells) == (row.pauses, row.lost)
-    texts = " / ".join(event.detail for event in finished.record.events)
+    run = mdms.simulate(load_scenario("array18", overrides))
+    assert verdict(run) is row.ends
+    assert (run.pauses, run.lost_cells) == (row.pauses, row.lost)
+    texts = " / ".join(event.detail for event in run.events)
     assert row.says in texts
     assert ("contradict" in texts) == (row.what == "sensor stuck")
     for message in messages(HEADING)[row.what]:
         assert re.search(message, texts), f"{message}: {texts}"
-    assert moved_without_command_m_s(finished, row) < STANDS_M_S
+    assert moved_without_command_m_s(run, row) < STANDS_M_S
 
 
 async def fails_on_the_way(table: Table) -> None:
@@ -133,11 +131,10 @@ async def wants_the_impossible(table: Table) -> None:
 def test_a_program_that_cannot_go_on_ends_with_a_message_and_all_at_rest(
     main: Main, ends: Exit, says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scenario = load_scenario("array18", [*TABLE, "run.duration_s=2.0"])
-    finished = run_scenario(scenario, main=main)
-    assert verdict(scenario, finished) is ends
+    run = mdms.simulate(load_scenario("array18", TABLE), program=main, limit_s=2.0)
+    assert verdict(run) is ends
     assert says in capsys.readouterr().err
-    assert np.abs(finished.record.speed_m_s[-1]).max() < 0.003
+    assert np.abs(run.record.speed_m_s[-1]).max() < 0.003
 
 
 @pytest.mark.parametrize("control", ["host", "cells"])
@@ -147,18 +144,18 @@ def test_a_program_whose_parcel_is_not_there_says_soon_what_it_waits_for(
     gone = "fault=[{kind='lift', parcel='crate', start_s=0.0}]"
     keys = (*CRATE[:2], gone, f"motion.control='{control}'", "run.duration_s=4.0")
     scenario = load_scenario("array18", [*TABLE, *keys])
-    finished = run_scenario(scenario, main=waits_for_ever)
-    said_s = [time_s for time_s, text in finished.troubles if "crate has not been found" in text]
+    run = mdms.simulate(scenario, program=waits_for_ever)
+    said_s = [each.time_s for each in run.incidents if "crate has not been found" in each.text]
     assert len(said_s) == 1
     assert said_s[0] < 3.0
-    assert verdict(scenario, finished) is Exit.TIME_LIMIT
+    assert verdict(run) is Exit.TIME_LIMIT
     says = "it has not begun, for crate cannot be found on the table"
     assert says in capsys.readouterr().err
 
 
-def moved_without_command_m_s(finished: Finished, row: Row) -> float:
+def moved_without_command_m_s(run: mdms.Run, row: Row) -> float:
     """The greatest speed of the parcel while all wheels are to stand, or nobody commands any."""
-    record = finished.record
+    record = run.record
     commanded = (record.reference_m_s != 0.0).any(axis=1)
     if row.ends is not Exit.OK and row.fault:
         # What was commanded last counts for 50 ms.

@@ -18,8 +18,8 @@ from tests.system.trouble.rows_by_cells import GOAL, HEADING, ROWS, STANDS_M_S, 
 def test_run_ends_as_it_should_and_what_broke_is_reported(row: Row) -> None:
     ended = run_row(row, seed=row.seed)
     assert ended.ends is row.ends
-    assert ended.finished.pauses in row.pauses
-    assert ended.finished.lost_cells == row.lost
+    assert ended.run.pauses in row.pauses
+    assert ended.run.lost_cells == row.lost
     for message in messages(HEADING)[row.what]:
         assert re.search(message, ended.texts), f"{message}: {ended.texts}"
     assert ended.moved_m_s < STANDS_M_S
@@ -30,7 +30,7 @@ def test_run_ends_as_it_should_and_what_broke_is_reported(row: Row) -> None:
 def test_box_that_moved_when_the_host_was_cut_off_is_not_called_arrived_beside_its_goal() -> None:
     (row,) = (row for row in ROWS if row.what == "host cut off for 0.4 s")
     ended = run_row(replace(row, until_s=6.0), start_s=1.785)
-    x_m, y_m, _ = ended.finished.record.pose[-1, 0]
+    x_m, y_m, _ = ended.run.record.pose[-1, 0]
     assert "box has arrived" in ended.texts
     assert hypot(x_m - GOAL[0], y_m - GOAL[1]) < 0.003
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mdms_array.figures import figures_of
-from mdms_array.simulation import run_scenario
+import mdms_array as mdms
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.motion.contact import gap_m
 from mdms_model.scenario.file import scenario_from
@@ -42,11 +41,11 @@ def run(duration_s: float, crate: dict, fault: list = ()):
             "fault": list(fault),
         }
     )
-    return scenario, run_scenario(scenario)
+    return mdms.simulate(scenario)
 
 
-def times_of(finished, text: str) -> list[float]:
-    return [event.time_s for event in finished.record.events if text in event.detail]
+def times_of(run: mdms.Run, text: str) -> list[float]:
+    return [event.time_s for event in run.events if text in event.detail]
 
 
 def gaps_m(record) -> np.ndarray:
@@ -62,16 +61,14 @@ def blocked():
 
 
 def test_what_is_not_known_is_found_where_it_lies(blocked):
-    _, finished = blocked
-    (found_s,) = times_of(finished, "unknown-1 appeared at x = 0.0")
-    (box_s,) = times_of(finished, "box found")
+    (found_s,) = times_of(blocked, "unknown-1 appeared at x = 0.0")
+    (box_s,) = times_of(blocked, "box found")
     assert found_s < box_s + 0.3
 
 
 def test_a_box_waits_before_it_and_touches_nothing(blocked):
-    _, finished = blocked
-    assert len(times_of(finished, "box waits: unknown-1 is in its way")) == 1
-    record = finished.record
+    assert len(times_of(blocked, "box waits: unknown-1 is in its way")) == 1
+    record = blocked.record
     assert gaps_m(record).min() > 0.005
     assert np.abs(record.pose[-1, 1] - record.pose[0, 1]).max() < 1e-4
     late = record.time_s > 5.5
@@ -80,32 +77,30 @@ def test_a_box_waits_before_it_and_touches_nothing(blocked):
 
 
 def test_wheels_under_it_stand(blocked):
-    _, finished = blocked
-    record = finished.record
+    record = blocked.record
     wheels_m = np.array([0.127 * (np.arange(27) % 9 - 4), 0.127 * (np.arange(27) // 9 - 1)]).T
     under = np.hypot(*(wheels_m - (0.1, 0.02)).T) < 0.1
     assert np.abs(record.reference_m_s.reshape(-1, 27, 2)[:, under]).max() == 0.0
 
 
 def test_a_run_that_waits_to_its_end_has_not_reached_its_goal(blocked):
-    scenario, finished = blocked
-    (goal,) = figures_of(scenario, finished)["goals"]
+    (goal,) = blocked.figures["goals"]
     assert not goal["reached"]
 
 
 def test_a_box_goes_on_once_the_crate_is_lifted_away():
     lift = {"kind": "lift", "parcel": "crate", "start_s": 3.5}
-    scenario, finished = run(9.0, {"x_m": 0.1, "y_m": 0.02}, [lift])
-    assert 3.5 < times_of(finished, "unknown-1 is not there any more")[0] < 3.75
-    (goal,) = figures_of(scenario, finished)["goals"]
+    ended = run(9.0, {"x_m": 0.1, "y_m": 0.02}, [lift])
+    assert 3.5 < times_of(ended, "unknown-1 is not there any more")[0] < 3.75
+    (goal,) = ended.figures["goals"]
     assert goal["reached"]
 
 
 def test_a_crate_that_is_set_down_before_a_moving_box_stops_it():
     lift = {"kind": "lift", "parcel": "crate", "start_s": 0.0, "duration_s": 2.0}
     there = {"x_m": 0.22, "y_m": 0.0, "yaw_rad": 0.2}
-    _, finished = run(5.0, {"x_m": 0.4, "y_m": 0.0}, [lift | there])
-    (found_s,) = times_of(finished, "unknown-1 appeared at x = 0.2")
+    ended = run(5.0, {"x_m": 0.4, "y_m": 0.0}, [lift | there])
+    (found_s,) = times_of(ended, "unknown-1 appeared at x = 0.2")
     assert 2.0 < found_s < 2.3
-    after = finished.record.time_s > 2.1
-    assert gaps_m(finished.record)[-after.sum() :].min() > 0.0
+    after = ended.record.time_s > 2.1
+    assert gaps_m(ended.record)[-after.sum() :].min() > 0.0

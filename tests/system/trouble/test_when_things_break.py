@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from mdms_array.figures import figures_of
-from mdms_array.run import Finished
-from mdms_array.simulation import run_scenario
+import mdms_array as mdms
 from mdms_host.coordination.phase import Phase
 from mdms_model.scenario.file import load_scenario
 
@@ -86,47 +84,45 @@ ROWS = (
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_box_arrives_all_the_same_and_what_broke_is_reported(row: Row) -> None:
     overrides = (f"fault=[{{{row.fault}, start_s={START_S}}}]", f"run.duration_s={row.until_s}")
-    scenario = load_scenario("array18", [*TABLE, *overrides, *row.more])
-    finished = run_scenario(scenario)
-    figures = figures_of(scenario, finished)
-    (goal,) = figures["goals"]
-    assert goal["reached"]
-    assert figures["fault"] is None
-    assert (figures["pauses"], tuple(figures["lost_cells"])) == (row.pauses, row.lost)
-    texts = [event.detail for event in finished.record.events]
+    run = mdms.simulate(load_scenario("array18", [*TABLE, *overrides, *row.more]))
+    assert run.parcels["box"].reached
+    assert run.status == "reached"
+    assert (run.pauses, run.lost_cells) == (row.pauses, row.lost)
+    texts = [event.detail for event in run.events]
     for text in row.reported:
         assert any(text in each for each in texts), text
-    assert fastest_while_held_m_s(finished) < 0.01
+    assert fastest_while_held_m_s(run) < 0.01
 
 
-def fastest_while_held_m_s(finished: Finished) -> float:
+def fastest_while_held_m_s(run: mdms.Run) -> float:
     """The greatest speed of a wheel from 0.4 s of each hold to its end."""
     fastest_m_s, held_s = 0.0, None
-    for event in finished.record.events:
+    for event in run.events:
         if event.detail == Phase.HOLDING and held_s is None:
             held_s = event.time_s
         elif event.detail == Phase.RUNNING and held_s is not None:
-            time_s = finished.record.time_s
+            time_s = run.record.time_s
             while_held = (time_s > held_s + 0.4) & (time_s < event.time_s)
-            speeds_m_s = np.abs(finished.record.speed_m_s[while_held])
+            speeds_m_s = np.abs(run.record.speed_m_s[while_held])
             fastest_m_s, held_s = max(fastest_m_s, speeds_m_s.max(initial=0.0)), None
     return fastest_m_s
 
 
 @pytest.fixture(scope="module")
-def killed() -> Finished:
+def killed() -> mdms.Run:
     overrides = [f"fault=[{{kind='off', cells=[6], start_s={START_S}}}]", "run.pause_s=0.5"]
-    return run_scenario(load_scenario("array18", [*TABLE, *overrides, "run.duration_s=2.4"]))
+    return mdms.simulate(load_scenario("array18", [*TABLE, *overrides, "run.duration_s=2.4"]))
 
 
-def test_a_cell_that_stays_dead_ends_the_run_and_is_named(killed: Finished) -> None:
-    assert killed.fault == (
+def test_a_cell_that_stays_dead_ends_the_run_and_is_named(killed: mdms.Run) -> None:
+    assert killed.status == "fault"
+    assert killed.reason == (
         "cell 6 (node 6) has fallen silent: no speeds for 0.1 s; not back within 0.5 s"
     )
 
 
 def test_wheels_stand_while_a_dead_cell_is_waited_for_and_are_off_thereafter(
-    killed: Finished,
+    killed: mdms.Run,
 ) -> None:
     record = killed.record
     assert np.abs(record.speed_m_s[record.time_s > START_S + 0.5]).max() < 0.01

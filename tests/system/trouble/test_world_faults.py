@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+import mdms_array as mdms
 from mdms_array.host import coordinator_of
-from mdms_array.simulation import run_scenario
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.simulation import simulate
 
@@ -19,7 +19,7 @@ UNIFORM = (
 
 
 def run(*overrides):
-    return run_scenario(load_scenario("array18", [*UNIFORM, *overrides]))
+    return mdms.simulate(load_scenario("array18", [*UNIFORM, *overrides]))
 
 
 def of_wheel(values, cell, axis=1):
@@ -50,8 +50,8 @@ def test_a_wheel_whose_encoder_is_stuck_below_the_stall_voltage_is_no_fault_of_i
 def test_a_reversed_motor_is_a_runaway_that_stops_the_array_and_names_the_cell():
     finished = run("fault=[{kind='motor_reversed', start_s=1.0, cells=[1], axes=[1]}]")
     record = finished.record
-    assert finished.fault is not None
-    assert finished.fault.startswith("cell 1 (node 1) has disabled its drives")
+    assert finished.status == "fault"
+    assert finished.reason.startswith("cell 1 (node 1) has disabled its drives")
     turning = (record.time_s > 1.02) & (record.time_s < 1.1)
     assert (of_wheel(record.speed_m_s, 1)[turning] < -0.1).all()
     assert np.abs(record.speed_m_s[record.time_s > 1.7]).max() < 1e-3
@@ -66,7 +66,7 @@ def test_wheels_stop_when_the_host_is_gone_and_stay_so_when_it_is_back(well):
     assert np.abs(record.speed_m_s[record.time_s > 1.7]).max() < 2e-3
     assert np.abs(well.record.speed_m_s[well.record.time_s > 1.7]).max() > 0.1
     # It takes all cells for silent, since it has missed their heartbeats, and ends the run.
-    assert finished.fault.startswith("cell 1 (node 1) has fallen silent: no heartbeat for 0.3 s")
+    assert finished.reason.startswith("cell 1 (node 1) has fallen silent: no heartbeat for 0.3 s")
 
 
 def test_cells_get_the_gain_that_the_host_believes_in():
@@ -82,8 +82,8 @@ def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
         "array18", ["belief.box.length_m=0.30", "run.duration_s=2.0", "parcel.0.yaw_rad=0.0"]
     )
     assert scenario.parcel[0].length_m > 0.35
-    believing = run_scenario(scenario).record
-    right = run_scenario(load_scenario("array18", ["run.duration_s=2.0"])).record
+    believing = mdms.simulate(scenario).record
+    right = mdms.simulate(load_scenario("array18", ["run.duration_s=2.0"])).record
 
     def away_m(record):
         return np.nanmax(np.abs((record.estimate - record.pose)[:, 0, 0]))

@@ -2,18 +2,18 @@
 
 import json
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
-from math import isnan
-from typing import Any
+from dataclasses import asdict, replace
 
 from mdms_array.array import Belief, believe
 from mdms_array.checks import check_load, refuse_tipping
 from mdms_array.connection import open_links
 from mdms_array.extras import PAGE, RECORDING, require
-from mdms_array.host import coordinator_of, estimates_of, has_failed, refuse_unstoppable, waits_text
+from mdms_array.figures import believed_run
+from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
 from mdms_array.recording import PlanLog, keep_run, lasting
+from mdms_array.run import Run
 from mdms_array.source import open_program
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.exits import CommandError, Exit, exit_of
@@ -21,28 +21,19 @@ from mdms_host.cli.files import writing
 from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
-from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
-from mdms_host.motion.goal import Goal
-from mdms_host.motion.outcome import GoalOutcome, missed_text, outcome_of
+from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.errors import InputError
 from mdms_model.run.folder import BUS_LOG, fresh_folder
-from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.codecs.frame import Frame
 
 #: What the bring-up may take of a run's time limit, which else is the scenario's duration.
 BRING_UP_S = 10.0
-#: How the command ends by how the run has.
-EXITS = {
-    Ending.DONE: Exit.OK,
-    Ending.TIME_LIMIT: Exit.TIME_LIMIT,
-    Ending.STUCK: Exit.TIME_LIMIT,
-    Ending.FAULT: Exit.NODE_FAULT,
-    Ending.NO_CELLS: Exit.NO_DEVICE,
-    Ending.DEVICE_GONE: Exit.NO_DEVICE,
-}
+#: Faults of the way to the cells, and not of a cell.
+NO_DEVICE = (Ending.NO_CELLS, Ending.DEVICE_GONE)
 
 
 def run(arguments: Namespace) -> int:
@@ -68,22 +59,29 @@ def run(arguments: Namespace) -> int:
         from mdms_host.cli.array.live import show  # noqa: PLC0415
 
         return show(belief, arguments, main)
-    coordinator = coordinator_of(belief.scenario, belief.cells, main=main, desk=ThreadDesk())
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     if arguments.out is None:
-        operation, _ = _operate(coordinator, belief, arguments)
-        figures = _figures(belief.scenario, coordinator, operation)
+        operation, ended = _operate(belief, arguments, main)
     else:
-        operation, figures = _operate_and_keep(belief, coordinator, arguments)
+        operation, ended = _operate_and_keep(belief, arguments, main)
     if arguments.json:
-        print(json.dumps(figures))
+        print(json.dumps(ended.figures))
     else:
         if counts := str(operation.link):
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
-    missed = missed_text(goals_of(belief.scenario, coordinator))
-    return _verdict(operation, coordinator, missed)
+    return _verdict(operation, ended)
+
+
+def _verdict(operation: Operation, ended: Run) -> Exit:
+    """How the command ends. Raises what ended the run, if it has not ended well."""
+    if operation.interrupt is not None:
+        raise operation.interrupt
+    if operation.ending in NO_DEVICE:
+        raise CommandError(ended.reason, Exit.NO_DEVICE)
+    ended.raise_for_status()
+    return Exit.OK
 
 
 def _check(belief: Belief, arguments: Namespace) -> None:
@@ -123,37 +121,33 @@ def _broken_off() -> Iterator[None]:
 
 
 def _operate_and_keep(
-    belief: Belief, coordinator: Coordinator, arguments: Namespace
-) -> tuple[Operation, dict[str, Any]]:
+    belief: Belief, arguments: Namespace, main: Main | None
+) -> tuple[Operation, Run]:
     """Operate, and keep what was seen in a run folder, however it ended."""
-    plans = PlanLog(coordinator)
     with fresh_folder(arguments.out) as folder:
         with (folder / BUS_LOG).open("w") as log:
-            recorder = Recorder(
-                coordinator,
-                lambda: estimates_of(coordinator, belief.scenario),
-                LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame,
-                look=plans.look,
-            )
-            operation, incidents = _operate(coordinator, belief, arguments, recorder)
-        figures = _figures(belief.scenario, coordinator, operation)
-        figures["node_ids"] = [cell.node_id for cell in coordinator.cells]
-        figures["run"] = str(arguments.out)
-        record = recorder.record(incidents)
-        record.plans = plans.plans
-        lasted = lasting(belief.scenario, float(record.time_s[-1]))
+            writer = LogWriter(log, len(belief.scenario.array.buses) or 1)
+            operation, ended = _operate(belief, arguments, main, writer.on_frame)
+        ended = replace(ended, figures={**ended.figures, "run": str(arguments.out)})
+        lasted = lasting(belief.scenario, ended.duration_s)
         with writing(arguments.out):
-            keep_run(folder, lasted, record, figures)
-    return operation, figures
+            keep_run(folder, lasted, ended.record, dict(ended.figures))
+    return operation, ended
 
 
 def _operate(
-    coordinator: Coordinator,
     belief: Belief,
     arguments: Namespace,
-    recorder: Recorder | None = None,
-) -> tuple[Operation, list[tuple[float, str]]]:
-    """Operate the array; how it ended, and what the link met meanwhile."""
+    main: Main | None,
+    log_frame: Callable[[Frame, float, int], object] = lambda _frame, _time_s, _bus: None,
+) -> tuple[Operation, Run]:
+    """Operate the array; how it ended, and what it came to."""
+    scenario = belief.scenario
+    coordinator = coordinator_of(scenario, belief.cells, main=main, desk=ThreadDesk())
+    plans = PlanLog(coordinator)
+    recorder = Recorder(
+        coordinator, lambda: estimates_of(coordinator, scenario), log_frame, look=plans.look
+    )
     # A bus that cannot be opened raises; one that goes away later ends the run.
     with open_links(arguments, belief.channels) as (link, clock), _broken_off():
         refuse_other_host(link, clock)
@@ -170,54 +164,24 @@ def _operate(
                 )
         except DeviceGoneError as error:
             operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error), link.counts)
-        return operation, link.incidents
+        record = recorder.record(link.incidents)
+    record.plans = plans.plans
+    ended = believed_run(
+        scenario,
+        record,
+        coordinator,
+        fault=operation.fault,
+        late=operation.ending is not Ending.DONE,
+        interrupted=operation.interrupt is not None,
+    )
+    of_operation = {
+        "ending": str(operation.ending),
+        "duration_s": operation.duration_s,
+        "link": asdict(operation.link),
+        "node_ids": [cell.node_id for cell in coordinator.cells],
+    }
+    return operation, replace(ended, figures={**ended.figures, **of_operation})
 
 
 def _print_event(time_s: float, text: str) -> None:
     say(f"{time_s:8.3f} s  {text}")
-
-
-def _figures(scenario: Scenario, coordinator: Coordinator, operation: Operation) -> dict[str, Any]:
-    names = ("x_m", "y_m", "yaw_rad")
-    parcels = [
-        {"name": parcel.name, "estimate": dict(zip(names, belief.tolist(), strict=True))}
-        for parcel, belief in zip(scenario.parcel, estimates_of(coordinator, scenario), strict=True)
-        if not any(map(isnan, belief))
-    ]
-    return {
-        "title": scenario.title,
-        "ending": str(operation.ending),
-        "duration_s": operation.duration_s,
-        "fault": operation.fault or coordinator.lost or coordinator.stuck,
-        "lost_cells": sorted(coordinator.lost_cells),
-        "pauses": coordinator.pauses,
-        "link": asdict(operation.link),
-        "parcels": parcels,
-        "goals": [asdict(outcome) for outcome in goals_of(scenario, coordinator)],
-    }
-
-
-def goals_of(scenario: Scenario, coordinator: Coordinator) -> list[GoalOutcome]:
-    """How far from its goal each parcel that is steered to one is believed to have ended."""
-    goals = coordinator.goals
-    names = [parcel.name for parcel in scenario.parcel if parcel.name in goals]
-    return [_outcome(coordinator, name, goals[name]) for name in names]
-
-
-def _outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
-    believed = coordinator.estimate(name)
-    pose = None if believed is None else (believed.x_m, believed.y_m, believed.yaw_rad)
-    return outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
-
-
-def _verdict(operation: Operation, coordinator: Coordinator, missed: str | None) -> int:
-    if operation.interrupt is not None:
-        raise operation.interrupt
-    if operation.fault is None and coordinator.lost is not None:
-        raise CommandError(coordinator.lost, Exit.FAILURE)
-    code = EXITS[operation.ending]
-    if code is not Exit.OK:
-        late = f"the time limit has passed{waits_text(coordinator)}"
-        text = operation.fault or missed or coordinator.stuck or late
-        raise CommandError(text, Exit.FAILURE if has_failed(coordinator) else code)
-    return code

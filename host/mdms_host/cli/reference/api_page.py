@@ -1,62 +1,59 @@
-"""`docs/api.md`: every public name of Python, from `__all__` and the docstrings."""
+"""`docs/api.md`: what `import mdms_array as mdms` offers, from its `__all__` and the docstrings."""
 
 from collections.abc import Iterator
 
-from mdms_host.cli.reference.names import Name, module_words, names_of
+from mdms_host.cli.reference.names import Name, names_of
 
-#: What is public, by what it is for; each module lists its names in `__all__`.
-MODULES = {
-    "`import mdms_array as mdms`": (
-        "mdms_array.simulation",
-        "mdms_array.connection",
-        "mdms_array.table",
-        "mdms_array.run",
-        "mdms_model.errors",
+#: The package that users import.
+PACKAGE = "mdms_array"
+#: The names of the package, by what they are for.
+SECTIONS = {
+    "Run a scenario": ("simulate", "Run", "ParcelRun", "WheelRun", "Incident"),
+    "A table by hand": ("virtual", "connect", "BlockingTable", "BlockingParcel"),
+    "Programs": ("Table", "TableParcel", "Newcomer", "tasks"),
+    "Run folders": ("read_run", "write_run", "StoredRun"),
+    "Errors": (
+        *("Error", "InputError", "ProgramError", "RunError", "TimeLimitError", "FaultError"),
+        *("LostError", "StoppedError", "FailedError", "ViolationError"),
     ),
-    "Scenarios and records": (
-        "mdms_model.scenario.file",
-        "mdms_model.scenario.scenario",
-        "mdms_array.figures",
-        "mdms_model.run.record",
-        "mdms_model.run.folder",
-    ),
-    "Programs": ("mdms_host.programs.table", "mdms_host.programs.tasks"),
-    "The paper's bounds, fields and squeezes": (
-        "mdms_model.motor",
-        "mdms_model.statics.limits",
-        "mdms_model.fields.command",
-        "mdms_model.squeeze.turning",
-        "mdms_model.squeeze.plan",
-    ),
-    "Parts of the host": (
-        "mdms_host.layout",
-        "mdms_host.estimation.tracker",
-        "mdms_host.routes.planner",
-    ),
-    "The virtual array": ("mdms_sim.simulation",),
+}
+#: What objects of the package hold, by the module that defines it.
+HELD = {
+    "mdms_model.run.record": ("Record", "Contact", "Event", "Plan", "Tile"),
+    "mdms_host.motion.outcome": ("GoalOutcome",),
+    "mdms_sim.simulation": ("BusFigures",),
+    "mdms_sim.referee.rules": ("Violation",),
 }
 _HEAD = """\
 # Python API
 
-Written by `make generate` from the `__all__` and the docstrings of the modules named here; change
-those. Names end with their SI unit; what has none has it in brackets. Shapes of arrays are in
-parentheses. What stands in no `__all__` may change without a word.
+`import mdms_array as mdms` is the one package to import. All else may change without a word.
+
+Written by `make generate` from the `__all__` and the docstrings of `mdms_array`; change those.
+Names end with their SI unit; what has none has it in brackets. Shapes of arrays are in parentheses.
+[Programs](programs.md) says how programs are written, [scenarios](scenarios.md) has every key of a
+`Scenario`, and [researcher](researcher.md) where the paper's equations are.
 """
 
 
 def text() -> str:
     """The whole page; the same sources give the same text."""
+    public = {name.name: name for name in names_of(PACKAGE)}
     parts = [_HEAD]
-    for title, modules in MODULES.items():
-        parts.append(f"## {title}\n")
-        parts += [_section(module) for module in modules]
+    for title, listed in SECTIONS.items():
+        parts.append(_section(title, [public[name] for name in listed]))
+    parts.append(_section("What a run holds", held()))
     return "\n".join(parts)
 
 
-def _section(module: str) -> str:
-    rows = [row for name in names_of(module) for row in _rows(name)]
-    head = (f"### `{module}`", "", module_words(module), "", "| name | meaning |", "| --- | --- |")
-    return "\n".join((*head, *rows, ""))
+def held() -> list[Name]:
+    """What objects of the package hold, and is no name of it."""
+    return [name for module, listed in HELD.items() for name in names_of(module, listed)]
+
+
+def _section(title: str, names: list[Name]) -> str:
+    rows = [row for name in names for row in _rows(name)]
+    return "\n".join((f"## {title}", "", "| name | meaning |", "| --- | --- |", *rows, ""))
 
 
 def _rows(name: Name) -> Iterator[str]:
@@ -67,5 +64,5 @@ def _rows(name: Name) -> Iterator[str]:
 
 def row_of(name: Name, dot: str = "") -> str:
     """One name as a row of a table; a member's begins with a dot."""
-    call = f"{dot}{name.signature}".replace(" | ", " or ")
+    call = f"{dot}{name.full or name.signature}".replace(" | ", " or ")
     return f"| {f'{name.waits} `{call}`'.strip()} | {name.words} |"

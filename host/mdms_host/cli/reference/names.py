@@ -1,7 +1,8 @@
 """Public names of modules and what their docstrings say, read off the sources: nothing is run."""
 
 import ast
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +22,10 @@ class Name(NamedTuple):
     #: Each argument or field that has a type, and that type.
     typed: tuple[tuple[str, str], ...] = ()
     returns: str = ""
+    #: How it is used, if it is not called plainly: `await`, `async for` or `with`.
     waits: str = ""
+    #: The signature with its types, aliases of types written out.
+    full: str = ""
 
 
 def module_words(module: str) -> str:
@@ -29,13 +33,15 @@ def module_words(module: str) -> str:
     return _first(ast.get_docstring(_tree(module)))
 
 
-def names_of(module: str) -> list[Name]:
-    """What a module lists in `__all__`, in that order; imported names as their own module has them.
+def names_of(module: str, names: Iterable[str] = ()) -> list[Name]:
+    """These names of a module, or else what it lists in `__all__`, in that order.
 
-    Raises `LookupError` for a module without `__all__`, and for a name that it does not have.
+    Imported names are as their own module has them. Raises `LookupError` for a module without
+    `__all__`, and for a name that it does not have.
     """
     tree = _tree(module)
-    listed = next((_strings(node) for node in tree.body if _assigns(node, "__all__")), None)
+    assigned = next((_strings(node) for node in tree.body if _assigns(node, "__all__")), None)
+    listed = list(names) or assigned
     if listed is None:
         raise LookupError(f"{module} has no __all__")
     return [_named(module, tree, name) for name in listed]
@@ -51,14 +57,68 @@ def _tree(module: str) -> ast.Module:
 
 
 def _named(module: str, tree: ast.Module, name: str) -> Name:
-    for node, after in zip(tree.body, [*tree.body[1:], None], strict=True):
+    body = _statements(tree)
+    for node, after in zip(body, [*body[1:], None], strict=True):
         if isinstance(node, _Function | ast.ClassDef) and node.name == name:
-            return _defined(node)
-        if isinstance(node, ast.ImportFrom) and name in {each.name for each in node.names}:
-            return _named(str(node.module), _tree(str(node.module)), name)
+            return _spelled(_defined(node), tree)
+        if isinstance(node, ast.ImportFrom) and name in _imported(node):
+            origin = _imported(node)[name]
+            if _is_module(f"{node.module}.{origin}"):
+                words = module_words(f"{node.module}.{origin}")
+                return Name(name, name, words, tuple(names_of(f"{node.module}.{origin}")))
+            return _named(str(node.module), _tree(str(node.module)), origin)
         if _assigns(node, name):
             return Name(name, name, _below(after))
     raise LookupError(f"{module} lists {name} and does not have it")
+
+
+def _statements(tree: ast.Module) -> list[ast.stmt]:
+    """What stands at the top of a module, and below `if TYPE_CHECKING`."""
+    nested = (node.body if isinstance(node, ast.If) else [node] for node in tree.body)
+    return [node for nodes in nested for node in nodes]
+
+
+def _imported(node: ast.ImportFrom) -> dict[str, str]:
+    """The names that a statement imports, and what they are called where they come from."""
+    return {each.asname or each.name: each.name for each in node.names}
+
+
+def _is_module(module: str) -> bool:
+    try:
+        _tree(module)
+    except LookupError:
+        return False
+    return True
+
+
+def _spelled(name: Name, tree: ast.Module) -> Name:
+    """The same with aliases of types written out, as a reader needs them."""
+    members = tuple(_spelled(member, tree) for member in name.members)
+    return name._replace(full=_without_aliases(name.full, tree), members=members)
+
+
+def _without_aliases(text: str, tree: ast.Module) -> str:
+    # A type in quotes is one that is imported late.
+    text = re.sub(r"(?<=[:>] )(['\"])(.*?)\1", r"\2", text)
+    text = re.sub(r"(?<=\[)'(\w+)'", r"\1", text)
+    words = re.split(r"(\w+)", text)
+    return "".join(_alias(word, tree) or word for word in words)
+
+
+def _alias(word: str, tree: ast.Module) -> str | None:
+    """What a name in capitals stands for, where it is an alias of a type."""
+    if not word[:1].isupper():
+        return None
+    for node in _statements(tree):
+        if _assigns(node, word):
+            assert isinstance(node, ast.Assign)
+            text = ast.unparse(node.value)
+            is_type = isinstance(node.value, ast.Subscript | ast.BinOp)
+            return _without_aliases(text, tree) if is_type else None
+        if isinstance(node, ast.ImportFrom) and word in _imported(node):
+            ours = str(node.module).startswith("mdms_")
+            return _alias(_imported(node)[word], _tree(str(node.module))) if ours else None
+    return None
 
 
 def _defined(node: _Function | ast.ClassDef) -> Name:
@@ -71,16 +131,42 @@ def _defined(node: _Function | ast.ClassDef) -> Name:
         arguments = _arguments(starts[0]) if starts else _joined(fields)
         typed = tuple(_typed(starts[0])) if starts else fields
         signature = f"{node.name}({arguments})" if arguments else node.name
-        return Name(node.name, signature, words, tuple(_members(node)), typed)
+        # What has a constructor of its own is made by others than users.
+        made = ", ".join(f"{field}: {kind}" for field, kind in fields)
+        full = node.name if starts or not fields else f"{node.name}({made})"
+        return Name(node.name, signature, words, tuple(_members(node)), typed, full=full)
     returns = ast.unparse(node.returns).strip("\"'") if node.returns else ""
     call = f"{node.name}({_arguments(node)})"
     if not isinstance(node, ast.AsyncFunctionDef):
         call += f" -> {returns}" if returns not in ("", "None") else ""
-    return Name(node.name, call, words, (), tuple(_typed(node)), returns, _waits(node))
+    full = _full(node, returns)
+    return Name(node.name, call, words, (), tuple(_typed(node)), returns, _waits(node), full)
+
+
+def _full(node: _Function, returns: str) -> str:
+    """The signature with all types."""
+    arguments = node.args
+    own = [each for each in arguments.args if each.arg not in ("self", "cls")]
+    shown = ast.arguments(
+        posonlyargs=[],
+        args=own,
+        vararg=arguments.vararg,
+        kwonlyargs=arguments.kwonlyargs,
+        kw_defaults=arguments.kw_defaults,
+        kwarg=arguments.kwarg,
+        defaults=arguments.defaults,
+    )
+    text = ast.unparse(shown)
+    if _waits(node) == "with":
+        returns = returns.removeprefix("Iterator[").removesuffix("]")
+    ends = f" -> {returns}" if returns not in ("", "None") else ""
+    return f"{node.name}({text}){ends}"
 
 
 def _waits(node: _Function) -> str:
-    """How a coroutine is waited for; empty for a function."""
+    """How it is used; empty for a function that is called."""
+    if any("contextmanager" in ast.unparse(mark) for mark in node.decorator_list):
+        return "with"
     if not isinstance(node, ast.AsyncFunctionDef):
         return ""
     yields = any(isinstance(each, ast.Yield) for each in ast.walk(node))
@@ -94,7 +180,8 @@ def _members(node: ast.ClassDef) -> Iterator[Name]:
         if isinstance(each, _Function) and not each.name.startswith("_"):
             member = _defined(each)
             if any("property" in ast.unparse(mark) for mark in each.decorator_list):
-                member = member._replace(signature=each.name)
+                kind = f": {member.returns}" if member.returns else ""
+                member = member._replace(signature=each.name, full=f"{each.name}{kind}")
             yield member
 
 
@@ -118,6 +205,7 @@ def _arguments(node: _Function) -> str:
     plain = [each.arg for each in node.args.args if each.arg not in ("self", "cls")]
     defaults = [f"={ast.unparse(each)}" for each in node.args.defaults]
     starred = [f"*{node.args.vararg.arg}"] if node.args.vararg else []
+    named = [f"**{node.args.kwarg.arg}"] if node.args.kwarg else []
     marked = ["*"] if node.args.kwonlyargs and not starred else []
     only = [
         each.arg + (f"={ast.unparse(default)}" if default else "")
@@ -125,7 +213,7 @@ def _arguments(node: _Function) -> str:
     ]
     required = len(plain) - len(defaults)
     given = plain[:required] + [a + d for a, d in zip(plain[required:], defaults, strict=True)]
-    return ", ".join((*given, *starred, *marked, *only))
+    return ", ".join((*given, *starred, *marked, *only, *named))
 
 
 def _assigns(node: ast.stmt, name: str) -> bool:

@@ -2,12 +2,13 @@
 
 import json
 from argparse import Namespace
+from collections.abc import Mapping
 from math import degrees, hypot
 from pathlib import Path
 from typing import Any
 
-from mdms_array.compiling import REPORTED_S
 from mdms_array.extras import PAGE, require
+from mdms_array.figures import REPORTED_S
 from mdms_array.source import open_program
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import simulate, verdict
@@ -26,15 +27,15 @@ def run(arguments: Namespace) -> Exit:
     columns, rows = scenario.array.columns, scenario.array.rows
     if not arguments.json:
         print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
-    finished, figures = simulate(scenario, "cpython", arguments.out, main=main)
+    ended = simulate(scenario, "cpython", arguments.out, main=main)
     if arguments.json:
-        print(json.dumps(figures))
+        print(json.dumps(ended.figures))
     else:
-        _report(scenario, figures, arguments.out)
-    return verdict(scenario, finished)
+        _report(scenario, ended.figures, arguments.out)
+    return verdict(ended)
 
 
-def _report(scenario: Scenario, figures: dict[str, Any], folder: Path) -> None:
+def _report(scenario: Scenario, figures: Mapping[str, Any], folder: Path) -> None:
     pairs = list(zip(scenario.parcel, figures["parcels"], strict=True))
     goals = {goal["parcel"]: goal for goal in figures["goals"]}
     print(*(_journey(parcel, end, goals) for parcel, end in pairs), sep="\n")
@@ -53,7 +54,7 @@ def _journey(parcel: Parcel, end: dict[str, Any], goals: dict[str, dict[str, Any
     return f"{journey}; it stands {miss} off its goal"
 
 
-def _machine(figures: dict[str, Any]) -> list[str]:
+def _machine(figures: Mapping[str, Any]) -> list[str]:
     bus = figures["bus"]
     compiling = f" (after {figures['compile_s']:.0f} s of compiling)"
     return [

@@ -10,9 +10,10 @@ the run, and attempts that an error frame ended, and so the draws of faults that
 import json
 from argparse import Namespace
 from collections.abc import Callable, Iterable
+from functools import partial
 
-from mdms_array.figures import figures_of, report
-from mdms_array.run import Finished
+from mdms_array.figures import report, simulated_run
+from mdms_array.run import Run
 from mdms_array.simulation import timed
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
@@ -44,10 +45,9 @@ def run_cells(arguments: Namespace) -> Exit:
             Exit.USAGE,
         )
     with progress(scenario.title) as advance:
-        finished = replay_on_nodes(scenario, frames, arguments.nodes, advance)
-    figures = figures_of(scenario, finished)
-    print(json.dumps(figures) if arguments.json else "\n".join(report(figures)))
-    return verdict(scenario, finished)
+        ended = replay_on_nodes(scenario, frames, arguments.nodes, advance)
+    print(json.dumps(ended.figures) if arguments.json else "\n".join(report(ended.figures)))
+    return verdict(ended)
 
 
 def replay_on_nodes(
@@ -55,7 +55,7 @@ def replay_on_nodes(
     frames: Iterable[tuple[float, Frame]],
     nodes: str,
     progress: Callable[[float], None] | None = None,
-) -> Finished:
+) -> Run:
     """Run a scenario's cells with recorded frames of the host, and the ends of those [s].
 
     Raises what `run_scenario` does.
@@ -63,11 +63,12 @@ def replay_on_nodes(
     ready = [(ready_s(end_s, frame, scenario.wire.bitrate), frame) for end_s, frame in frames]
     players = [LogPlayer(ready[first::PLAYERS], 0.0) for first in range(PLAYERS)]
 
-    def work() -> Finished:
-        outcome = simulate(scenario, players, nodes, progress=progress)
-        return Finished(outcome.record, nodes, outcome.bus)
-
-    return timed(scenario, lambda: work)
+    outcome, wall_s, compile_s = timed(
+        lambda: partial(simulate, scenario, players, nodes, progress=progress)
+    )
+    return simulated_run(
+        scenario, outcome.record, nodes=nodes, bus=outcome.bus, wall_s=wall_s, compile_s=compile_s
+    )
 
 
 def ready_s(end_s: float, frame: Frame, bitrate: int) -> float:

@@ -7,9 +7,8 @@ from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, BinaryIO
 
 from mdms_array.extras import PAGE, require
-from mdms_array.figures import figures_of
+from mdms_array.figures import simulated_run
 from mdms_array.recording import HostLog, keep_run, lasting
-from mdms_array.run import Finished
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
 from mdms_host.cli.exits import Exit
@@ -63,14 +62,15 @@ def _serve_and_keep(
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
-        finished = Finished(
+        ended = simulated_run(
+            lasted,
             outcome.record,
-            arguments.nodes,
-            outcome.bus,
+            nodes=arguments.nodes,
+            bus=outcome.bus,
             violations=outcome.violations,
             wall_s=clock.now_s(),
         )
-        figures = figures_of(lasted, finished) | {"run": str(arguments.out)}
+        figures = {**ended.figures, "run": str(arguments.out)}
         with writing(arguments.out):
             keep_run(folder, lasted, outcome.record, figures)
     return simulation

@@ -84,6 +84,7 @@ class Page {
   arrange(table) {
     const offers = (command) => table.offers.includes(command);
     $("program-buttons").hidden = !offers("start");
+    $("signal-form").hidden = !offers("signal");
     $("time-buttons").hidden = !offers("pause");
     $("step").hidden = !offers("step");
     $("scrub-label").hidden = !offers("seek");
@@ -256,6 +257,7 @@ class Page {
   listen() {
     $("stop-all").addEventListener("click", () => this.stopAll());
     for (const id of ["start", "stop", "step"]) $(id).addEventListener("click", () => this.order(id));
+    $("signal-form").addEventListener("submit", (event) => this.sendSignal(event));
     $("pause").addEventListener("click", () => this.order(this.snapshot?.paused[0] ? "resume" : "pause"));
     $("speed").addEventListener("change", () => this.order("speed", { factor: Number($("speed").value) }));
     $("scrub").addEventListener("input", () => this.order("seek", { time_s: Number($("scrub").value) }));
@@ -273,6 +275,13 @@ class Page {
     window.addEventListener("keydown", (event) => this.key(event), true);
     new ResizeObserver(() => { this.picture.resize(); this.redraw(); }).observe($("table"));
     new ResizeObserver(() => this.plots.resize()).observe($("side"));
+  }
+
+  /** The space bar stops the table again once a signal is sent. */
+  sendSignal(event) {
+    event.preventDefault();
+    this.order("signal", Object.fromEntries(new FormData(event.target)));
+    document.activeElement.blur();
   }
 
   changeTheme() {

@@ -51,7 +51,11 @@ def test_what_was_seen_until_then_is_kept(on_a_bus_that_ends, tmp_path):
     [
         ("table.parcels[7]", Exit.FAILURE, "the program failed: IndexError: tuple index out of "),
         ("table['bag']", Exit.TIME_LIMIT, "the program was broken off: no parcel 'bag' is on the"),
-        ("await table.sleep(99)", Exit.TIME_LIMIT, "time limit has passed: it waits in main (prog"),
+        (
+            "await table.sleep(99)",
+            Exit.TIME_LIMIT,
+            "not come to its end: it waits in main (program.p",
+        ),
     ],
 )
 def test_a_program_that_fails_or_waits_ends_with_its_message_and_code(

@@ -28,6 +28,8 @@ def test_json_has_the_promised_names(capsys):
         "wall_s",
         "compile_s",
         "real_time_factor",
+        "status",
+        "reason",
         "parcels",
         "goals",
         "fault",

@@ -27,3 +27,10 @@ def test_bounded_history_spans_the_whole_course_evenly(offered, most):
     assert len(strides) == 1
     assert numbers[0] == 0
     assert numbers[-1] > offered - 1 - strides.pop()
+
+
+def test_a_copy_has_no_sample_that_is_appended_later():
+    history = filled(3, None)
+    copied = history.copy()
+    history.append(9.0, number=np.array([9, 9]))
+    assert len(copied.time_s) == len(copied.columns()["number"]) == 3
