@@ -43,8 +43,8 @@ class Fault:
     - lift: `parcel` is off the table, and at rest where it was, or at `x_m`, `y_m` and `yaw_rad` as
       far as they are given, at the end
     - host: the coordinator neither receives nor sends, on its `bus` if that is given
-    - wrong_place: the one of `cells` and `as_cell` are each where the other should be, and go on
-      under their own node ids
+    - wrong_place: `cells` names one cell; it and `as_cell` are in each other's places, under their
+      own node ids
     """
 
     kind: str = field(metadata=Limit(choices=FAULTS))
