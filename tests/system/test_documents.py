@@ -335,6 +335,14 @@ def test_every_verb_is_in_the_table_of_the_command():
     assert all(f"`mdms {verb.name}" in rows for verb in VERBS)
 
 
+def test_every_benchmark_is_on_the_page_of_experiments():
+    table = (ROOT / "docs" / "experiments.md").read_text().split("| name | measures |\n")[1]
+    rows = table.split("\n\n")[0].splitlines()[1:]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])} == {
+        *available()
+    }
+
+
 def test_pins_in_the_drawing_are_those_of_the_board():
     drawn = re.findall(r">(D\d+)<", (ROOT / "docs" / "wiring-cell.svg").read_text())
     module = (ROOT / "firmware" / "boards" / "teensy41.py").read_text()
