@@ -1,6 +1,6 @@
 """What joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from mdms_host.coordination.speeds.speed_reports import MISSED_SYNCS
 from mdms_host.coordination.speeds.velocity_frames import VelocityFrames
 from mdms_host.coordination.watching.standings import Standings
 from mdms_host.coordination.watching.watch import Watch
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.pose.confirmation import Standing
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.by_cells.steering import ByCells
@@ -166,11 +167,11 @@ class ControlCycle:
 
     # What a person is to know
 
-    def _report(self, found: Collection[str], now_s: float) -> None:
+    def _report(self, found: Mapping[str, Belief], now_s: float) -> None:
         """Report what the program has noticed, and what becomes of the parcels that are found."""
         for text in self._program.take_notices():
             self._journal.warn(now_s, text)
-        for text in self.watch.arrivals(now_s):
+        for text in self.watch.arrivals(found, now_s):
             self._journal.note(now_s, text)
         for text in self.watch.parcels(self._program.awaits, found, self._step_s):
             self._journal.warn(now_s, text)

@@ -2,10 +2,16 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from math import sqrt
+
+import numpy as np
 
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.pose.confirmation import Standing
 from mdms_model.arrays import Floats
+
+#: A place in the plane, and a turn, are within so many standard deviations with 95 %.
+_PLANE_DEVIATIONS, _TURN_DEVIATIONS = 2.45, 1.96
 
 
 class Kind(StrEnum):
@@ -43,6 +49,12 @@ class Belief:
     def doubtful(self) -> bool:
         """Whether sensors do not show the parcel where it is believed to be."""
         return self.standing is not Standing.FOUND
+
+    @property
+    def region(self) -> tuple[float, float]:
+        """How far the parcel may be from its pose, and turned, each with 95 % [m, rad]."""
+        variance_m2 = np.linalg.eigvalsh(self.covariance[:2, :2])[1]
+        return _PLANE_DEVIATIONS * sqrt(variance_m2), _TURN_DEVIATIONS * sqrt(self.covariance[2, 2])
 
     @property
     def named(self) -> bool:

@@ -13,7 +13,7 @@ from mdms_host.estimation.gate import Gate
 from mdms_host.estimation.known import Known
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.pose.confirmation import Standing
-from mdms_host.estimation.pose.estimator import BESIDE_M, View
+from mdms_host.estimation.pose.estimator import BESIDE_M, Shown, View
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence.presence_map import PresenceMap
 from mdms_host.estimation.presence.surroundings import Surroundings
@@ -175,7 +175,7 @@ class Tracker:
         views = self._views(now_s)
         coverage = self._coverage(views)
         groups = self._groups(now_s, valid, coverage)
-        found = self._seeking.step(now_s, valid, self._known, groups)
+        found = self._seeking.step(now_s, valid, self._known, groups, coverage.taken)
         if found:
             # What contradicts them is not believed any more.
             valid = self._presence.valid(now_s)
@@ -287,19 +287,22 @@ class Tracker:
         return Coverage(len(self._sensors_m), self._known, views)
 
     def _groups(self, now_s: float, valid: Bools, coverage: Coverage) -> tuple[Ints, ...]:
-        return self._strangers.groups(now_s, self._presence.covered, valid, coverage)
+        covered, silent_s = self._presence.covered, self._presence.silent_s(now_s)
+        return self._strangers.groups(now_s, covered, valid, coverage, silent_s)
 
     def _agree(
         self, now_s: float, valid: Bools, views: Mapping[str, View], coverage: Coverage
     ) -> None:
         """Correct every parcel by its own sensors, and take in whether they show it."""
-        covered = self._presence.covered
+        covered, changed_s = self._presence.covered, self._presence.changed_s
+        silent_s = self._presence.silent_s(now_s)
         usable = valid & ~self._strangers.foreign & ~self._unknowns.sensors
         for number, (name, each) in enumerate(self._known.items()):
             if name in views:
                 sensors = views[name].near.sensors
                 mine = usable[sensors] & (coverage.owner[sensors] == number)
-                each.estimator.agree(now_s, views[name], covered[sensors], mine)
+                seen = Shown(covered[sensors], mine, silent_s[sensors], now_s - changed_s[sensors])
+                each.estimator.agree(now_s, views[name], seen)
                 each.keep_place(now_s)
 
     def _watch_unknown(

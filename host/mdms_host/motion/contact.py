@@ -76,13 +76,13 @@ class Contacts:
         """Take in all parcels; names of two that press each other, or cannot avoid it any more."""
         for pair in combinations(bodies, 2):
             one, other = (bodies[name] for name in pair)
-            pressing_s = self._pressing_s.get(pair, 0.0) + step_s if _press(one, other) else 0.0
+            pressing_s = self._pressing_s.get(pair, 0.0) + step_s if press(one, other) else 0.0
             self._pressing_s[pair] = pressing_s
             if pressing_s >= _PRESSING_S:
                 yield pair
 
 
-def _press(one: Body, other: Body) -> bool:
+def press(one: Body, other: Body) -> bool:
     """Whether two parcels overlap ahead, where they may still stop before, and more than now."""
     if not (one.moves or other.moves):
         return False

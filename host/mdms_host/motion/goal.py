@@ -260,18 +260,24 @@ class GoalController:
 
     def _feel(self, belief: Belief, *, settled: bool) -> None:
         """Move away from the goal while that shows the place better, and back when it is sure."""
-        if self.feel is None or (settled and self._moves >= _MOVES):
+        move = self.feel
+        if self.arrived:
+            return
+        if settled and move is not None and not self._may_feel(belief, move):
+            move = None
+        if move is None:
             if self._felt is not None:
                 self._felt, self._within_s = None, 0.0
                 self.leg += 1
-        elif settled and not self.arrived and self._stands_on(belief, self.feel):
-            x_m, y_m, turn_rad = self.feel.tolist()
+        elif settled:
+            x_m, y_m, turn_rad = move.tolist()
             end = self.goal.x_m + x_m, self.goal.y_m + y_m, float(belief.pose[2]) + turn_rad
             self._felt, self._within_s = np.array(end), 0.0
             self._moves += 1
             self.leg += 1
 
-    def _stands_on(self, belief: Belief, move: Floats) -> bool:
-        """Whether a parcel may be moved so; a turn is not told where it might tip."""
+    def _may_feel(self, belief: Belief, move: Floats) -> bool:
+        """Whether a parcel may move so once more; a turn is not told where it might tip."""
         footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-        return not move[:2].any() or footholds.stand(belief, move)
+        stands = not move[:2].any() or footholds.stand(belief, move)
+        return stands and self._moves < _MOVES

@@ -1,6 +1,7 @@
 """What the array is to do: from the parcels' estimated poses to every wheel's reference."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol
 
@@ -10,10 +11,10 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.gain import Gain
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
-from mdms_host.motion.contact import Body, Contacts, gap_m, has_room, has_room_to
+from mdms_host.motion.contact import Body, Contacts, gap_m, has_room, has_room_to, press
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.obstacles import Obstacles
-from mdms_host.motion.standstill import Standstill
+from mdms_host.motion.standstill import TRIES, Standstill, Tries
 from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.mass import Mass, uniform_mass
@@ -22,11 +23,8 @@ from mdms_model.arrays import Floats
 
 #: A parcel that stands is pressed by one that is believed to be so near.
 _NEAR_M = 0.015
-#: One that does not get on is tried so often, each time after so long [s], unless it has got on by
-#: so much since the first time [m].
-_TRIES = 5
-_REST_S = 0.5
-_GOT_ON_M = 0.05
+#: Two that would press each other are stopped for good once neither could go for so long [s].
+_PATIENCE_S = 5.0
 
 
 class Steered(Protocol):
@@ -166,14 +164,27 @@ class FieldProgram:
         return []
 
 
+@dataclass
+class _Pair:
+    """Two parcels that would press each other: those that wait, and how long neither could go [s].
+
+    `apart` is whether one stood beside the other: it waits until that has gone.
+    """
+
+    waiting: set[str]
+    apart: bool = False
+    idle_s: float = 0.0
+
+
 class GoalProgram:
     """Steers each parcel that has a goal to it; wheels under any other, or near none, stand still.
 
     What is believed to be there and is none of the parcels is an obstacle: those wait before it.
 
     A parcel that is not found holds the wheels where it was last, or where it was put. Two that
-    press each other are stopped for good, and one that does not get on after some tries. A parcel
-    whose mass is not among `masses` is taken for an even plate.
+    would press each other wait, and go on one after the other; where neither can go for a while,
+    both are stopped for good. So is one that does not get on after some tries. A parcel whose mass
+    is not among `masses` is taken for an even plate.
     """
 
     def __init__(
@@ -203,8 +214,8 @@ class GoalProgram:
         self._contacts = Contacts()
         self._standstills = {name: Standstill() for name in self._controllers}
         self._now_s = 0.0
-        #: How often each has not got on, from how far off its goal [m], and until when it rests.
-        self._stood: dict[str, tuple[int, float, float]] = {}
+        self._tries: dict[str, Tries] = {}
+        self._pairs: dict[tuple[str, str], _Pair] = {}
         self._notices: list[str] = []
         self._reasons: dict[str, str] = {}
         self._slips = dict.fromkeys(self._controllers, 0)
@@ -223,7 +234,8 @@ class GoalProgram:
             after.go_over_from(before)
         self._controllers[name] = after
         self._standstills[name] = Standstill()
-        self._stood.pop(name, None)
+        self._tries.pop(name, None)
+        self._pairs = {pair: one for pair, one in self._pairs.items() if name not in pair}
         self._reasons.pop(name, None)
 
     def _take_in(self, name: str) -> None:
@@ -337,7 +349,8 @@ class GoalProgram:
             if belief is None:
                 controller.lose()
                 continue
-            rests = name in self._stood and self._now_s < self._stood[name][2]
+            rests = name in self._tries and self._tries[name].rests(self._now_s)
+            rests |= any(name in one.waiting for one in self._pairs.values())
             controller.paused = belief.doubtful or rests or self._must_wait(belief, controller)
             feel = belief.feel
             felt = feel is not None and has_room(name, feel, self._places, self._bottoms)
@@ -360,7 +373,7 @@ class GoalProgram:
         beliefs: Mapping[str, Belief],
         step_s: float,
     ) -> None:
-        """Stop parcels before they press each other, and those that do not get on; report them.
+        """Hold parcels before they press each other, and those that do not get on; report them.
 
         Where a parcel was put is too rough to be judged by; where it was found last is not.
         """
@@ -370,7 +383,8 @@ class GoalProgram:
             if name in self._found
         }
         for pair in self._contacts.step(bodies, step_s):
-            self._stop(pair)
+            self._hold(pair, set(pair))
+        self._let_go(bodies, beliefs, step_s)
         for name, standstill in self._standstills.items():
             controller = self._controllers[name]
             done = controller.arrived or controller.settling or controller.stopped
@@ -380,7 +394,7 @@ class GoalProgram:
                 # One that is doubtful time and again gets on no better for it.
                 continue
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
-                self._stand((name, *self._near(name, bodies)))
+                self._stand(name, self._near(name, bodies))
 
     def _body(self, name: str, carried: Carried | None, belief: Belief | None) -> Body:
         if carried is None or belief is None:
@@ -400,21 +414,69 @@ class GoalProgram:
             if gap_m(mine.outline, mine.pose, body.outline, body.pose) < _NEAR_M:
                 yield other
 
-    def _stand(self, names: tuple[str, ...]) -> None:
-        """The first does not get on: it rests and is tried again, unless others may hold it."""
-        name, left_m = names[0], self._controllers[names[0]].left_m
-        times, first_m, _ = self._stood.get(name, (0, left_m, 0.0))
-        if left_m < first_m - _GOT_ON_M:
-            times, first_m = 0, left_m
-        self._stood[name] = times + 1, first_m, self._now_s + _REST_S
-        if len(names) > 1 or times + 1 >= _TRIES:
-            self._stop(names)
+    def _hold(self, pair: tuple[str, str], waiting: set[str], *, apart: bool = False) -> None:
+        """Two would press each other: these of them wait."""
+        steered = [self._controllers[name] for name in pair if name in self._controllers]
+        if all(controller.stopped for controller in steered):
             return
-        self._standstills[name].clear()
-        if not times:
-            left_mm = 1e3 * left_m
+        if pair not in self._pairs:
+            self._pairs[pair] = _Pair(set())
+            names, limit_s = " and ".join(pair), _PATIENCE_S
             self._notices.append(
-                f"{name} does not get on, {left_mm:.0f} mm from its goal: it is tried again"
+                f"{names} would press each other: they wait, {limit_s:g} s at most"
+            )
+        self._pairs[pair].waiting |= waiting
+        self._pairs[pair].apart = apart
+
+    def _let_go(
+        self, bodies: Mapping[str, Body], beliefs: Mapping[str, Belief], step_s: float
+    ) -> None:
+        """Let those go on that wait and whose way is clear of the other, one at a time."""
+        for pair, one in self._pairs.items():
+            free = (name for name in pair if name in one.waiting)
+            free = (name for name in free if self._is_clear(name, pair, one, bodies, beliefs))
+            if (name := next(free, None)) is not None:
+                one.waiting.remove(name)
+            others = (self._controllers[name] for name in pair if name in self._controllers)
+            if one.waiting and not any(each.stopping_s > 0.0 for each in others):
+                one.idle_s += step_s
+                if one.idle_s >= _PATIENCE_S:
+                    self._stop(pair)
+
+    def _is_clear(
+        self,
+        name: str,
+        pair: tuple[str, str],
+        one: _Pair,
+        bodies: Mapping[str, Body],
+        beliefs: Mapping[str, Belief],
+    ) -> bool:
+        """Whether a parcel that waits at rest may set out, as the other of its pair is now."""
+        controller, belief = self._controllers.get(name), beliefs.get(name)
+        if controller is None or belief is None or controller.stopping_s > 0.0:
+            return False
+        (other,) = (bodies[each] for each in pair if each != name)
+        mine = bodies[name]
+        if one.apart and gap_m(mine.outline, mine.pose, other.outline, other.pose) < _NEAR_M:
+            return False
+        way = controller.way_from(belief)
+        return not press(Body(mine.outline, mine.pose, np.zeros(3), 0.0, way), other)
+
+    def _stand(self, name: str, near: Iterable[str]) -> None:
+        """A parcel does not get on: it is tried again after a rest, once none is near it."""
+        tries = self._tries.setdefault(name, Tries())
+        left_m = self._controllers[name].left_m
+        again = tries.stand(left_m, self._now_s)
+        self._standstills[name].clear()
+        others = [*near]
+        for other in others:
+            first, second = (each for each in self._bottoms if each in (name, other))
+            self._hold((first, second), {name}, apart=True)
+        if not again:
+            self._stop((name, *others))
+        elif tries.count == 1 and not others:
+            self._notices.append(
+                f"{name} does not get on, {1e3 * left_m:.0f} mm from its goal: it is tried again"
             )
 
     def _stop(self, names: tuple[str, ...]) -> None:
@@ -428,7 +490,7 @@ class GoalProgram:
             left_mm = 1e3 * self._controllers[names[0]].left_m
             reason = (
                 f"{names[0]} does not get on, {left_mm:.0f} mm from its goal, "
-                f"tried {_TRIES} times: stopped"
+                f"tried {TRIES} times: stopped"
             )
         else:
             reason = f"{' and '.join(names)} press each other: stopped"

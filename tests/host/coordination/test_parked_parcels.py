@@ -64,9 +64,9 @@ def way_m(record, parcel: int) -> float:
     return float(np.hypot(*(record.pose[:, parcel] - record.pose[0, parcel])[:, :2].T).max())
 
 
-def stopped_s(coordinator) -> float:
-    """When both were reported to be stopped."""
-    told = "first and second press each other: stopped"
+def held_s(coordinator) -> float:
+    """When both were reported to wait."""
+    told = "first and second would press each other: they wait, 5 s at most"
     (time_s,) = [time_s for time_s, text in coordinator.events if text == told]
     return time_s
 
@@ -92,7 +92,7 @@ def test_a_parked_parcel_stays_where_a_neighbour_passes_close_by(carried, gap_m,
     assert np.hypot(*(record.pose[-1, 1, :2] - (0.16, y_m))) < 0.01
 
 
-def test_a_parcel_that_goes_straight_at_a_parked_one_is_stopped(carried) -> None:
+def test_a_parcel_that_goes_straight_at_a_parked_one_waits_before_it(carried) -> None:
     record, coordinator = carried(
         length=0.28,
         width=0.30,
@@ -103,7 +103,7 @@ def test_a_parcel_that_goes_straight_at_a_parked_one_is_stopped(carried) -> None
         second=(-0.27, 0.0),
         goal=(0.28, 0.0),
     )
-    assert stopped_s(coordinator) < 4.0
+    assert held_s(coordinator) < 4.0
     assert not [event for event in record.events if event.kind == "touch"]
     assert way_m(record, 0) < 0.0005
     assert np.abs(record.twist[-1]).max() < 1e-3
@@ -123,7 +123,7 @@ def test_two_that_want_one_place_are_both_stopped(carried) -> None:
         second=(-0.22, 0.01),
         goal=(0.0, 0.0),
     )
-    stopped = stopped_s(coordinator)
+    stopped = held_s(coordinator)
     assert not [event for event in record.events if event.kind == "touch"]
     assert np.abs(record.twist[-1]).max() < 1e-3
     after = record.time_s > stopped + 0.6

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import traction_of
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.watching.following import Following
+from mdms_host.coordination.watching.watch import Watch
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
@@ -95,3 +97,30 @@ def test_wheel_with_no_or_a_small_reference_may_stand() -> None:
     following = Following(2)
     for _ in range(200):
         assert following.step(np.array([0.0, 0.005]), np.zeros(2), STEP_S) == []
+
+
+@pytest.mark.parametrize(
+    ("deviations", "first"),
+    [
+        ((0.002, 0.001, 0.015), []),
+        ((0.003, 0.001, 0.015), ["box is known to 7.4 mm and 1.7 degrees: no move"]),
+        ((0.002, 0.001, 0.03), ["box is known to 4.9 mm and 3.4 degrees: no move"]),
+    ],
+)
+def test_an_arrival_says_where_the_place_is_not_known_to_5_mm_and_2_degrees(
+    deviations, first
+) -> None:
+    covariance = np.diag(np.square(deviations))
+    believed = beliefs({"box": np.zeros(3)}, [BOX], covariance=covariance)
+    watch = Watch((), 2, {"box": There()})
+    *doubts, arrival = watch.arrivals(believed, 1.0)
+    assert arrival == "box has arrived"
+    assert [text.partition(" shows")[0] for text in doubts] == first
+    assert [*watch.arrivals(believed, 2.0)] == []
+
+
+class There:
+    """A parcel that is at its goal."""
+
+    goal = Goal(0.0, 0.0, 0.0)
+    arrived = True

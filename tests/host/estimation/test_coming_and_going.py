@@ -312,3 +312,86 @@ def test_a_newcomer_that_a_late_report_shows_larger_is_found_anew_as_the_larger(
     assert ("small", Event.WITHDRAWN) in table.events()
     assert table.events()[-1] == ("large", Event.FOUND)
     assert table.off_m("large") < 0.03
+
+
+def lose_reports(table: Lying, *cells: int) -> None:
+    """The reports of these cells get lost for a moment."""
+    report, until_s = table.tracker.on_presence, table.now_s + 0.19
+
+    def rest(now_s, cell, bits):
+        if cell not in cells or now_s > until_s:
+            report(now_s, cell, bits)
+
+    table.tracker.on_presence = rest
+
+
+@pytest.mark.parametrize("cell", [14, 15, 24, 31, 32, 33])
+def test_a_cell_whose_reports_get_lost_for_a_moment_takes_no_parcel_away(cell) -> None:
+    table, twist = boxed(), {"box": (0.3, -0.2, 0.0)}
+    table.run(0.4, twist)
+    lose_reports(table, cell)
+    off_m = []
+    table.run(0.3, twist, lambda: off_m.append(table.off_m("box")))
+    assert max(off_m) < 0.008
+    assert table.events() == [("box", Event.FOUND)]
+
+
+def test_another_kind_is_not_found_in_the_place_of_one_that_is_doubtful_and_still_moves() -> None:
+    large, medium = Parcel("large", 0.40, 0.30), Parcel("medium", 0.36, 0.30)
+    table = Lying(LAYOUT)
+    for parcel in (large, medium):
+        table.tracker.announce(parcel, INFEED)
+    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.run(0.3)
+    table.run(0.2, {"large": (0.3, -0.1, 0.0)})
+    x_m, y_m, _ = table.things["large"][1]
+    table.put("large", large.bottom, x_m - 0.05, y_m, 0.0)
+    table.run(0.3, {"large": (0.006, 0.0, 0.0)})
+    table.run(0.3)
+    assert table.events() == [
+        ("large", Event.FOUND),
+        ("large", Event.DOUBTFUL),
+        ("large", Event.FOUND),
+    ]
+
+
+@pytest.mark.parametrize("cells", [(19, 29), (20, 29), (29, 30), (29, 37)])
+def test_nothing_is_found_where_cells_have_not_yet_told_that_a_parcel_has_gone_on(cells) -> None:
+    large, small = Parcel("large", 0.40, 0.30), Parcel("small", 0.28, 0.28)
+    table, twist = Lying(LAYOUT), {"large": (0.35, -0.25, 0.0)}
+    for parcel in (large, small):
+        table.tracker.announce(parcel, INFEED)
+    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.run(0.3)
+    table.run(0.2, twist)
+    lose_reports(table, *cells)
+    table.run(0.3, twist)
+    assert table.events() == [("large", Event.FOUND)]
+
+
+def test_a_parcel_of_a_very_unsure_place_explains_no_sensor_of_a_newcomer_far_beside_it() -> None:
+    small, medium = Parcel("small", 0.28, 0.28), Parcel("medium", 0.36, 0.30)
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, 0.08, 0.0, 0.0)
+    table.run(0.2)
+    for parcel in (small, medium):
+        table.tracker.announce(parcel, INFEED)
+    table.tracker.look_away()
+    table.tracker.look_again(0.1)
+    table.put("medium", medium.bottom, -0.35, 0.0, 0.0)
+    table.run(0.4)
+    assert table.events() == [("box", Event.FOUND), ("medium", Event.FOUND)]
+
+
+def test_a_newcomer_is_not_found_where_a_parcel_is_though_something_sticks_out_beside_it() -> None:
+    large, medium = Parcel("large", 0.40, 0.30), Parcel("medium", 0.36, 0.30)
+    table = Lying(LAYOUT)
+    for parcel in (large, medium):
+        table.tracker.announce(parcel, INFEED)
+    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.run(0.3)
+    table.run(0.2, {"large": (0.3, -0.1, 0.0)})
+    x_m, y_m, _ = table.things["large"][1]
+    table.put("large", large.bottom, x_m - 0.03, y_m, 0.0)
+    table.run(0.6)
+    assert {name for name, _ in table.events()} == {"large"}

@@ -146,6 +146,18 @@ def test_a_parcel_whose_place_no_turn_makes_sure_arrives_after_three() -> None:
     assert controller.leg == 4
 
 
+def test_a_parcel_that_cannot_be_felt_any_further_goes_back_and_arrives() -> None:
+    controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(np.zeros(3))
+    controller.feel = np.array([0.0, 0.0, 0.1])
+    for _ in range(500):
+        table.step(controller.step)
+        if table.pose[2] > 0.08:
+            # It would tip over the edge of the table there.
+            controller.feel = np.array([0.0, 2.0, 0.0])
+    assert controller.arrived
+    assert abs(table.pose[2]) < 0.01
+
+
 def test_a_parcel_that_is_paused_comes_to_rest_and_goes_on() -> None:
     controller, table = controller_of(Goal(0.2, 0.0)), Table(np.array([-0.15, 0.0, 0.0]))
     drive(controller, table, 1.0)

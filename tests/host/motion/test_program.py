@@ -9,6 +9,7 @@ from mdms_host.estimation.belief import Belief, Kind
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.contact import gap_m
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram, GoalProgram
 from mdms_model.arrays import Floats
@@ -133,9 +134,47 @@ def test_two_on_their_way_into_each_other_are_stopped_once_both_have_been_found(
         pose["left"] = pose["left"] + (0.001 if step > 20 else 0.0, 0.0, 0.0)
         assert steered.references_m_s(known(pose), 0.01).any()
     assert steered.take_notices() == []
+    both = known({**pose, "right": np.array([0.08, 0.0, 0.0])})
     for _ in range(10):
-        steered.references_m_s(known({**pose, "right": np.array([0.08, 0.0, 0.0])}), 0.01)
+        steered.references_m_s(both, 0.01)
+    waits = "left and right would press each other: they wait, 5 s at most"
+    assert steered.take_notices() == [waits]
+    for _ in range(550):
+        references_m_s = steered.references_m_s(both, 0.01)
+    assert not references_m_s.any()
     assert steered.take_notices() == ["left and right press each other: stopped"]
+    assert steered.stuck == "left and right press each other: stopped"
+
+
+def test_a_parcel_goes_on_once_the_one_that_it_would_press_is_gone() -> None:
+    steered = program(left=Goal(0.5, 0.0))
+    poses = {"left": np.array([-0.25, 0.0, 0.0]), "right": np.array([0.08, 0.0, 0.0])}
+    for _ in range(300):
+        references_m_s = steered.references_m_s(known(poses), 0.01)
+    assert not references_m_s.any()
+    assert steered.stuck is None
+    gone = known({**poses, "right": np.array([0.08, 0.9, 0.0])})
+    assert any(steered.references_m_s(gone, 0.01).any() for _ in range(50))
+
+
+def test_of_two_whose_ways_cross_one_goes_first_and_then_the_other() -> None:
+    """Each is where it is steered to, as far as the wheels under it push."""
+    poses = {"left": np.array([-0.34, 0.0, 0.0]), "right": np.array([0.0, -0.34, 0.0])}
+    steered = program(left=Goal(0.5, 0.0), right=Goal(0.0, 0.5, 0.0))
+    notices, nearest_m = [], 1.0
+    for _ in range(3000):
+        steered.references_m_s(known(poses), 0.01)
+        notices += steered.take_notices()
+        for name, one in steered.controllers.items():
+            follower = one.follower
+            if follower is not None and not one.paused and not one.stopped:
+                poses[name] = follower.path.pose_at(follower.s_m)
+        outlines = {each.name: Rectangle(each.length_m, each.width_m) for each in (LEFT, RIGHT)}
+        ends = [(outlines[name], poses[name]) for name in ("left", "right")]
+        nearest_m = min(nearest_m, gap_m(*ends[0], *ends[1]))
+    assert notices == ["left and right would press each other: they wait, 5 s at most"]
+    assert steered.finished
+    assert nearest_m > 0.0
 
 
 def test_a_parcel_gets_another_goal_on_its_way_and_is_taken_there() -> None:

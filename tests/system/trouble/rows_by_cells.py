@@ -101,10 +101,10 @@ ROWS = (
     Row(
         "wheel jammed",
         "kind='wheel_jammed', cells=[6], axes=[1]",
-        5.0,
+        11.0,
         ends=Exit.TIME_LIMIT,
         otherwise=(Exit.OK,),
-        stands_s=3.0,
+        stands_s=9.0,
     ),
     Row(
         "motor reversed",

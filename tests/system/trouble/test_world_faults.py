@@ -120,7 +120,7 @@ def test_a_wheel_that_stands_at_a_reference_is_named_within_half_a_second(kind):
 
 def wrong_place(cell, as_cell):
     fault = f"fault=[{{kind='wrong_place', cells=[{cell}], as_cell={as_cell}}}]"
-    scenario = load_scenario("array18", ["run.duration_s=7", fault])
+    scenario = load_scenario("array18", ["run.duration_s=10", fault])
     coordinator = coordinator_of(scenario)
     return simulate(scenario, [coordinator]).record, coordinator
 

@@ -12,8 +12,8 @@ from mdms_model.bus_time import WATCHED_HEARTBEAT_S
 from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 
-#: How long the host may be silent: one heartbeat may get lost, and the next be late.
-HEARTBEAT_LIMIT_MS = round(3e3 * WATCHED_HEARTBEAT_S)
+#: How long the host may be silent: two heartbeats may get lost, and the next be 3 ms late.
+HEARTBEAT_LIMIT_MS = round(3e3 * WATCHED_HEARTBEAT_S) + 3
 
 _CONSUMED = (indices.CONSUMER_TIMES, 1)
 _TAKEOVER = (indices.LEASE, 3)

@@ -1,21 +1,18 @@
 """What a person should know of a run: arrivals, and what does not move as it is to."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Protocol
+from math import degrees, radians
 
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.watching.following import Following
 from mdms_host.coordination.watching.missing import Missing
+from mdms_host.estimation.belief import Belief
+from mdms_host.motion.goal import Goal
+from mdms_host.motion.program import Steered
 from mdms_model.arrays import Bools, Floats
 
-
-class Steered(Protocol):
-    """A parcel that is steered to a goal, by whomever."""
-
-    @property
-    def arrived(self) -> bool:
-        """Whether it is there."""
-        ...
+#: The place of a parcel that has arrived is to be known so well, with 95 % [m, rad].
+UNSURE_M, UNSURE_RAD = 0.005, radians(2.0)
 
 
 class Watch:
@@ -49,13 +46,15 @@ class Watch:
                 "(wheel held, encoder stuck, no supply?)"
             )
 
-    def arrivals(self, now_s: float) -> Iterator[str]:
-        """Parcels that have come to their goals since the last call."""
+    def arrivals(self, beliefs: Mapping[str, Belief], now_s: float) -> Iterator[str]:
+        """Parcels that have come to their goals since the last call, first how well if not well."""
         for name, controller in self._controllers.items():
             if not controller.arrived:
                 self.arrived_s.pop(name, None)
             elif name not in self.arrived_s:
                 self.arrived_s[name] = now_s
+                if name in beliefs and (doubt := _doubt(beliefs[name], controller.goal)):
+                    yield doubt
                 yield f"{name} has arrived"
 
     def parcels(
@@ -63,3 +62,13 @@ class Watch:
     ) -> Iterator[str]:
         """Troubles of parcels, given those that the program awaits, and those that are found."""
         yield from self._missing.step(awaited, found, step_s)
+
+
+def _doubt(belief: Belief, goal: Goal) -> str | None:
+    """How well a parcel's place is known, where it may well be beside its goal; else None."""
+    off_m, off_rad = belief.region
+    turned = goal.yaw_rad is not None
+    if off_m <= UNSURE_M and not (turned and off_rad > UNSURE_RAD):
+        return None
+    turn = f" and {degrees(off_rad):.1f} degrees" if turned else ""
+    return f"{belief.name} is known to {1e3 * off_m:.1f} mm{turn}: no move shows its place better"

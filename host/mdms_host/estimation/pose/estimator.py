@@ -4,14 +4,14 @@ Wheels that roll give the twist; a sensor that changes shows that the parcel's e
 """
 
 from dataclasses import dataclass
-from math import cos, hypot, inf, log, pi, sin, sqrt
+from math import hypot, inf, log, pi, sqrt
 
 import numpy as np
 
 from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.pose.confirmation import Confirmation, Standing
-from mdms_host.estimation.pose.feeling import move_to_feel
+from mdms_host.estimation.pose.feeling import edge_of, move_to_feel
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
 from mdms_host.estimation.pose.sliding import Sliding
@@ -48,6 +48,12 @@ _AT_REST_DEVIATIONS = 2.0
 _LIKELY_M = 0.001
 #: A parcel is shown where more of the sensors deep under it are covered.
 _COVERED_SHARE = 0.5
+#: Reports of a cell may have got lost where sensors that an edge has passed show nothing of it, and
+#: so many times as many have told of a change within this [s]; where the edge was when the cell
+#: reported last is known give or take this [m].
+_TOLD = 3
+_TOLD_S = 0.2
+_TOLD_M = 0.003
 #: A pose is carried on without new speeds for so long.
 _CARRIED_S = 0.1
 #: A larger outline is worked out again from this change on [m].
@@ -65,6 +71,19 @@ class View:
 
     near: Near
     distance_m: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What the sensors of a view show, (N,): whether each is `covered`, and whether it is `mine`.
+
+    It is so as of `silent_s` ago, when its cell reported last, and has not changed for `same_s`.
+    """
+
+    covered: Bools
+    mine: Bools
+    silent_s: Floats
+    same_s: Floats
 
 
 class ParcelEstimator:
@@ -219,7 +238,7 @@ class ParcelEstimator:
         """The move, (3,), that would make the place sure enough; None where it is, or none does."""
         if self._filter is None:
             return None
-        pose, covariance = self._filter.mean[:3], self._filter.covariance[:3, :3]
+        pose, covariance = self._filter.mean[:3], self._filter.covariance
         near = self.near(pose)
         return move_to_feel(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
 
@@ -284,15 +303,17 @@ class ParcelEstimator:
         elif self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
             self._corrected()
 
-    def agree(self, now_s: float, view: View, covered: Bools, mine: Bools) -> Standing:
+    def agree(self, now_s: float, view: View, seen: Shown) -> Standing:
         """Correct the estimate by every sensor that contradicts it, as far as that can be.
 
-        `covered` and `mine` are of the sensors of the view, (N,), which is that of now. Nothing
-        corrects an estimate that is not `FOUND`; what is lost has no pose any more.
+        The view is that of now. Nothing corrects an estimate that is not `FOUND`; what is lost has
+        no pose any more.
         """
+        covered, mine = seen.covered, seen.mine
         shown = self._shown(covered, mine, view.distance_m)
         if shown and self.standing is Standing.FOUND:
             distance_m = view.distance_m
+            mine = mine & ~self._unheard(view, seen)
             wrong = mine & ((distance_m < 0) != covered) & (distance_m < BESIDE_M)
             if self._cloud is not None:
                 asked = wrong | mine & (abs(distance_m) < self._cloud.spread_m)
@@ -346,6 +367,37 @@ class ParcelEstimator:
             deep = mine & (distance_m < 0)
         return bool((deep & covered).sum() > _COVERED_SHARE * deep.sum())
 
+    def _unheard(self, view: View, seen: Shown) -> Bools:
+        """Sensors (N,) that contradict by silence, where a report that has got lost explains it.
+
+        They agreed with where the parcel was when their cells reported last. That an edge has
+        passed them since would be known but for a lost report, and most others have told of theirs.
+        Where few have, the parcel does not move as its wheels do.
+        """
+        wrong: Bools = seen.mine & ((view.distance_m < 0) != seen.covered)
+        if not wrong.any():
+            return wrong
+        told = seen.mine & ~wrong & (seen.same_s < _TOLD_S)
+        pose = self.pose_at(self._at_s)
+        assert pose is not None
+        # The parcel was as far back there as the sensor would now be ahead.
+        vx_m_s, vy_m_s, rate_rad_s = self.twist.tolist()
+        silent_s = np.minimum(seen.silent_s[wrong], 2 * _TOLD_S)
+        x_m, y_m = (view.near.sensors_m[wrong] - pose[:2]).T
+        then_m = np.column_stack(
+            (
+                x_m + silent_s * (vx_m_s - rate_rad_s * y_m),
+                y_m + silent_s * (vy_m_s + rate_rad_s * x_m),
+            )
+        )
+        sign = np.where(seen.covered[wrong], 1.0, -1.0)
+        off_m = sign * self.bottom.distance_m(pose[:2] + then_m, pose)
+        agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
+        unheard: Bools = np.zeros(len(wrong), dtype=bool)
+        if _TOLD * agreed.sum() <= told.sum():
+            unheard[wrong] = agreed
+        return unheard
+
     def _bound(self, now_s: float, point_m: Floats) -> bool:
         """A sensor there is on the other side of the edge; False if that cannot be believed."""
         pose = self.pose_at(now_s)
@@ -360,11 +412,7 @@ class ParcelEstimator:
 
     def _off(self, pose: Floats, point_m: Floats) -> tuple[float, Floats]:
         """Distance of a sensor from the edge [m], and its derivative by pose and growth, (5,)."""
-        off_m, slope = self.bottom.edge(point_m, pose)
-        x, y, _ = slope.tolist()
-        cosine, sine = cos(pose[2]), sin(pose[2])
-        along, across = cosine * x + sine * y, cosine * y - sine * x
-        return off_m, np.array([*slope, -along * along, -across * across])
+        return edge_of(self.bottom, point_m, pose)
 
     def _settle(self, cloud: PoseCloud) -> None:
         """Take the place over from the poses that the sensors allow."""

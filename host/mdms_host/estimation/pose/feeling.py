@@ -1,17 +1,20 @@
 """The move that has an edge pass a sensor which shows what is not known well enough of a place."""
 
-from collections.abc import Iterable, Iterator
-from math import sqrt
+from collections.abc import Iterator
+from math import cos, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_model.arrays import Bools, Floats
 
-#: A place is known well enough within this, as a standard deviation [m].
-SURE_M = 0.0012
-#: A parcel is shifted where no turn helps, and only if its place is not known within this [m].
-_SHIFTED_M = 0.0025
+#: A place is known well enough within these, as standard deviations [m, rad]: within 3 mm and 1
+#: degree with 95 %.
+SURE_M, SURE_RAD = 0.0012, 0.009
+#: A parcel is shifted where no turn helps, and only if its place is not known within these [m,
+#: rad]: within 5 mm and 2 degrees with 95 %.
+_SHIFTED_M, _SHIFTED_RAD = 0.002, 0.018
 #: An edge is felt for by so much of a turn [rad] or shift [m] at most, and this many standard
 #: deviations beyond where it is believed to be.
 _MOST_RAD = 0.35
@@ -22,58 +25,99 @@ _BEYOND = 2.5
 _SAFE_M = 0.14
 #: How well an edge that is felt is known [m].
 _EDGE_M = 0.0005
+#: Where no edge makes a place sure, one will do that leaves no more than this of its variance.
+_LEFT = 0.5
+_ALONG, _ACROSS, _TURN = np.eye(3)
+
+
+def edge_of(bottom: Bottom, point_m: Floats, pose: Floats) -> tuple[float, Floats]:
+    """Distance of a point from the edge [m], and its derivative by pose and growth, (5,)."""
+    off_m, slope = bottom.edge(point_m, pose)
+    x, y, _ = slope.tolist()
+    cosine, sine = cos(pose[2]), sin(pose[2])
+    along, across = cosine * x + sine * y, cosine * y - sine * x
+    return off_m, np.array([*slope, -along * along, -across * across])
 
 
 def move_to_feel(
     bottom: Bottom, sensors_m: Floats, usable: Bools, pose: Floats, covariance: Floats
 ) -> Floats | None:
-    """The move (x, y, yaw) after which an edge has made the place sure enough [m, m, rad].
+    """The move (x, y, yaw) after which an edge has made the place surer [m, m, rad].
 
-    Of `sensors_m` (S, 2) those that are `usable` (S,) count; the covariance (3, 3) is of the pose.
-    It is the least turn about the centre: that moves no centre of mass, and is not made where the
-    parcel does not stand safely however it is turned. Where no turn helps it is the least shift,
-    which may take the parcel to where it tips. None where the place is sure, or nothing helps.
+    Of `sensors_m` (S, 2) those that are `usable` (S,) count; the covariance (5, 5) is of pose and
+    growth: an edge shows less where the size is not known. It is the least turn about the centre:
+    that moves no centre of mass, and is not made where the parcel does not stand safely however it
+    is turned. Where no turn helps it is the least shift, which may take the parcel to where it
+    tips. None where the place is sure, or nothing helps.
     """
-    variances, axes = np.linalg.eigh(covariance[:2, :2])
-    if variances[1] <= SURE_M**2:
-        return None
-    axis = axes[:, 1]
-    near_m = max(_MOST_RAD * bottom.reach_m, _MOST_M)
-    near = usable & (abs(bottom.distance_m(sensors_m, pose)) < near_m)
-    edges = [bottom.edge(sensor_m, pose) for sensor_m in sensors_m[near]]
-    showing = list(_showing(edges, axis, covariance))
     stands = -bottom.distance_m(pose[None, :2], pose)[0] >= _SAFE_M
-    turn, shift = np.array([0.0, 0.0, 1.0]), np.array([*axis, 0.0])
-    if stands and (turn_rad := _least(turn, _MOST_RAD, showing)) is not None:
-        return turn * turn_rad
-    if variances[1] > _SHIFTED_M**2 and (shift_m := _least(shift, _MOST_M, showing)) is not None:
-        return shift * shift_m
+    near_m = max(_MOST_RAD * bottom.reach_m, _MOST_M)
+    near = sensors_m[usable & (abs(bottom.distance_m(sensors_m, pose)) < near_m)]
+    for one in _unsure(covariance):
+        moves = [(_TURN, _MOST_RAD)] if stands else []
+        moves += [(shift, _MOST_M) for shift in one.shifts]
+        passed = [
+            (move, most, list(_passed(bottom, pose, covariance, near, move * most)))
+            for move, most in moves
+        ]
+        for left in (0.0, _LEFT):
+            for move, most, ends in passed:
+                for share, slope in ends:
+                    if one.is_shown_by(slope, covariance, left):
+                        return move * most * share
     return None
 
 
-def _showing(
-    edges: Iterable[tuple[float, Floats]], axis: Floats, covariance: Floats
-) -> Iterator[tuple[float, Floats, float]]:
-    """The edges that would make a place sure along an axis (2,), each with how sure it is [m]."""
-    unsure = covariance[:, :2] @ axis
-    for off_m, slope in edges:
-        variance_m2 = float(slope @ covariance @ slope)
-        known_m2 = float(slope @ unsure) ** 2 / (variance_m2 + _EDGE_M**2)
-        if float(axis @ unsure[:2]) - known_m2 <= SURE_M**2:
-            yield off_m, slope, sqrt(variance_m2)
+class _Unsure(NamedTuple):
+    """What is not known well enough: along `axis` (5,), sure from `sure` on; `shifts` may help."""
+
+    axis: Floats
+    sure: float
+    shifts: tuple[Floats, ...]
+
+    def is_shown_by(self, slope: Floats, covariance: Floats, left: float) -> bool:
+        """Whether an edge makes it sure, or leaves no more than the share `left` of its variance.
+
+        `slope` (5,) is the derivative of the edge's distance by pose and growth, at the edge.
+        """
+        unsure = covariance @ self.axis
+        before = float(self.axis @ unsure)
+        known = float(slope @ unsure) ** 2 / (float(slope @ covariance @ slope) + _EDGE_M**2)
+        return before - known <= max(self.sure**2, left * before)
 
 
-def _least(
-    move: Floats, most: float, showing: Iterable[tuple[float, Floats, float]]
-) -> float | None:
-    """The least part of a move, (3,), that surely takes one of the edges past its sensor."""
-    best = None
-    for off_m, slope, deviation_m in showing:
-        rate = float(slope @ move)
+def _unsure(covariance: Floats) -> Iterator[_Unsure]:
+    """The place, then the turn."""
+    variances, axes = np.linalg.eigh(covariance[:2, :2])
+    x, y = axes[:, 1].tolist()
+    if variances[1] > SURE_M**2:
+        along = np.array([x, y, 0.0])
+        shifts: tuple[Floats, ...] = (along,) if variances[1] > _SHIFTED_M**2 else ()
+        yield _Unsure(np.array([x, y, 0.0, 0.0, 0.0]), SURE_M, shifts)
+    if covariance[2, 2] > SURE_RAD**2:
+        shifts = (_ALONG, _ACROSS) if covariance[2, 2] > _SHIFTED_RAD**2 else ()
+        yield _Unsure(np.array([0.0, 0.0, 1.0, 0.0, 0.0]), SURE_RAD, shifts)
+
+
+def _passed(
+    bottom: Bottom, pose: Floats, covariance: Floats, sensors_m: Floats, most: Floats
+) -> Iterator[tuple[float, Floats]]:
+    """The shares of the longest move (3,) after which an edge has surely passed a sensor.
+
+    The least come first. Each has the slope of the edge there (5,): a turn turns it.
+    """
+    shares = []
+    for number, sensor_m in enumerate(sensors_m):
+        off_m, slope = bottom.edge(sensor_m, pose)
+        rate = float(slope @ most)
+        if abs(off_m) < abs(rate):
+            shares.append((-off_m / rate, number))
+    for share, number in sorted(shares, key=lambda each: abs(each[0])):
+        off_m, slope = edge_of(bottom, sensors_m[number], pose + share * most)
+        rate = float(slope[:3] @ most)
         if rate:
-            beyond = _BEYOND * deviation_m / abs(rate)
-            part = -off_m / rate
-            part += beyond if part > 0 else -beyond
-            if abs(part) < min(most, abs(best) if best else most):
-                best = part
-    return best
+            beyond = _BEYOND * sqrt(float(slope @ covariance @ slope)) / abs(rate)
+            end = share - off_m / rate
+            end += beyond if end > 0 else -beyond
+            if abs(end) < 1.0:
+                yield end, slope

@@ -85,6 +85,11 @@ class PresenceMap:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""
         return self._current(now_s) & self._worth.believed
 
+    def silent_s(self, now_s: float) -> Floats:
+        """How long ago the cell of each sensor saw what it has reported last [s], shape (S,)."""
+        seen_s = self._reported_s - np.array(self._debounce_s)
+        return np.repeat(now_s - seen_s, self._sensors)
+
     def _current(self, now_s: float) -> Bools:
         """Sensors whose cells have reported of late, and are not ignored, shape (S,)."""
         lately = now_s - self._reported_s <= self._valid_s

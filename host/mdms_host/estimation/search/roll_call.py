@@ -26,6 +26,9 @@ from mdms_model.arrays import Bools, Floats, Ints
 #: more [m], and no way counts for more than so many sensors.
 _WAY_M = 0.2
 _MOST_WAY = 4.0
+#: A parcel that is to come is found in the place of a doubtful one where this contradicts so many
+#: sensors more.
+_COMING = 2.0
 #: What each sensor that is explained counts for.
 _EXPLAINED = 0.1
 #: Not to be found at all costs more than any place.
@@ -66,11 +69,17 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What sensors show, (S,) each, and the groups of those that no found parcel covers."""
+    """What sensors show, (S,) each, and the groups of those that no found parcel covers.
+
+    `taken` (S,) are for sure under parcels that are found, and `disputed` (S,) around where
+    doubtful ones were shown last.
+    """
 
     covered: Bools
     valid: Bools
     groups: tuple[Ints, ...]
+    taken: Bools
+    disputed: Bools
 
 
 class RollCall:
@@ -100,7 +109,7 @@ class RollCall:
         """Try once more; who has been found by that, once it is sure who is where."""
         self._keep(scene.groups)
         parts = [part for group in scene.groups for part in self._parts(group)]
-        pairs = self._assigned(sought, parts)
+        pairs = self._assigned(sought, parts, scene.disputed)
         self.settled = False
         for one, part in pairs:
             search = self._search(one, part, scene)
@@ -124,7 +133,7 @@ class RollCall:
         return division.parts if division else (group,)
 
     def _assigned(
-        self, sought: Sequence[Sought], groups: Sequence[Ints]
+        self, sought: Sequence[Sought], groups: Sequence[Ints], disputed: Bools
     ) -> list[tuple[Sought, Ints]]:
         """Who goes with which group by the costs so far."""
         if not sought or not groups:
@@ -135,6 +144,8 @@ class RollCall:
         for row, one in enumerate(sought):
             for column, group in enumerate(groups):
                 cost[row, column] = self._cost(one, group)
+                if one.region is not None and disputed[group].any():
+                    cost[row, column] += _COMING
         columns = assign(cost)
         return [
             (sought[row], groups[column])
@@ -173,11 +184,12 @@ class RollCall:
         if key not in self._searches:
             mine = np.zeros(len(scene.covered), dtype=bool)
             near = self._near(one, group)
-            mine[near] = scene.valid[near] & ~scene.covered[near]
+            # Where another is, this one is not.
+            covered = scene.covered & ~scene.taken
+            covered[group] = True
+            mine[near] = scene.valid[near] & ~covered[near]
             mine[group] = True
-            self._searches[key] = Search(
-                one.bottom, self._layout, scene.covered.copy(), mine, one.yaw_hint_rad
-            )
+            self._searches[key] = Search(one.bottom, self._layout, covered, mine, one.yaw_hint_rad)
         return self._searches[key]
 
     def _near(self, one: Sought, group: Ints) -> Ints:

@@ -16,14 +16,16 @@ NOBODY = -1
 class Coverage:
     """All sensors (S,): the number of the parcel nearest to each, and how far its edge is [m].
 
-    What is covered is `explained` where a parcel that is found is, or may be. `disputed` is what
-    lies around one that is doubtful. `number` is that of each parcel, by name.
+    What is covered is `explained` where a parcel that is found is, or may be, and `taken` where it
+    is for sure. `disputed` is what lies around one that is doubtful. `number` is that of each
+    parcel, by name.
     """
 
     def __init__(self, sensors: int, known: Mapping[str, Known], views: Mapping[str, View]) -> None:
         self.distance_m: Floats = np.full(sensors, np.inf)
         self.owner: Ints = np.full(sensors, NOBODY, dtype=np.int64)
         self.explained: Bools = np.zeros(sensors, dtype=bool)
+        self.taken: Bools = np.zeros(sensors, dtype=bool)
         self.disputed: Bools = np.zeros(sensors, dtype=bool)
         self.number = {name: number for number, name in enumerate(known)}
         for number, (name, each) in enumerate(known.items()):
@@ -37,6 +39,8 @@ class Coverage:
         self.distance_m[mine] = distance_m[nearer]
         self.owner[mine] = number
         if known.standing is Standing.FOUND:
-            self.explained[numbers[distance_m < known.estimator.unsure_m]] = True
+            unsure_m = known.estimator.unsure_m
+            self.explained[numbers[distance_m < min(unsure_m, BESIDE_M)]] = True
+            self.taken[numbers[distance_m < -unsure_m]] = True
         else:
             self.disputed[numbers[distance_m < BESIDE_M]] = True

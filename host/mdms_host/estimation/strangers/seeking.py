@@ -55,9 +55,17 @@ class Seeking:
         return misfits
 
     def step(
-        self, now_s: float, valid: Bools, known: dict[str, Known], groups: tuple[Ints, ...]
+        self,
+        now_s: float,
+        valid: Bools,
+        known: dict[str, Known],
+        groups: tuple[Ints, ...],
+        taken: Bools,
     ) -> list[str]:
-        """Search on for those that are not found, once all cells have reported; who is now."""
+        """Search on for those that are not found, once all cells have reported; who is now.
+
+        None is found over sensors (S,) that are `taken` by those that are.
+        """
         missing = [each for each in known.values() if each.standing is not Standing.FOUND]
         sought = [each.sought for each in missing if each.estimator.rests]
         if not sought or not self._presence.complete:
@@ -66,9 +74,11 @@ class Seeking:
         groups = self._whole(now_s, missing, groups)
         still = self._strangers.still(now_s, groups, self._presence.changed_s)
         self.settled = not groups
+        still = self._parted(now_s, missing, still)
         if not still:
             return []
-        scene = Scene(self._presence.covered, valid, still)
+        disputed = self._disputed(now_s, missing)
+        scene = Scene(self._presence.covered, valid, still, taken, disputed)
         found = self._roll_call.step(sought, scene)
         for one in found:
             self._start(now_s, valid, known[one.name], one)
@@ -85,16 +95,39 @@ class Seeking:
         A cell that shows nothing may cut off a piece of it.
         """
         for each in missing:
-            view = each.estimator.view(now_s)
-            if view is None or len(groups) < 2:
-                continue
-            inside = np.zeros(len(self._presence.covered), dtype=bool)
-            inside[view.near.sensors[view.distance_m < each.estimator.unsure_m]] = True
+            if len(groups) < 2:
+                break
+            inside = self._around(now_s, each, each.estimator.unsure_m)
             own = [group for group in groups if inside[group].any()]
             if len(own) > 1:
                 rest = tuple(group for group in groups if not inside[group].any())
                 groups = (np.sort(np.concatenate(own)), *rest)
         return groups
+
+    def _parted(
+        self, now_s: float, missing: Iterable[Known], groups: tuple[Ints, ...]
+    ) -> tuple[Ints, ...]:
+        """The groups, but those around doubtful parcels that still move: nothing else is there.
+
+        Each is looked for once it rests, and another that looks like it is not found in its place.
+        """
+        claimed = self._disputed(now_s, (each for each in missing if not each.estimator.rests))
+        return tuple(group for group in groups if not claimed[group].any())
+
+    def _disputed(self, now_s: float, missing: Iterable[Known]) -> Bools:
+        """Sensors (S,) around where doubtful parcels were shown last."""
+        disputed = np.zeros(len(self._presence.covered), dtype=bool)
+        for each in missing:
+            disputed |= self._around(now_s, each, BESIDE_M)
+        return disputed
+
+    def _around(self, now_s: float, known: Known, within_m: float) -> Bools:
+        """Sensors (S,) under a parcel, or so near to it; none without a pose."""
+        around = np.zeros(len(self._presence.covered), dtype=bool)
+        view = known.estimator.view(now_s)
+        if view is not None:
+            around[view.near.sensors[view.distance_m < within_m]] = True
+        return around
 
     def _start(self, now_s: float, valid: Bools, known: Known, found: Found) -> None:
         """A parcel has been found: sensors that contradict are not believed for now."""
@@ -112,10 +145,7 @@ class Seeking:
         wrong = estimator.contradicting(covered, mine) | found.left_out
         known.disbelieved = wrong
         self._faulty += self._presence.disbelieve(wrong)
-        view = estimator.view(now_s)
-        assert view is not None
-        inside = np.zeros(len(covered), dtype=bool)
-        inside[view.near.sensors[view.distance_m < estimator.unsure_m]] = True
+        inside = self._around(now_s, known, estimator.unsure_m)
         self._strangers.foreign &= ~inside
         self._unknowns.explain(known.parcel.name, inside)
 

@@ -33,6 +33,8 @@ class Strangers:
         self._surroundings = surroundings
         self._grouping = SensorGroups(layout)
         self._wake_s: Floats = np.full(len(self._sensors_m), -inf)
+        #: When each sensor was under a parcel last, as was believed.
+        self._under_s: Floats = np.full(len(self._sensors_m), -inf)
         self._last: tuple[bytes, tuple[Ints, ...]] = (b"", ())
         self.link_m = self._grouping.link_m
         self.foreign: Bools = np.zeros(len(self._sensors_m), dtype=bool)
@@ -42,12 +44,17 @@ class Strangers:
         self._wake_s[sensors] = now_s + _WAKE_S
 
     def groups(
-        self, now_s: float, covered: Bools, valid: Bools, coverage: Coverage
+        self, now_s: float, covered: Bools, valid: Bools, coverage: Coverage, silent_s: Floats
     ) -> tuple[Ints, ...]:
-        """The groups of covered sensors that no found parcel explains."""
+        """The groups of covered sensors that no found parcel explains.
+
+        A parcel that has gone on explains what cells have reported before that, `silent_s` ago.
+        """
+        self._under_s[coverage.explained] = now_s
+        explained = coverage.explained | (self._under_s >= now_s - silent_s)
         # What a parcel has moved over since then is its own.
         self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
-        strange = covered & valid & (~coverage.explained | self.foreign) & (self._wake_s < now_s)
+        strange = covered & valid & (~explained | self.foreign) & (self._wake_s < now_s)
         key = strange.tobytes() + valid.tobytes()
         if key != self._last[0]:
             groups = tuple(self._grouping.of(strange, ~valid)) if strange.any() else ()

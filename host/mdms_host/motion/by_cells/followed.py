@@ -1,11 +1,14 @@
 """A parcel that its cells steer, as the host follows it: its way, and whether it gets on."""
 
-from math import hypot, inf, sqrt
+from math import hypot, inf, radians, sqrt
 
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, miss_of
 from mdms_host.motion.standstill import Standstill
 from mdms_model.arrays import Floats
+
+#: A parcel has arrived where it is believed within this of its goal.
+ARRIVED_M, ARRIVED_RAD = 0.003, radians(1.0)
 
 
 class Followed:
@@ -13,9 +16,10 @@ class Followed:
 
     `left_m` is what is left to go, a corner's way included, inf before it is known; `speed_m_s` is
     how fast the program has the parcel go from there, 0 while it is not to move; both are of the
-    `place` that it is taken to now, which may be one on the way to its `goal`. `there` is whether
-    the cells report it at that place and the host's own estimate does not contradict, and `arrived`
-    whether it is at its goal; `overtaken` is set when they have gone on to the next leg.
+    `place` that it is taken to now, which may be one on the way to its `goal`. `reported` is
+    whether the cells report it at that place, `there` whether the host's own estimate does not
+    contradict either, and `arrived` whether it is at its goal; `overtaken` is set when they have
+    gone on to the next leg.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
@@ -23,6 +27,7 @@ class Followed:
         self.place = goal
         self.left_m = inf
         self.speed_m_s = 0.0
+        self.reported = False
         self.there = False
         self.arrived = False
         self.stopped = False
@@ -35,7 +40,7 @@ class Followed:
     def lose(self) -> None:
         """Where the parcel is is not known."""
         self.left_m, self.speed_m_s, self.miss = inf, 0.0, None
-        self.there = self.arrived = False
+        self.reported = self.there = self.arrived = False
         self._standstill.clear()
 
     def lead(self, place: Goal) -> None:
@@ -52,8 +57,11 @@ class Followed:
         self.miss = miss_of(self.place, *pose.tolist())
         off_m, off_rad = self.miss
         self.left_m = hypot(off_m, off_rad * self._reach_m)
-        self.there = arrived and off_m <= REACHED_M and abs(off_rad) <= REACHED_RAD
-        self.arrived = self.there and self.place is self.goal
+        final = self.place is self.goal
+        most_m, most_rad = (ARRIVED_M, ARRIVED_RAD) if final else (REACHED_M, REACHED_RAD)
+        self.reported = arrived
+        self.there = arrived and off_m <= most_m and abs(off_rad) <= most_rad
+        self.arrived = self.there and final
         steered = may_move and not arrived and not self.stopped
         self.speed_m_s = self._planned_m_s() if steered else 0.0
         if not steered:

@@ -10,7 +10,8 @@ REPORTED_S = 1.0
 class Lasting:
     """Something that is reported once each time that it has held for a while."""
 
-    def __init__(self) -> None:
+    def __init__(self, after_s: float = REPORTED_S) -> None:
+        self._after_s = after_s
         self._since_s: float | None = None
 
     def step(self, holds: bool, now_s: float) -> bool:
@@ -19,7 +20,7 @@ class Lasting:
             self._since_s = None
         elif self._since_s is None:
             self._since_s = now_s
-        elif now_s - self._since_s >= REPORTED_S:
+        elif now_s - self._since_s >= self._after_s:
             self._since_s = inf
             return True
         return False

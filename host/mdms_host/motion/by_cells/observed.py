@@ -12,11 +12,18 @@ from mdms_host.motion.by_cells.notices import Lasting, cells_text
 from mdms_host.motion.by_cells.reports import Reports
 from mdms_protocol.neighbours import frames as wire
 
+#: Where cells report a parcel at its goal for so long [s], and the host believes it elsewhere, they
+#: are given it anew where the host believes it, so many times at most: as it moves, edges show its
+#: place to both.
+_APART_S = 0.4
+_GIVEN_ANEW = 5
+
 
 class Observed:
     """Compares what cells report of a parcel, by its identity, with what the host believes of it.
 
-    What a person is to know is passed to `note`.
+    What a person is to know is passed to `note`. `apart` is whether the cells are to be given the
+    parcel anew, for they take it for arrived and the host does not.
     """
 
     def __init__(
@@ -37,7 +44,9 @@ class Observed:
     def begin_again(self) -> None:
         """It was at rest meanwhile: what has lasted so far counts no more."""
         self._blocked = Blocked()
-        self._apart = Lasting()
+        self._apart = Lasting(_APART_S)
+        self._given_anew = 0
+        self.apart = False
 
     def follow(
         self,
@@ -48,25 +57,32 @@ class Observed:
         now_s: float,
         step_s: float,
     ) -> bool:
-        """Compare its way with its program, which its cells have; whether it is to be stopped."""
+        """Compare its way with its program, which its cells have; whether it stands."""
         if belief is None:
             followed.lose()
             return False
+        self.apart = False
         arrived = self._reports.have_arrived(self._identity)
         under = self._reports.under(self._identity).values()
         clear = bool(under) and all(each.hold == wire.HOLD_NONE for each in under)
         stands = followed.see(belief.pose, arrived, has_program and clear, step_s)
-        if stands:
-            self._note(f"{self._name} does not move as its cells command: stopped")
         if self._blocked.step(self._reports.held(self._identity), followed.left_m, now_s):
             self._note_blocked()
+        if followed.there:
+            self._given_anew = 0
         if self._apart.step(arrived and not followed.there, now_s) and followed.miss:
-            off_m, off_rad = followed.miss
+            self._contradict(*followed.miss)
+        return stands
+
+    def _contradict(self, off_m: float, off_rad: float) -> None:
+        """The cells take it for arrived where the host does not."""
+        if not self._given_anew:
             self._note(
                 f"the cells report {self._name} at its goal, but it is believed "
                 f"{1e3 * off_m:.1f} mm and {degrees(abs(off_rad)):.1f} degrees from it"
             )
-        return stands
+        self.apart = self._given_anew < _GIVEN_ANEW
+        self._given_anew += 1
 
     def is_elsewhere(self, belief: Belief | None, now_s: float) -> bool:
         """Whether its cells are to drop it, for some steer it by another place; once each time."""

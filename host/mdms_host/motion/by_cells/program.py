@@ -22,6 +22,7 @@ from mdms_host.motion.contact import has_room, has_room_to
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.safe_goals import Places
+from mdms_host.motion.standstill import TRIES, Tries
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Estimate, Page
@@ -34,10 +35,12 @@ class CellsProgram:
     """The goals of parcels for cells that steer; identities count from 1 in the parcels' order.
 
     A parcel without a goal gets an identity too, so that its cells keep others away. One that does
-    not get on although nothing holds it is stopped for good: its identity is dropped. Where all are
-    taken, a parcel gets that of one that is on the table no more. `goes_on` is whether the cells
-    bring it to its goal without the host, `planned` whether the caller plans ways around each
-    other; else the cells also keep others from where a parcel may lie that stands.
+    not get on although nothing holds it rests, and gets its program anew; after some tries it is
+    stopped for good: its identity is dropped. On a way that is the caller's, trying again is up to
+    the caller. Where all identities are taken, a parcel gets that of one that is on the table no
+    more. `goes_on` is whether the cells bring it to its goal without the host, `planned` whether
+    the caller plans ways around each other; else the cells also keep others from where a parcel may
+    lie that stands.
     """
 
     def __init__(
@@ -66,6 +69,7 @@ class CellsProgram:
         self._observed: dict[str, Observed] = {}
         self._followed: dict[str, Followed] = {}
         self._stages: dict[str, Stages] = {}
+        self._tries: dict[str, Tries] = {}
         self._poses: dict[str, Floats] = {}
         self._notices: list[str] = []
         for parcel in parcels:
@@ -86,7 +90,7 @@ class CellsProgram:
         left = [name for name, followed in self._followed.items() if not followed.arrived]
         if not left or not all(self._followed[name].stopped for name in left):
             return None
-        return "; ".join(f"{name} does not move as its cells command: stopped" for name in left)
+        return "; ".join(map(_stopped_text, left))
 
     @property
     def finished(self) -> bool:
@@ -121,6 +125,7 @@ class CellsProgram:
         sending = self._sendings[name]
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
         self._stages[name] = self._stages_to(name, goal)
+        self._tries[name] = Tries()
         sending.want(None)
 
     def lead(self, name: str, goal: Goal, legs: Sequence[Goal] = ()) -> Followed:
@@ -186,13 +191,19 @@ class CellsProgram:
             belief = sure.get(name)
             if sending.overtaken() and sending.is_latest_there:
                 self._overtaken(name)
-            if name in self._followed and self._is_to_stop(name, belief, now_s, step_s):
-                pages += [sending.end_page] * ENDS
+            if name in self._followed and self._stands(name, belief, now_s, step_s):
+                if self._is_tried_again(name, now_s):
+                    sending.give_anew()
+                else:
+                    self._followed[name].stopped = True
+                    pages += [sending.end_page] * ENDS
             if name in self._stages and belief is not None:
                 self._guide(name, _felt(name, beliefs), name in asked)
-            if self._observed[name].is_elsewhere(belief, now_s):
+            observed = self._observed[name]
+            if observed.is_elsewhere(belief, now_s) or (name in self._followed and observed.apart):
+                observed.apart = False
                 sending.give_anew()
-            shown = belief if self._may_send(name) else None
+            shown = belief if self._may_send(name, now_s) else None
             pages += sending.pages(None if shown is None else shown.pose, now_s)
         identities = {name: sending.identity for name, sending in self._sendings.items()}
         return [*pages, *self._precedences.pages(identities, now_s)]
@@ -270,14 +281,25 @@ class CellsProgram:
             goal, footholds, lambda end: has_room_to(end, name, self._poses, self._bottoms)
         )
 
-    def _is_to_stop(self, name: str, belief: Belief | None, now_s: float, step_s: float) -> bool:
-        """Whether a parcel stands against its program; it is steered no more."""
+    def _stands(self, name: str, belief: Belief | None, now_s: float, step_s: float) -> bool:
+        """Whether a parcel stands against its program."""
         followed, has_program = self._followed[name], self._sendings[name].done
-        stands = self._observed[name].follow(
+        return self._observed[name].follow(
             followed, belief, has_program=has_program, now_s=now_s, step_s=step_s
         )
-        followed.stopped |= stands
-        return stands
+
+    def _is_tried_again(self, name: str, now_s: float) -> bool:
+        """Whether a parcel that stands rests, and is tried again, rather than be stopped."""
+        if name not in self._stages:
+            return False
+        tries, followed = self._tries[name], self._followed[name]
+        again = tries.stand(followed.left_m, now_s)
+        followed.lose()
+        if not again:
+            self._notices.append(_stopped_text(name))
+        elif tries.count == 1:
+            self._notices.append(f"{name} does not move as its cells command: it is tried again")
+        return again
 
     def _overtaken(self, name: str) -> None:
         """The cells missed the host meanwhile, and are on the next leg."""
@@ -296,8 +318,9 @@ class CellsProgram:
         It is at its goal only where it was `asked` whether that is sure.
         """
         stages, followed, sending = self._stages[name], self._followed[name], self._sendings[name]
-        sure = asked if stages.final else sending.is_latest_there
-        followed.arrived = stages.step(belief, followed.there and sure)
+        reported = followed.reported and sending.is_latest_there
+        there = followed.there and (asked if stages.final else sending.is_latest_there)
+        followed.arrived = stages.step(belief, reported, there)
         if not stages.places:
             return
         way = Way(stages.places[: wire.LEGS_MAX + 1] if self.goes_on else stages.places[:1])
@@ -305,10 +328,17 @@ class CellsProgram:
             sending.want(way)
         followed.lead(stages.places[0])
 
-    def _may_send(self, name: str) -> bool:
-        """Whether a parcel is not stopped, nor its way looked for."""
+    def _may_send(self, name: str, now_s: float) -> bool:
+        """Whether a parcel is not stopped, nor rests, nor its way is looked for."""
         stopped = name in self._followed and self._followed[name].stopped
-        return not stopped and (name not in self._stages or bool(self._stages[name].places))
+        rests = name in self._stages and self._tries[name].rests(now_s)
+        return not (stopped or rests) and (
+            name not in self._stages or bool(self._stages[name].places)
+        )
+
+
+def _stopped_text(name: str) -> str:
+    return f"{name} does not move as its cells command, tried {TRIES} times: stopped"
 
 
 def _felt(name: str, beliefs: Mapping[str, Belief]) -> Belief:

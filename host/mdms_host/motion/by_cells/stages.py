@@ -51,11 +51,12 @@ class Stages:
         """Whether the parcel is taken to its goal now."""
         return len(self.places) == 1
 
-    def step(self, belief: Belief, there: bool) -> bool:
-        """Take in what is believed, and whether the cells report the parcel at the first place.
+    def step(self, belief: Belief, reported: bool, there: bool) -> bool:
+        """Take in whether the cells report the parcel at the first place, and it is believed there.
 
-        Returns whether it is at its goal, as surely as can be. A parcel that is elsewhere at once
-        has been put there, or never was where it was believed: its way is sought anew.
+        Returns whether it is at its goal, as surely as can be. Where it is not known well, an edge
+        decides whether the report or the belief is right. A parcel that is elsewhere at once has
+        been put there, or never was where it was believed: its way is sought anew.
         """
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
             self.places, self.felt, self._search = (), False, None
@@ -63,11 +64,11 @@ class Stages:
         if not self.places:
             self._seek(belief)
         elif self.felt:
-            self._move_back(belief, there)
+            self._move_back(belief, reported)
         elif not self.final:
             if there or _away_m(self.places[0], belief) <= _CORNER_M:
                 self.places = self.places[1:]
-        elif there and belief.feel is not None and self._may_feel(belief, belief.feel):
+        elif reported and belief.feel is not None and self._may_feel(belief, belief.feel):
             self._move(belief, belief.feel)
         else:
             return there
@@ -99,8 +100,8 @@ class Stages:
         self.felt = True
         self._moves += 1
 
-    def _move_back(self, belief: Belief, there: bool) -> None:
-        if there or belief.feel is None:
+    def _move_back(self, belief: Belief, reported: bool) -> None:
+        if reported or belief.feel is None:
             self.places, self.felt = (self._goal,), False
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.pose.confirmation import Standing
-from mdms_host.estimation.pose.estimator import ParcelEstimator
+from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence.surroundings import Surroundings
 from mdms_host.estimation.search.locate import Location, locate
@@ -31,7 +31,8 @@ def agree(estimator: ParcelEstimator, now_s: float, covered: np.ndarray) -> None
     view = estimator.view(now_s)
     assert view is not None
     sensors = view.near.sensors
-    estimator.agree(now_s, view, covered[sensors], np.ones(len(sensors), dtype=bool))
+    mine, silent_s = np.ones(len(sensors), dtype=bool), np.zeros(len(sensors))
+    estimator.agree(now_s, view, Shown(covered[sensors], mine, silent_s, silent_s))
 
 
 def carry(

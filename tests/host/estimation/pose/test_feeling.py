@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.outlines.disc import Disc
@@ -9,11 +10,12 @@ from mdms_host.layout import Layout
 SENSORS_M = Layout(6, 3).sensor_positions_m.reshape(-1, 2)
 ALL = np.ones(len(SENSORS_M), dtype=bool)
 BOX = Rectangle(0.36, 0.30)
-UNSURE_ACROSS = np.diag([1e-8, 2.5e-5, 1e-6])
+SIZE = (1e-8, 1e-8)
+UNSURE_ACROSS = np.diag([1e-8, 2.5e-5, 1e-6, *SIZE])
 
 
 def test_a_place_that_is_sure_needs_no_turn() -> None:
-    assert move_to_feel(BOX, SENSORS_M, ALL, np.zeros(3), np.eye(3) * 1e-7) is None
+    assert move_to_feel(BOX, SENSORS_M, ALL, np.zeros(3), np.eye(5) * 1e-7) is None
 
 
 def test_an_edge_passes_a_sensor_in_the_turn() -> None:
@@ -41,4 +43,45 @@ def test_what_no_turn_shows_is_shifted_along_where_it_is_least_sure() -> None:
 def test_nothing_is_felt_for_with_no_sensors_or_where_a_shift_is_not_worth_it() -> None:
     pose = np.array([0.01, 0.012, 0.0])
     assert move_to_feel(BOX, SENSORS_M, ~ALL, pose, UNSURE_ACROSS) is None
-    assert move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, np.diag([1e-8, 4e-6, 1e-6])) is None
+    assert (
+        move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, np.diag([1e-8, 4e-6, 1e-6, *SIZE])) is None
+    )
+
+
+def test_a_turn_that_is_not_known_is_felt_where_the_place_is() -> None:
+    pose, within_2_degrees = np.array([0.01, 0.012, 0.0]), np.diag([1e-7, 1e-7, 2.5e-4, *SIZE])
+    turn = move_to_feel(BOX, SENSORS_M, ALL, pose, within_2_degrees)
+    assert turn is not None
+    assert not turn[:2].any()
+    assert passes(BOX, pose, turn)
+    # What no edge shows is not felt for.
+    assert move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, within_2_degrees) is None
+
+
+def test_a_place_is_shifted_that_is_not_known_to_5_mm() -> None:
+    pose = np.array([0.01, 0.012, 0.0])
+    assert (
+        move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, np.diag([1e-8, 4.4e-6, 1e-6, *SIZE]))
+        is not None
+    )
+
+
+def test_what_takes_two_edges_is_felt_one_after_the_other() -> None:
+    """No edge alone tells a shift from a turn."""
+    pose, unsure = np.array([0.019, -0.024, 1.02]), np.diag([8e-6, 8e-6, 2.5e-4, *SIZE])
+    turn = move_to_feel(BOX, SENSORS_M, ALL, pose, unsure)
+    assert turn is not None
+    assert passes(BOX, pose, turn)
+
+
+def test_an_edge_of_a_side_whose_length_is_not_known_shows_no_turn() -> None:
+    """The nearest edge, which is felt where the size is known, is an end of the long side."""
+    pose = np.array([-0.011, -0.031, 0.0])
+    turn_rad = {}
+    for length_m2 in (1e-8, 2.5e-5):
+        covariance = np.diag([2.5e-7, 2.5e-7, 2.5e-4, length_m2, 1e-8])
+        move = move_to_feel(BOX, SENSORS_M, ALL, pose, covariance)
+        assert move is not None
+        turn_rad[length_m2] = move[2]
+    assert turn_rad[1e-8] == pytest.approx(0.047, abs=0.001)
+    assert turn_rad[2.5e-5] == pytest.approx(0.139, abs=0.001)

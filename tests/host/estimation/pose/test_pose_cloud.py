@@ -3,7 +3,7 @@ import pytest
 
 from mdms_host.estimation.outlines.disc import Disc
 from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.estimation.pose.estimator import ParcelEstimator
+from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence.surroundings import Surroundings
@@ -40,7 +40,8 @@ def after_three_edges(seed: int) -> list[np.ndarray]:
         view = estimator.view(now_s)
         assert view is not None
         sensors = view.near.sensors
-        estimator.agree(now_s, view, covered[sensors], np.ones(len(sensors), dtype=bool))
+        mine, silent_s = np.ones(len(sensors), dtype=bool), np.zeros(len(sensors))
+        estimator.agree(now_s, view, Shown(covered[sensors], mine, silent_s, silent_s))
         if edges >= 3:
             assert estimator.pose is not None
             off.append(estimator.pose - pose)

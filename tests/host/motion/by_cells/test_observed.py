@@ -58,13 +58,33 @@ def test_box_that_is_held_is_reported_with_who_wants_whom():
     assert not table.program.controllers["box"].stopped
 
 
-def test_standstill_against_the_plan_stops_the_parcel_within_a_second():
-    table = Table()
+def test_a_parcel_that_stands_against_the_plan_is_rested_within_a_second_and_tried_again():
+    table, standing = Table(), reports(hold=wire.HOLD_NONE)
     table.run(0.1, reports=reports())
-    sent = table.run(1.0, reports=reports(hold=wire.HOLD_NONE))
-    assert table.notices == ["box does not move as its cells command: stopped"]
+    sent = table.run(1.0, reports=standing)
+    assert table.notices == ["box does not move as its cells command: it is tried again"]
     assert {page for _, page in sent} == {messages.End(1, 1)}
+    again = {type(page) for _, page in table.run(0.5, reports={})}
+    assert again == {messages.Parcel, messages.Place, messages.Goal}
+    assert table.program.stuck is None
+
+
+def test_a_parcel_that_never_moves_as_its_cells_command_is_stopped_after_five_tries():
+    table = Table()
+    table.run(12.0, reports=reports(hold=wire.HOLD_NONE))
+    stopped = "box does not move as its cells command, tried 5 times: stopped"
+    first = "box does not move as its cells command: it is tried again"
+    assert table.notices == [first, stopped]
+    assert table.program.stuck == stopped
     assert not table.run(1.0, reports={})
+
+
+def test_a_parcel_that_moves_again_in_time_is_not_stopped():
+    table = Table()
+    table.run(4.0, reports=reports(hold=wire.HOLD_NONE))
+    table.run(1.0, poses=THERE, reports=reports(flags=wire.ARRIVED))
+    assert table.program.finished
+    assert not table.program.controllers["box"].stopped
 
 
 @pytest.mark.parametrize("age_s", [0.03, 0.1])
@@ -74,3 +94,21 @@ def test_what_a_cell_reported_long_ago_counts_for_nothing(age_s):
     assert table.program.finished
     table.run(age_s, poses=THERE)
     assert table.program.finished == (age_s < 0.05)
+
+
+def test_cells_that_take_the_parcel_for_arrived_elsewhere_get_it_anew_where_it_is_believed():
+    table, beside = Table(), {"box": THERE["box"] - (0.0, 0.0, 0.04)}
+    ends = []
+    for _ in range(7):
+        table.run(0.2, poses=beside, reports=reports())
+        sent = table.run(0.8, poses=beside, reports=reports(flags=wire.ARRIVED))
+        ends.append(sum(isinstance(page, messages.End) for _, page in sent))
+    assert ends == [3, 3, 3, 3, 3, 0, 0]
+    assert len(table.notices) == 1
+
+
+@pytest.mark.parametrize(("off", "arrived"), [(0.0029, True), (0.0031, False)])
+def test_parcel_has_arrived_within_3_mm_of_its_goal_as_the_host_believes(off, arrived):
+    table, beside = Table(), {"box": THERE["box"] - (off, 0.0, 0.0)}
+    table.run(0.3, poses=beside, reports=reports(flags=wire.ARRIVED))
+    assert table.program.finished == arrived

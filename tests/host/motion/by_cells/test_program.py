@@ -57,7 +57,7 @@ def test_goals_that_follow_each_other_faster_than_cells_take_them_are_left_out()
 
 def test_parcel_that_was_stopped_for_good_goes_on_with_a_new_goal():
     table = Table()
-    table.run(3.0, reports=reports(hold=wire.HOLD_NONE))
+    table.run(12.0, reports=reports(hold=wire.HOLD_NONE))
     assert table.program.stuck
     table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
     assert table.program.stuck is None

@@ -28,25 +28,25 @@ def goes(box: Stages, start: Belief, end: Belief) -> None:
     """It is believed ever nearer to the end, as it moves there."""
     for share in np.linspace(0.0, 1.0, 20):
         pose = start.pose + share * (end.pose - start.pose)
-        box.step(replace(end, pose=pose), there=False)
+        box.step(replace(end, pose=pose), reported=False, there=False)
 
 
 def test_a_box_that_tips_nowhere_is_taken_straight_to_its_goal() -> None:
     box = stages()
-    assert not box.step(at(0.14, -0.008, 0.3), there=False)
+    assert not box.step(at(0.14, -0.008, 0.3), reported=False, there=False)
     assert box.places == (GOAL,)
-    assert not box.step(at(0.14, 0.0, 0.2), there=False)
+    assert not box.step(at(0.14, 0.0, 0.2), reported=False, there=False)
     assert box.places == (GOAL,)
-    assert box.step(at(0.13, 0.0, 0.1), there=True)
+    assert box.step(at(0.13, 0.0, 0.1), reported=True, there=True)
 
 
 def test_a_box_that_would_tip_is_taken_around_corner_by_corner() -> None:
     box, start = stages(SMALL), at(0.14, -0.008, 0.3, parcel=SMALL)
     while not box.places:
-        assert not box.step(start, there=True)
+        assert not box.step(start, reported=True, there=True)
     corner, goal = box.places
     assert goal == GOAL
-    assert not box.step(start, there=False)
+    assert not box.step(start, reported=False, there=False)
     assert box.places == (corner, goal)
     assert corner.yaw_rad is not None
     goes(box, start, at(corner.x_m, corner.y_m + 0.005, corner.yaw_rad, parcel=SMALL))
@@ -57,32 +57,39 @@ def test_a_box_that_is_elsewhere_at_once_is_taken_on_from_there() -> None:
     """It was never where it was believed, and the corner on the way from there is no place."""
     box, start = stages(SMALL), at(0.14, -0.008, 0.3, parcel=SMALL)
     while not box.places:
-        box.step(start, there=False)
+        box.step(start, reported=False, there=False)
     assert len(box.places) == 2
     elsewhere = at(*AT_GOAL, parcel=SMALL)
-    box.step(elsewhere, there=False)
+    box.step(elsewhere, reported=False, there=False)
     while not box.places:
-        box.step(elsewhere, there=False)
+        box.step(elsewhere, reported=False, there=False)
     assert box.places == (GOAL,)
 
 
 def test_a_box_has_not_arrived_before_a_turn_has_made_its_place_sure() -> None:
     box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
-    box.step(unsure, there=False)
-    assert not box.step(unsure, there=True)
+    box.step(unsure, reported=False, there=False)
+    assert not box.step(unsure, reported=True, there=True)
     turned, goal = box.places
     assert (turned.x_m, turned.y_m, turned.yaw_rad) == (GOAL.x_m, GOAL.y_m, -0.8 + 0.2)
     # As soon as an edge has shown it, it turns back.
-    assert not box.step(at(-0.08, -0.026, -0.7), there=False)
+    assert not box.step(at(-0.08, -0.026, -0.7), reported=False, there=False)
     assert box.places == (goal,)
-    assert box.step(at(*AT_GOAL), there=True)
+    assert box.step(at(*AT_GOAL), reported=True, there=True)
+
+
+def test_an_edge_decides_where_cells_report_a_box_at_its_goal_and_the_host_is_not_sure() -> None:
+    box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
+    box.step(unsure, reported=False, there=False)
+    assert not box.step(unsure, reported=True, there=False)
+    assert len(box.places) == 2
 
 
 def test_a_box_that_no_turn_makes_sure_has_arrived_after_three() -> None:
     box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
     turns = 0
     for _ in range(20):
-        arrived = box.step(unsure, there=True)
+        arrived = box.step(unsure, reported=True, there=True)
         turns += len(box.places) == 2
     assert arrived
     assert turns == 3
@@ -91,7 +98,7 @@ def test_a_box_that_no_turn_makes_sure_has_arrived_after_three() -> None:
 def test_the_way_is_the_rest_where_cells_have_gone_on_by_themselves() -> None:
     box = stages(SMALL)
     while not box.places:
-        box.step(at(0.14, -0.008, 0.3, parcel=SMALL), there=False)
+        box.step(at(0.14, -0.008, 0.3, parcel=SMALL), reported=False, there=False)
     box.overtaken()
     assert box.places == (GOAL,)
     box.overtaken()
@@ -104,5 +111,5 @@ def test_a_box_that_would_not_tip_on_its_way_is_not_led_around_without_room() ->
     for room, corners in ((True, 1), (False, 0)):
         box = Stages(goal, footholds, lambda _, room=room: room)
         while not box.places:
-            box.step(start, there=False)
+            box.step(start, reported=False, there=False)
         assert len(box.places) == corners + 1
