@@ -21,6 +21,7 @@ package(
         "codecs/lss.py",
         "codecs/nmt.py",
         "codecs/sdo.py",
+        "compat.py",
         "indices.py",
         "neighbours/__init__.py",
         "neighbours/frames.py",
@@ -32,6 +33,5 @@ package(
         "update/bundle.py",
         "update/codes.py",
         "version.py",
-        "words.py",
     ),
 )

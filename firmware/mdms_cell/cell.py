@@ -6,12 +6,6 @@ frame has left something to look after; while it is 0, there are only timers and
 """
 
 try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
-try:
     from typing import TYPE_CHECKING
 except ImportError:
     TYPE_CHECKING = False
@@ -30,15 +24,16 @@ from mdms_cell.canopen.pdo.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain
 from mdms_cell.canopen.sdo.server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
+from mdms_cell.canopen.sync import Beat
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
 from mdms_cell.identification import Identification
-from mdms_cell.neighbours.beat import Beat
-from mdms_cell.neighbours.layer import Layer
+from mdms_cell.neighbour_layer import Layer
 from mdms_cell.presence import Presence
 from mdms_cell.update.no_room import NoRoom
 from mdms_protocol import indices, record, signature
 from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.compat import const, micropython
 from mdms_protocol.update import codes
 
 #: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.

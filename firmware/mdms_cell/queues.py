@@ -2,18 +2,12 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
 from array import array
 from struct import unpack_from
 
 from mdms_cell.drive.speed_loop import TICKS
 from mdms_cell.mailboxes import BOX_BITS, KNOWN, NO_BOX, STAMP
-from mdms_protocol.words import ptr8, ptr16, ptr32
+from mdms_protocol.compat import const, micropython, ptr8, ptr16, ptr32
 
 REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
 

@@ -4,15 +4,10 @@ Both interrupts are hard, so a garbage collection in the background delays neith
 the background in the registers, and received frames wait in the inbox.
 """
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
 from mdms_cell import queues
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.speed_loop import CUT
+from mdms_protocol.compat import const, micropython
 
 # Registers that are read in every turn; constants of another module would be looked up.
 _FAULTS = const(34)

@@ -1,10 +1,6 @@
 """The cell's clock: whole milliseconds that wrap at 2**30, as MicroPython's `ticks_ms` does."""
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
+from mdms_protocol.compat import const, micropython
 
 _LAST = const((1 << 30) - 1)
 _HALF = const(1 << 29)

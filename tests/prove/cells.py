@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from itertools import product
 from typing import Any, NamedTuple
 
-from mdms_cell.neighbours import right_of_way
+from mdms_cell.rights import right_of_way
 from mdms_protocol.neighbours import frames as wire
 
 #: Nothing came, and what comes from a cell that lives and has nothing to say: its speeds.

@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
 
-from mdms_cell.neighbours import right_of_way
+from mdms_cell.rights import right_of_way
 from tests.prove.cells import NOTHING, SILENCE, Arrivals, Cell, Input, Memory, Rules
 from tests.prove.parcels import Cells, Grid, Situation
 from tests.prove.rules import Judge

@@ -1,6 +1,6 @@
 """What must hold in every state of a table: right of way, told from outside."""
 
-from mdms_cell.neighbours.right_of_way import PROMISED, UNDER
+from mdms_cell.rights.right_of_way import PROMISED, UNDER
 from tests.prove.cells import Memory
 from tests.prove.parcels import Situation
 

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from mdms_cell.neighbours import right_of_way
+from mdms_cell.rights import right_of_way
 from tests.prove.cells import Rules
 from tests.prove.exploration import Exploration, Found
 from tests.prove.parcels import Grid

@@ -4,13 +4,9 @@ An error of communication switches the motors off, whatever the error behaviour 
 heartbeat is lost, they may brake first (0x605E).
 """
 
-try:
-    import micropython
-except ImportError:
-    from mdms_protocol.cpython import micropython
-
 from mdms_protocol import indices
 from mdms_protocol.codecs import nmt
+from mdms_protocol.compat import micropython
 
 # What errors come from, as it stands in emergency messages; axes count from 1
 SOURCE_CONSUMER = 3

@@ -1,13 +1,9 @@
 """Heartbeats: the producer (0x1017) and the consumer (0x1016) of CiA 301, 7.2.8.2.2.3."""
 
-try:
-    import micropython
-except ImportError:
-    from mdms_protocol.cpython import micropython
-
 from mdms_cell import ticks
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.compat import micropython
 
 CONSUMED_NODES = 4
 

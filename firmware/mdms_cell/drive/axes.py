@@ -1,15 +1,10 @@
 """All axes of a cell: commanded, stopped and watched together."""
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
 from mdms_cell.drive import speed_loop
 from mdms_cell.drive.axis import Axis
 from mdms_cell.drive.state_machine import UNDERVOLTAGE
 from mdms_protocol.codecs import cia402
+from mdms_protocol.compat import const, micropython
 
 _SWITCHED_ON = const(0x23)
 assert _SWITCHED_ON == cia402.SWITCHED_ON
@@ -39,16 +34,12 @@ class Axes:
             drive.led = led
 
     @micropython.native
-    def lead(self, targets_um_s, at):
-        """Set the targets of axes that the host has switched on, and enable them.
-
-        They stand from `at` on.
-        """
-        for drive in self._drives:
+    def lead(self, targets_um_s):
+        """Set the targets of axes that the host has switched on, and enable them."""
+        for axis, drive in enumerate(self._drives):
             if drive.state == _SWITCHED_ON:
                 drive.control(cia402.ENABLE_OPERATION | _halt(drive))
-            drive.set_target(targets_um_s[at])
-            at += 1
+            drive.set_target(targets_um_s[axis])
 
     def rest(self):
         """Take axes back to 'switched on': 0 V, and braked."""

@@ -13,11 +13,7 @@ wheel's own direction. No register may leave -2**30..2**30 - 1; the ranges stand
 
 import sys
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr32
+from mdms_protocol.compat import const, micropython, ptr32
 
 # Of each axis. Commands:
 TARGET = const(0)  # reference r [um/s], within +-SPEED_MAX_UM_S

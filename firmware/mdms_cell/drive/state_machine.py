@@ -14,14 +14,9 @@ A target is valid in the 'operation enabled' in which it came: every way into an
 sets it to 0.
 """
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
 from mdms_cell.drive import speed_loop
 from mdms_protocol.codecs import cia402
+from mdms_protocol.compat import const, micropython
 
 # What is used in every beat of the neighbour layer; constants of another module would be looked up.
 _TARGET = const(0)

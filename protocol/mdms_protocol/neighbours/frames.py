@@ -12,15 +12,9 @@ in any buffer of bytes, from `at` on: nothing is allocated.
 # pyright: reportArgumentType=false
 # mypy: disable-error-code="untyped-decorator"
 
-try:
-    import micropython  # type: ignore[import-not-found,unused-ignore]
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr16, ptr32
-
 from array import array
 
-from mdms_protocol.words import WIDEN
+from mdms_protocol.compat import WIDEN, const, micropython, ptr8, ptr16, ptr32
 
 try:
     from typing import TYPE_CHECKING

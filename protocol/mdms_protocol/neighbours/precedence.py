@@ -6,11 +6,7 @@ with who of it has come. Bytes 1 and 2 are the cell's column and row, both from 
 follow, the first to come first, and zeros behind the last.
 """
 
-try:
-    from micropython import const  # type: ignore[import-not-found,unused-ignore]
-except ImportError:
-    from mdms_protocol.cpython import const
-
+from mdms_protocol.compat import const
 from mdms_protocol.neighbours.frames import IDENTITY_MAX, LENGTH
 
 try:

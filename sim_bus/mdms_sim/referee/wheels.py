@@ -448,7 +448,8 @@ class Wheels:
         if len(data) != 8:
             return
         code, _, source = _EMERGENCY.unpack_from(data)
-        axes = range(AXES) if code in _OF_BOTH else range(source - 1, source)
+        both = code in _OF_BOTH or (code == HEARTBEAT_LOST and not self._goes_on(cell))
+        axes = range(AXES) if both else range(source - 1, source)
         for axis in axes if code else ():
             if 0 <= axis < AXES:
                 cause = f"emergency 0x{code:04X}"

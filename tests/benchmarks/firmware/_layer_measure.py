@@ -114,7 +114,7 @@ def layer_bytes():
     """What the layer's data take of the heap; 0 on CPython, which does not say."""
     if not hasattr(gc, "mem_alloc"):
         return 0
-    from mdms_cell.neighbours.layer import Layer
+    from mdms_cell.neighbour_layer import Layer
 
     cell = Middle().cell
     gc.collect()

@@ -60,7 +60,12 @@ class Middle:
         self._boot()
 
     def _boot(self):
-        cell = self.cell
+        self._set_up()
+        self._start()
+        for _ in range(40):
+            self.beat(moving=False)
+
+    def _set_up(self):
         for _ in range(60):
             self._pass(1)
         self._write(indices.PLACE, 1, 1, 2)
@@ -69,12 +74,13 @@ class Middle:
             self._write(indices.NEIGHBOURS, sub, 1, node_id)
         self._write(indices.TPDO_PARAMETERS + 1, 5, 2, REPEAT_MS)
         self._write(indices.CONTROL, 0, 1, 1)
+
+    def _start(self):
+        cell = self.cell
         cell.on_frame(cob.NMT, bytes((1, NODE)), self.now_ms)
         for word in (cia402.SHUTDOWN, cia402.SWITCH_ON):
             cell.on_frame(cob.RPDO_BASES[1] + NODE, pdo.CONTROLWORD.encode((word, word)), 0)
         self._pages()
-        for _ in range(40):
-            self.beat(moving=False)
 
     def _write(self, index, sub, size, number):
         head = bytes((0x23 | 4 - size << 2, index & 0xFF, index >> 8, sub))

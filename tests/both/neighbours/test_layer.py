@@ -5,7 +5,7 @@ from array import array
 from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
 
 from mdms_cell.drive import speed_loop
-from mdms_cell.neighbours.layer import UPDATE_MS
+from mdms_cell.neighbour_layer import UPDATE_MS
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.neighbours import frames as wire

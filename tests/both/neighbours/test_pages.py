@@ -7,9 +7,9 @@ which one it is, for sequence numbers come round again after three.
 from array import array
 
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.neighbours.geometry.place import HOST, Place
-from mdms_cell.neighbours.heard import Heard
-from mdms_cell.neighbours.pages import OUTDATED, Pages
+from mdms_cell.motion.pages import OUTDATED, Pages
+from mdms_cell.perception.heard import Heard
+from mdms_cell.perception.place import HOST, Place
 from mdms_protocol import indices
 from mdms_protocol.neighbours import frames as wire
 

@@ -1,7 +1,7 @@
 """A cell's place and neighbours, as its object dictionary has them."""
 
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.neighbours.geometry import place as p
+from mdms_cell.perception import place as p
 from mdms_protocol import indices
 
 

@@ -2,7 +2,7 @@
 
 from array import array
 
-from mdms_cell.neighbours.program import SLOTS, Program, Programs
+from mdms_cell.motion.program import SLOTS, Program, Programs
 from mdms_protocol.neighbours import frames as wire
 
 IDENTITY = 5

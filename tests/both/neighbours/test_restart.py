@@ -5,7 +5,7 @@ from array import array
 from layer_bench import IDENTITY, NEIGHBOURS, NODE, PITCH_UM, STEPS, Middle
 from layer_bench import LENGTH_UM as BOX_UM
 
-from mdms_cell.neighbours.right_of_way import DEAD_BEATS
+from mdms_cell.rights.right_of_way import DEAD_BEATS
 from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 

@@ -2,7 +2,7 @@
 
 from array import array
 
-from mdms_cell.neighbours.right_of_way import RightOfWay
+from mdms_cell.rights.right_of_way import RightOfWay
 from mdms_protocol.neighbours import frames as wire
 
 

@@ -5,33 +5,19 @@ from math import cos, degrees, hypot, pi, sin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.firmware.neighbours.some_place import SomePlace
 
-from mdms_cell.neighbours import belief as beliefs
-from mdms_cell.neighbours import sensors
-from mdms_cell.neighbours.belief import CONTRADICTION, EDGE, TURN, Belief, X
-from mdms_cell.neighbours.geometry.angle import ARM_UM, ONE, TURN_UM, root, wrapped
-from mdms_cell.neighbours.geometry.footprint import (
-    HALF,
-    MARGIN,
-    POINTS,
-    SHIFT,
-    points_within,
-    squares_overlapped,
-)
-from mdms_cell.neighbours.geometry.outline import (
-    COSINE,
-    DISC,
-    REACH,
-    RECTANGLE,
-    SINE,
-    STEP_UM,
-    Outline,
-)
-from mdms_cell.neighbours.geometry.place import AXES, SENSORS
-from mdms_cell.neighbours.twist import BEFORE, VX
+from mdms_cell.perception.angle import ARM_UM, ONE, TURN_UM, root, turn_um, wrapped, yaw
+from mdms_cell.perception.belief import CONTRADICTION, EDGE, Belief
+from mdms_cell.perception.footprint import MARGIN, OWN, Footprint
+from mdms_cell.perception.outline import COSINE, DISC, RECTANGLE, SINE, STEP_UM, Outline
+from mdms_cell.perception.place import AXES, SENSORS
+from mdms_cell.perception.sensors import Comparison
+from mdms_protocol.neighbours import frames as wire
 
 SMALL_INT = 1 << 30
 SENSORS_MASK = (1 << SENSORS) - 1
+POINTS_MASK = (1 << AXES + SENSORS) - 1
 LENGTH_UM, WIDTH_UM = 360_000, 300_000
 places = st.integers(-500_000, 500_000)
 turns = st.integers(-TURN_UM // 2, TURN_UM // 2)
@@ -76,9 +62,9 @@ def test_distance_is_that_to_the_nearest_side(x_um, y_um, turn_um, at_x, at_y):
 
 
 def overlaps(found, x, y, half):
-    footprint = [0] * (HALF + 1)
-    footprint[SHIFT], footprint[SHIFT + 1], footprint[HALF] = x, y, half
-    return squares_overlapped(found.registers, footprint, 1) == 1
+    footprint = Footprint(SomePlace())
+    footprint.shifts[2 * OWN], footprint.shifts[2 * OWN + 1], footprint.half = x, y, half
+    return footprint.reaches(found)
 
 
 @given(places, places, turns)
@@ -93,32 +79,52 @@ def test_square_that_a_point_of_the_bottom_lies_in_is_overlapped(along, across, 
 
 
 @given(
+    st.sampled_from([RECTANGLE, DISC]),
+    places,
+    turns,
+    st.tuples(places, places),
+    st.integers(-10_000, 10_000),
+)
+def test_points_within_a_limit_are_no_farther_outside(shape, x_um, turn_um, at_um, limit_um):
+    x_um, y_um = x_um // 4, x_um // 5
+    found = outline(shape, x_um=x_um, y_um=y_um, turn_um=turn_um)
+    footprint = Footprint(SomePlace([at_um] * (AXES + SENSORS)))
+    dx, dy, angle_rad = at_um[0] - x_um, at_um[1] - y_um, turn_um / ARM_UM
+    along = abs(dx * cos(angle_rad) + dy * sin(angle_rad)) - LENGTH_UM / 2
+    across = abs(dy * cos(angle_rad) - dx * sin(angle_rad)) - WIDTH_UM / 2
+    outside_um = max(along, across) if shape == RECTANGLE else hypot(dx, dy) - LENGTH_UM / 2
+    mask = footprint.within(found, OWN, limit_um // STEP_UM)
+    if abs(outside_um - limit_um) > 400:
+        assert mask == (POINTS_MASK if outside_um < limit_um else 0)
+
+
+@given(
     st.sampled_from([RECTANGLE, DISC]), places, turns, places, places, st.integers(0, SENSORS_MASK)
 )
 def test_sensors_are_compared_with_the_outline_at_each_limit(  # noqa: PLR0917
     shape, x_um, turn_um, at_x, at_y, bits
 ):
-    found = outline(shape, x_um=x_um // 4, y_um=x_um // 5, turn_um=turn_um).registers
-    x = [at_x * number // (6 * STEP_UM) for number in range(POINTS)]
-    y = [at_y * number // (6 * STEP_UM) for number in range(POINTS)]
-    footprint = [*x, *y, *[0] * (SHIFT + 2 - 2 * POINTS), 100, -100]
+    found = outline(shape, x_um=x_um // 4, y_um=x_um // 5, turn_um=turn_um)
+    points_um = [(at_x * number // 6, at_y * number // 6) for number in range(AXES + SENSORS)]
+    footprint = Footprint(SomePlace(points_um))
 
     def within(limit):
-        return points_within(found, footprint, 1, POINTS, limit)
+        return footprint.within(found, OWN, limit)
 
     deep, far = within(-625) >> AXES, SENSORS_MASK & ~(within(626) >> AXES)
-    wanted = within(0) >> AXES ^ bits
-    wanted |= sensors._MISSING if deep and not deep & bits else 0
-    wanted |= sensors._FAR if far & bits else 0
-    wanted |= sensors._CLEARLY if deep or far else 0
-    wanted |= sensors._NEARLY if within(MARGIN) else 0
-    assert sensors._compare(found, footprint, 1, bits) == wanted
+    got = Comparison()
+    got.find(found, footprint, OWN, bits)
+    assert got.wrong == within(0) >> AXES ^ bits
+    assert got.missing == bool(deep and not deep & bits)
+    assert got.far == bool(far & bits)
+    assert got.clearly == bool(deep or far)
+    assert got.nearly == bool(within(MARGIN))
 
 
 @pytest.mark.parametrize("shape", [RECTANGLE, DISC])
 @pytest.mark.parametrize("away", [(1, 0), (0, 1), (1, 1), (-1, 1)])
 def test_square_beyond_a_gap_is_not_overlapped(shape, away):
-    reach = outline(shape).registers[REACH] // STEP_UM
+    reach = outline(shape).reach_um // STEP_UM
     half = 4000
     x, y = (each * (reach + half + 100) for each in away)
     assert not overlaps(outline(shape), x, y, half)
@@ -139,9 +145,9 @@ def believing(x_um, y_um, turn_um):
 def roll(belief, dx_um, dy_um, dturn_um):
     """The parcel goes so far in a second, as fast as in the one before."""
     speeds = dx_um, dy_um, dturn_um
-    for number, speed in enumerate(speeds):
-        belief.registers[VX + number] = belief.registers[BEFORE + number] = speed
-    beliefs.roll(belief.registers, 2)
+    for axis, speed in enumerate(speeds):
+        belief.twist.speeds[axis] = belief.twist.before[axis] = speed
+    belief.roll(1_000)
     belief.move_outline()
 
 
@@ -152,8 +158,8 @@ def test_three_edges_show_where_a_parcel_is(x_um, y_um, turn_um):
     sides = ((180_000, -90_000), (180_000, 100_000), (60_000, 150_000))
     for sensor_um in sides + sides:
         crossing(belief, (0, 0, 0), sensor_um)
-    assert hypot(*belief.registers[X:TURN]) < 1_500
-    assert degrees(abs(belief.registers[TURN]) / ARM_UM) < 0.8
+    assert hypot(*belief.pose[:2]) < 1_500
+    assert degrees(abs(belief.pose[2]) / ARM_UM) < 0.8
 
 
 def test_edge_far_away_is_not_believed_but_makes_unsure():
@@ -162,7 +168,7 @@ def test_edge_far_away_is_not_believed_but_makes_unsure():
         crossing(belief, (0, 0, 0), sensor_um)
     before = belief.variance()
     assert not crossing(belief, (0, 0, 0), (150_000, 0))
-    assert belief.registers[X : TURN + 1].tolist() == pytest.approx([0, 0, 0], abs=50)
+    assert belief.pose.tolist() == pytest.approx([0, 0, 0], abs=50)
     assert belief.variance() > before
 
 
@@ -170,7 +176,7 @@ def test_contradiction_moves_the_belief_and_makes_it_no_surer():
     belief = believing(5_000, 0, 0)
     before = belief.variance()
     belief.correct(182_000 // STEP_UM, 0, CONTRADICTION, False)
-    assert belief.registers[X] < 3_500
+    assert belief.pose[0] < 3_500
     assert belief.variance() == before
 
 
@@ -184,7 +190,7 @@ def test_way_makes_unsure_and_standing_does_not():
     assert belief.variance() == before
     for _ in range(100):
         roll(belief, 1_000, 0, 0)
-    assert belief.registers[X] == pytest.approx(100_000, abs=100)
+    assert belief.pose[0] == pytest.approx(100_000, abs=100)
     assert belief.variance() > before
 
 
@@ -192,8 +198,8 @@ def test_agreement_meets_between_beliefs_and_is_no_surer_than_both():
     belief = believing(0, 0, 0)
     before = belief.variance()
     off = (100 * each // 4 for each in (2_000, -1_000, 500))
-    beliefs.agree(belief.registers, (100, *off, 100 * (before // 4)), 100)
-    assert belief.registers[X : TURN + 1].tolist() == [1_000, -500, 250]
+    belief.agree((100, *off, 100 * (before // 4)), 100)
+    assert belief.pose.tolist() == [1_000, -500, 250]
     assert before // 4 < belief.variance() < before
 
 
@@ -204,11 +210,16 @@ def test_numbers_stay_small_whatever_sensors_say(sensors_um, x_um, y_um, turn_um
     for at_um in sensors_um:
         belief.correct(at_um[0] // STEP_UM, at_um[1] // STEP_UM, EDGE)
         roll(belief, 4_000, -4_000, 2_000)
-        numbers = belief.registers[TURN + 1 : TURN + 7]  # variances before covariances
+        numbers = belief.covariance  # variances come first
         assert max(map(abs, numbers)) < 1 << 19
         assert min(numbers[:3]) > 0
-        assert max(map(abs, belief.registers[X:TURN])) < 2_000_000
+        assert max(map(abs, belief.pose[:2])) < 2_000_000
 
 
 def test_full_turn_is_a_full_turn():
     assert abs(TURN_UM - 2 * pi * ARM_UM) < 1
+
+
+@given(st.integers(-wire.TURN // 2, wire.TURN // 2))
+def test_angle_of_the_wire_comes_back_from_the_way_at_the_arm(angle):
+    assert yaw(turn_um(angle)) == angle

@@ -9,7 +9,7 @@ from tests.prove.cells import Rules
 from tests.prove.exploration import CounterexampleError
 from tests.prove.tables import QUICK, Table
 
-from mdms_cell.neighbours import right_of_way
+from mdms_cell.rights import right_of_way
 
 ALONE = Table(2, 1, ((0,),), Rules(lease=3, late=1))
 LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=False)

@@ -3,7 +3,7 @@
 import pytest
 from tests.prove.cells import Delivery
 
-from mdms_cell.neighbours.right_of_way import CLEAR, NEAR, NONE, PROMISED, UNDER, RightOfWay
+from mdms_cell.rights.right_of_way import CLEAR, NEAR, NONE, PROMISED, UNDER, RightOfWay
 
 EAST, NORTH, WEST = 0, 2, 4
 TO_EAST = 1 << EAST

@@ -8,7 +8,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from tests.prove.cells import Delivery
 from tests.prove.parcels import Grid, Situation
 
-from mdms_cell.neighbours.right_of_way import BOUND, CLEAR, PROMISED, PROMISED_TO, UNDER, RightOfWay
+from mdms_cell.rights.right_of_way import BOUND, CLEAR, PROMISED, PROMISED_TO, UNDER, RightOfWay
 
 GRID = Grid(5, 4)
 CELLS = range(20)

@@ -1,16 +1,28 @@
-"""Viper code of the neighbour layer keeps to words of 32 bits, as boards have them.
+"""Numbers of the neighbour layer are words of 32 bits, as boards have them.
 
-Where it does, bytecode and the machine code of any board compute the same.
+Where they are, bytecode and the machine code of any board compute the same.
 """
+
+from array import array
+from types import SimpleNamespace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.firmware.neighbours.some_place import SomePlace
 
-from mdms_cell.neighbours import agreement, belief, leading, sensors, steering, twist
-from mdms_cell.neighbours.geometry import footprint, outline
-from mdms_cell.neighbours.geometry.angle import TURN_UM, root
-from mdms_cell.neighbours.geometry.outline import DISC, RECTANGLE, STEP_UM
-from mdms_cell.neighbours.geometry.place import STEPS
+from mdms_cell.motion.leading import Leading
+from mdms_cell.motion.program import Program
+from mdms_cell.perception.agreement import Agreement
+from mdms_cell.perception.angle import TURN_UM, root
+from mdms_cell.perception.belief import EDGE, MOST, Belief
+from mdms_cell.perception.footprint import Footprint
+from mdms_cell.perception.heard import Heard
+from mdms_cell.perception.outline import DISC, HALF_LENGTH, HALF_WIDTH, RECTANGLE, SHAPE, STEP_UM
+from mdms_cell.perception.place import AXES, DIRECTIONS
+from mdms_cell.perception.sensors import Comparison
+from mdms_cell.perception.suspicion import Suspicion
+from mdms_cell.perception.twist import against, fit
+from mdms_protocol.neighbours import frames as wire
 
 WORD = 1 << 31
 #: Half of the largest parcel, and how far wheels and sensors of neighbours are [steps].
@@ -41,6 +53,10 @@ for _name in ("add", "sub", "mul", "floordiv", "mod", "and", "or", "xor", "lshif
     setattr(Word, f"__r{_name}__", _checked(f"__r{_name}__"))
 
 
+Word.__abs__ = lambda self: Word(int.__abs__(self))
+Word.__neg__ = lambda self: Word(int.__neg__(self))
+
+
 class Words(list):
     """A buffer of words."""
 
@@ -49,6 +65,14 @@ class Words(list):
 
     def __setitem__(self, index, value):
         super().__setitem__(index, Word(value))
+
+
+def worded(part):
+    """The same object, its arrays made of words."""
+    for name, value in vars(part).items():
+        if isinstance(value, array):
+            setattr(part, name, Words(value))
+    return part
 
 
 def numbers(most):
@@ -66,17 +90,30 @@ def test_root_fits(number):
     assert root(Word(number)) ** 2 <= number
 
 
-def placed(shape, pose, halves):
+def believed(shape, pose, halves):
+    """The belief of a parcel of this shape [steps], at x and y [steps] and a turn."""
     x, y, turn = pose
-    registers = Words([0, 0, 0, 0, shape, *halves, *[0] * 25])
-    outline.place(registers, x * STEP_UM, y * STEP_UM, turn)
-    return registers
+    belief = worded(Belief())
+    worded(belief.twist)
+    length, width = halves
+    registers = belief.registers
+    registers[SHAPE], registers[HALF_LENGTH], registers[HALF_WIDTH] = shape, length, width
+    belief.reach_um = Word(length) * STEP_UM
+    belief.start(x * STEP_UM, y * STEP_UM, turn, Word(MOST))
+    return belief
 
 
-def cells_around(xs, ys, along=(0, 0, 0, 0), shifts=()):
-    """The registers of a footprint."""
-    points = [*xs, *[0] * (7 - len(xs)), *ys, *[0] * (7 - len(ys))]
-    return Words([*points, *along, *shifts, *[0] * (18 - len(shifts)), 255, 4000])
+def cells_around(points, shifts, along=((362, -362), (362, 362))):
+    """A footprint with these points and shifts [steps]."""
+    footprint = worded(Footprint(SomePlace()))
+    for number, point in enumerate(points):
+        footprint.points[2 * number], footprint.points[2 * number + 1] = point
+    for number, shift in enumerate(shifts):
+        footprint.shifts[2 * number], footprint.shifts[2 * number + 1] = shift
+    for axis, direction in enumerate(along):
+        footprint.along[2 * axis], footprint.along[2 * axis + 1] = direction
+    footprint.half = Word(4000)
+    return footprint
 
 
 @given(
@@ -85,49 +122,61 @@ def cells_around(xs, ys, along=(0, 0, 0, 0), shifts=()):
     st.tuples(halves, halves),
 )
 def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
-    registers = placed(shape, pose, halves)
-    xs, ys = [NEAR, -NEAR, 0, 0, NEAR, 0, 0], [NEAR, NEAR, 0, -NEAR, 0, 0, 0]
-    cells = cells_around(xs, ys, shifts=[NEAR, -NEAR, -NEAR, NEAR])
-    footprint.points_within(registers, cells, Word(0), 2, Word(625))
-    footprint.squares_overlapped(registers, cells, Word(3))
-    outline.edge(registers, Word(NEAR), Word(-NEAR))
-    sensors._compare(registers, cells, Word(0), Word(31))
+    belief = believed(shape, pose, halves)
+    points = [(NEAR, NEAR), (-NEAR, NEAR), (0, 0), (0, -NEAR), (NEAR, 0), (0, 0), (0, 0)]
+    cells = cells_around(points, [(NEAR, -NEAR), (-NEAR, NEAR)])
+    cells.within(belief, Word(0), Word(625))
+    cells.squares(belief, Word(3))
+    belief.edge(Word(NEAR), Word(-NEAR))
+    Comparison().find(belief, cells, Word(0), Word(31))
 
 
 @settings(max_examples=60)
 @given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), turns, st.data())
 def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
-    registers = placed(RECTANGLE, (centre_x, centre_y, turn), (Word(2 * HALF), Word(2 * HALF)))
-    along = data.draw(st.lists(numbers(362), min_size=4, max_size=4))
-    wheels, shifts = (
-        st.lists(numbers(NEAR // 2), min_size=size, max_size=size) for size in (2, 18)
+    belief = believed(RECTANGLE, (centre_x, centre_y, turn), (2 * HALF, 2 * HALF))
+    pairs = (numbers(most) for most in (NEAR // 2, NEAR // 2, 362))
+    points, shifts, along = (
+        data.draw(st.lists(st.tuples(one, one), min_size=size, max_size=size))
+        for one, size in zip(pairs, (AXES, 9, AXES), strict=True)
     )
-    cells = cells_around(data.draw(wheels), data.draw(wheels), along, data.draw(shifts))
+    cells = cells_around(points, shifts, along)
+    twist = belief.twist
     for beat in beats:
-        mask = Word(data.draw(st.integers(0, (1 << 9) - 1)))
+        mask = data.draw(st.integers(0, (1 << 9) - 1))
         frames = Words([*bytes(64), *beat])
-        twist.fit(registers, cells, frames, mask)
-        twist.against(registers, cells, frames, Word(4), Word(3))
+        wheels = 0
+        for cell in range(9):
+            if mask >> cell & 1:
+                wheels |= cells.wheels_within(belief, Word(cell), Word(0)) << 2 * cell
+        cells.find_levers(belief, 511)
+        shown = (twist.speeds, twist.before, twist.shown)
+        fit(*shown, cells.along, cells.levers, frames, Word(wheels))
+        against(twist.speeds, cells.along, cells.levers, frames, Word(4), Word(3))
+
+
+def moving(belief):
+    """As fast as it may be."""
+    twist = belief.twist
+    twist.speeds[0], twist.speeds[1], twist.speeds[2] = 1_300_000, -1_300_000, 500_000
+    twist.before[0], twist.before[1], twist.before[2] = 1_300_000, -1_300_000, 500_000
 
 
 @given(
     st.lists(st.tuples(numbers(HALF), numbers(HALF), st.booleans()), max_size=30),
-    numbers(NEAR * STEP_UM),
-    numbers(NEAR * STEP_UM),
+    numbers(NEAR),
+    numbers(NEAR),
     turns,
 )
-def test_belief_fits_whatever_sensors_say(edges, x_um, y_um, turn):
-    registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
-    believed = (x_um, y_um, turn, *[belief._START] * 3, *[0] * 7)
-    moving = (1_300_000, -1_300_000, 500_000, 0, 0, 1_300_000, -1_300_000, 500_000)
-    registers = Words([*registers[: belief.X], *believed, *moving])
-    for x, y, exact in edges:
-        x_um, y_um, turn = registers[belief.X : belief.TURN + 1]
-        outline.place(registers, x_um, y_um, turn)
-        off = outline.edge(registers, x, y)
-        belief._correct(registers, off, Word(belief.EDGE), exact)
-        belief.roll(registers, Word(2 * 1000 // 10))
-        belief.send(registers, Word(1000 // 50), Words([0] * 10))
+def test_belief_fits_whatever_sensors_say(edges, x, y, turn):
+    belief = believed(RECTANGLE, (x, y, turn), (HALF, HALF))
+    belief.start(x * STEP_UM, y * STEP_UM, turn)
+    moving(belief)
+    for at_x, at_y, exact in edges:
+        belief.correct(at_x, at_y, Word(EDGE), exact)
+        belief.roll(Word(10))
+        belief.move_outline()
+        belief.send(Words([0] * wire.ESTIMATE_FIELDS), Word(50))
 
 
 @given(
@@ -139,42 +188,44 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     fields = [
         (*pose, 7, 3, 0, sure, 5, 1, 0) for pose, sure in zip(poses, certainties, strict=True)
     ]
-    estimates = Words([each for row in fields for each in row])
-    sent = [each * number for each, number in zip(poses[0], (250, 250, 196), strict=True)]
-    registers = placed(RECTANGLE, (0, 0, 0), (HALF, HALF))
-    believed = (*sent, *[belief._MOST] * 3, 0, 0, 0, 0, *sent)
-    registers = Words([*registers[: belief.X], *believed, *[0] * 8])
-    around, sums = (estimates, STEPS, Word(127_000)), Words([0] * 5)
-    near = agreement.near_mask(*around, Word(255), registers, belief.SENT)
-    if agreement.sum_up(*around, Word(near), registers, bytes(9), certainty, sums):
-        belief.agree(registers, sums, Word(agreement.OWN_WEIGHT))
+    heard = Heard()
+    heard.estimates = Words([each for row in fields for each in row])
+    place = SimpleNamespace(shifts_um=Words([127_000, -127_000] * DIRECTIONS))
+    agreement = worded(Agreement(place, heard, Suspicion()))
+    belief = believed(RECTANGLE, (0, 0, 0), (HALF, HALF))
+    for axis, (number, step) in enumerate(zip(poses[0], (250, 250, 196), strict=True)):
+        belief.sent[axis] = number * step
+    agreement.compare(255, belief.sent)
+    agreement.move(belief, certainty)
+    agreement.follow(belief)
 
 
 @given(
     st.lists(st.tuples(numbers((1 << 17) - 1), numbers((1 << 17) - 1), numbers(2047)), min_size=4),
     st.lists(st.tuples(numbers(HALF), numbers(HALF), turns), min_size=4),
     st.tuples(numbers(100_000_000), numbers(100_000_000)),
-    st.lists(st.integers(0, 255).map(Word), min_size=2, max_size=2),
+    st.lists(st.integers(0, 255), min_size=2, max_size=2),
     halves,
 )
 def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half):
     """Limits are those of the acceleration and of the speed."""
-    registers = Words([0] * leading._REGISTERS)
-    reach = [NEAR, -NEAR]
-    cells = cells_around(reach, reach, (362, -362, 362, 362), [NEAR, NEAR, -NEAR, -NEAR])
+    cells = cells_around([(NEAR, NEAR), (-NEAR, -NEAR)], [(NEAR, -NEAR), (NEAR, -NEAR)])
+    cells.present = Word(3)
     for goal, pose in zip(goals, poses, strict=False):
-        x, y, turn = pose
-        bottom = placed(RECTANGLE, pose, (half, half))
-        believed = x * STEP_UM, y * STEP_UM, turn, *[0] * 10
-        moving = 1_300_000, -1_300_000, 500_000, *[0] * 5
-        parcel = Words([*bottom[: belief.X], *believed, *moving, half * STEP_UM])
-        for place, number in enumerate((*goal, *limits), steering.LEFT):
-            registers[place] = number
-        steering.find_wish(registers, parcel, *place_um)
-        for step_ms in (1, 50):
-            steering.approach(registers, parcel, 1, Word(step_ms))
-        leading._aim(registers, parcel, cells)
+        belief = believed(RECTANGLE, pose, (half, half))
+        moving(belief)
+        tracking = SimpleNamespace(belief=belief, may_be_elsewhere=lambda: False)
+        here = SimpleNamespace(x_um=place_um[0], y_um=place_um[1])
+        axes = SimpleNamespace(lead=lambda targets: None, rest=lambda: None)
+        leading = worded(Leading(here, cells, tracking, axes))
+        steering = worded(leading.steering)
+        for acceleration in (limits[0], 255):
+            program = Program()
+            program.take((1, wire.PARCEL, 1, RECTANGLE, 0, 0, acceleration, limits[1], 0))
+            program.take((1, wire.GOAL, 1, *goal, 0, 0, 0))
+            for step_ms in (1, 50):
+                belief.twist.shown[0] = 8
+                leading.step(program, True, Word(step_ms))
+                steering.approach(belief.reach_um, True, Word(step_ms))
         # With less the parcel moves on for tens of metres, where squares leave words and are apart.
-        registers[steering.ACCELERATION] = Word(255)
-        leading._look_ahead(parcel, parcel, registers, cells, Word(3))
-        leading._look_nearer(parcel, parcel, registers, cells, Word(3))
+        leading.look_ahead(program, 3)

@@ -4,13 +4,19 @@ from contextlib import closing
 
 import pytest
 from tests.sim_bus.referee.bench import Holding
-from tests.system.cells.neighbour_host import BEAT_S, Box, NeighbourHost, scenario_of
+from tests.system.cells.neighbour_host import (
+    BEAT_S,
+    HOST_NODE,
+    Box,
+    NeighbourHost,
+    scenario_of,
+)
 
 from mdms_array.host import layout_of
 from mdms_cell.canopen.guard import Guard
 from mdms_cell.drive import tuning
-from mdms_cell.neighbours.pages import Pages
-from mdms_cell.neighbours.right_of_way import DRIVE_BEATS, RightOfWay
+from mdms_cell.motion.pages import Pages
+from mdms_cell.rights.right_of_way import DRIVE_BEATS, RightOfWay
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
@@ -21,6 +27,7 @@ from mdms_sim.simulation import Simulation
 #: By then the box is under way.
 UNDER_WAY_S = 2.5
 START, GOAL = (-0.2, 0.0, 0.0), (0.2, 0.0, 0.0)
+HEARTBEAT = cob.HEARTBEAT_BASE + HOST_NODE
 END = Frame(cob.PROGRAM, messages.encode_page(messages.End(1, 1)))
 #: Where an SDO client writes whether cells give SYNC.
 TAKEOVER = bytes([indices.LEASE & 0xFF, indices.LEASE >> 8, 3])
@@ -44,6 +51,19 @@ class Host(NeighbourHost):
         if now_s >= self.frame_s:
             self.frame_s = float("inf")
             yield 0, self.more
+
+
+class Hesitant(Host):
+    """Three of its heartbeats get lost: cells miss it at 75 ms, and hear it again at 80 ms."""
+
+    lost = 3
+
+    def poll_buses(self, now_s):
+        for bus, frame in super().poll_buses(now_s):
+            missing = self.lost and now_s >= UNDER_WAY_S and frame.can_id == HEARTBEAT
+            self.lost -= bool(missing)
+            if not missing:
+                yield bus, frame
 
 
 def judge(*faults, until_s=3.5, ends_s=None, held=None, flags=0, host=Host):
@@ -103,8 +123,13 @@ EXCHANGED = f'{{kind="wrong_place", start_s={UNDER_WAY_S - BEAT_S}, cells=[%d], 
         (SUPPLY_LOW, {}),
         (EXCHANGED % 9, {}),
         (HOST_GONE, {"flags": wire.GO_ON, "host": OnlyBeat}),
+        # They brake already where the program ends.
+        (None, {"ends_s": UNDER_WAY_S + 0.12, "host": Hesitant}),
     ],
-    ids=["ends", "host gone", "goes on", "off", "lifted", "lost", "supply", "exchanged", "no SYNC"],
+    ids=[
+        *("ends", "host gone", "goes on", "off", "lifted", "lost", "supply", "exchanged"),
+        *("no SYNC", "hesitant"),
+    ],
 )
 def test_cells_that_steer_as_documented_violate_nothing(fault, doing):
     faults = () if fault is None else (fault,)

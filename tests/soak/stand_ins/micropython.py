@@ -1,6 +1,6 @@
 """MicroPython's own module, as far as the boards need it, on CPython."""
 
-from mdms_protocol.cpython import const
+from mdms_protocol.compat import const
 
 __all__ = ["alloc_emergency_exception_buf", "const", "native", "viper"]
 

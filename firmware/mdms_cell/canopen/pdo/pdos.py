@@ -1,15 +1,11 @@
 """All PDOs of a cell, alive in 'operational' only."""
 
-try:
-    import micropython
-except ImportError:
-    from mdms_protocol.cpython import micropython
-
 from mdms_cell import ticks
 from mdms_cell.canopen.pdo.rpdo import Rpdo
 from mdms_cell.canopen.pdo.tpdo import Tpdo
 from mdms_cell.canopen.rules import COB_ID, EVENT_MANUFACTURER, EVENT_PROFILE
 from mdms_protocol.codecs import cob
+from mdms_protocol.compat import micropython
 
 
 class Pdos:

@@ -1,16 +1,12 @@
 """Transmit PDOs (CiA 301, 7.2.2.3): values sent at SYNC, on change, or by the event timer."""
 
-try:
-    import micropython
-except ImportError:
-    from mdms_protocol.cpython import micropython
-
 from struct import pack
 
 from mdms_cell import ticks
 from mdms_cell.canopen.pdo.base import Pdo
 from mdms_cell.canopen.rules import EVENT_TIMER, INHIBIT_TIME
 from mdms_protocol import indices, record
+from mdms_protocol.compat import micropython
 
 _INHIBIT_UNITS_PER_MS = 10
 #: Presence and statuswords: a poll follows when they change. All else may change at any time.

@@ -4,11 +4,8 @@ An angle is the way of a point at `ARM_UM` from the centre [um], so that a pose 
 a twist three speeds.
 """
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
+from mdms_protocol.compat import const, micropython
+from mdms_protocol.neighbours import frames as wire
 
 ARM_UM = const(128_000)
 #: Sine and cosine are in parts of this.
@@ -20,9 +17,22 @@ TURN_UM = const(804_248)
 ROOT_MAX = const(2_000_000_000)
 
 
-def wrapped(turn_um):
+@micropython.viper
+def wrapped(turn_um: int) -> int:
     """The same angle within half a turn of 0 [um]."""
     return (turn_um + TURN_UM // 2) % TURN_UM - TURN_UM // 2
+
+
+@micropython.viper
+def turn_um(yaw: int) -> int:
+    """An angle of the wire as the way of a point at the arm [um]."""
+    return yaw * (TURN_UM // 8) // (int(wire.TURN) // 8)
+
+
+@micropython.viper
+def yaw(turn_um: int) -> int:
+    """The nearest angle of the wire, for the way of a point at the arm [um]."""
+    return (turn_um * (int(wire.TURN) // 8) + TURN_UM // 16) // (TURN_UM // 8)
 
 
 @micropython.viper

@@ -13,13 +13,8 @@ cannot be given one. What a cell can see is that a SYNC comes which is not its o
 Two that begin at the same bit send one frame, and are one beat.
 """
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython
-
 from mdms_cell import ticks
+from mdms_protocol.compat import const, micropython
 
 #: Beats missed, in halves: before a cell takes over, and before one that has just yielded returns.
 MISSED_HALVES = 5

@@ -2,19 +2,14 @@
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr32
-
 from array import array
 from struct import pack_into
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.mailboxes import LENGTH, STAMP, Mailboxes
-from mdms_cell.neighbours.geometry.place import DIRECTIONS, SENSORS
+from mdms_cell.perception.place import DIRECTIONS, OWN, SENSORS
 from mdms_cell.ticks import diff
+from mdms_protocol.compat import const, micropython, ptr8, ptr32
 from mdms_protocol.neighbours import frames as wire
 
 #: A neighbour's TPDO 2 holds statuswords before the presence bits.
@@ -23,27 +18,14 @@ _STATE_LENGTH = const(5)
 #: A state that is repeated may be later than its time by this.
 _LATE_MS = const(20)
 #: Edges that may wait for the next update.
-EDGES = 16
-#: The cell itself, in the place of a direction.
-OWN = DIRECTIONS
+EDGES = const(16)
 #: In the place of presence bits: they are known, and the bits themselves.
 SEEN = const(0x80)
 BITS = const(0x1F)
 #: The beat of what has never come; beats count below it.
 NEVER = const(1 << 24)
-
-# What is used in every beat; constants of another module would be looked up.
-_OWN = const(8)
-_DIRECTIONS = const(8)
-_SENSORS = const(5)
-_STAMP = const(0)
-_OWN_SPEEDS = const(128)  # where they are among the frames
-assert _OWN_SPEEDS == LENGTH * (DIRECTIONS + OWN)
-_ACTUAL = const(30)
-_OTHER_ACTUAL = const(81)
-assert (_OWN, _DIRECTIONS, _SENSORS, _STAMP) == (OWN, DIRECTIONS, SENSORS, STAMP)
-assert (1 << SENSORS) - 1 == BITS
-assert (_ACTUAL, _OTHER_ACTUAL) == (speed_loop.ACTUAL, speed_loop.AXIS + speed_loop.ACTUAL)
+#: The box of a direction's speeds is so many behind that of its estimates.
+SPEEDS_AT = const(8)
 
 
 class Heard:
@@ -66,8 +48,6 @@ class Heard:
         self._words = array("H", [0] * (2 * DIRECTIONS))
         self.estimates = array("h", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
-        #: Takes apart estimates that have come; returns how many make no sense.
-        self.read = _reading(self, self.boxes)
         self.edges = 0
         self.edge_bytes = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
         self.edge_ms = array("i", [0] * EDGES)
@@ -90,14 +70,35 @@ class Heard:
         """
         boxes = self.boxes
         beat = self.beat = self.beat + 1 & 0xFFFFFF
-        boxes.counts[_STAMP] = boxes.stamps[_DIRECTIONS + _OWN] = beat
-        first, second = registers[_ACTUAL], registers[_OTHER_ACTUAL]
-        pack_into("<ii", boxes.frames, _OWN_SPEEDS, first, second)
+        boxes.counts[STAMP] = boxes.stamps[SPEEDS_AT + OWN] = beat
+        first = registers[speed_loop.ACTUAL]
+        second = registers[speed_loop.AXIS + speed_loop.ACTUAL]
+        pack_into("<ii", boxes.frames, LENGTH * (SPEEDS_AT + OWN), first, second)
+
+    @micropython.native
+    def read(self):
+        """Take apart estimates that have come; returns how many make no sense."""
+        boxes = self.boxes
+        wrong = wire.read_estimates(boxes.frames, boxes.fresh, self.estimates, DIRECTIONS)
+        _date(boxes.fresh, boxes.stamps, self.estimate_beat, self.beat)
+        return wrong
+
+    @micropython.native
+    def age(self, direction):
+        """How many beats ago the last estimate of a direction came; NEVER if none has."""
+        came = self.estimate_beat[direction]
+        return NEVER if came == NEVER else self.beat - came & 0xFFFFFF
+
+    @micropython.native
+    def speeds_age(self, direction):
+        """How many beats ago the last speeds of a direction came; NEVER if none have."""
+        came = self.boxes.stamps[SPEEDS_AT + direction]
+        return NEVER if came == NEVER else self.beat - came & 0xFFFFFF
 
     @micropython.native
     def on_state(self, direction, data, now_ms):
         """A neighbour's TPDO 2; returns False if it is none: cells alike have no more sensors."""
-        if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> _SENSORS:
+        if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> SENSORS:
             return False
         first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
         words, at = self._words, 2 * direction
@@ -121,7 +122,7 @@ class Heard:
         if not self.presence[direction] & SEEN:
             return -1
         repeat_ms = self.repeat_ms
-        if direction == _OWN or not repeat_ms:
+        if direction == OWN or not repeat_ms:
             return 0
         age_ms = abs(diff(now_ms, self._state_ms[direction]))
         return age_ms if age_ms <= repeat_ms + _LATE_MS else -1
@@ -158,31 +159,10 @@ class Heard:
         return _clear(self.boxes.fresh)
 
 
-def _reading(heard, boxes):
-    """What takes apart estimates; it looks nothing up."""
-
-    @micropython.native
-    def read(  # noqa: PLR0917 - all is at hand
-        frames=boxes.frames,
-        fresh=boxes.fresh,
-        stamps=boxes.stamps,
-        counts=boxes.counts,
-        estimates=heard.estimates,
-        estimate_beat=heard.estimate_beat,
-        read_estimates=wire.read_estimates,
-        date=_date,
-    ):
-        wrong = read_estimates(frames, fresh, estimates, _DIRECTIONS)
-        date(fresh, stamps, estimate_beat, counts[_STAMP])
-        return wrong
-
-    return read
-
-
 @micropython.viper
 def _clear(fresh: ptr8) -> int:
     mask = 0
-    for direction in range(_DIRECTIONS):
+    for direction in range(int(DIRECTIONS)):
         if fresh[direction]:
             fresh[direction] = 0
             mask |= 1 << direction
@@ -192,8 +172,19 @@ def _clear(fresh: ptr8) -> int:
 @micropython.viper
 def _date(fresh: ptr8, stamps: ptr32, estimate_beat: ptr32, beat: int):
     """Note when estimates have come; those of this beat and the one before stay fresh."""
-    for direction in range(_DIRECTIONS):
+    for direction in range(int(DIRECTIONS)):
         if fresh[direction]:
             estimate_beat[direction] = stamps[direction]
             if (beat - stamps[direction]) & 0xFFFFFF > 1:
                 fresh[direction] = 0
+
+
+@micropython.viper
+def speed_um_s(frames: ptr8, wheel: int, most: int) -> int:
+    """The speed of a wheel, 2 * direction + axis, in its cell's frame; none is above `most`."""
+    at = SPEEDS_AT * int(LENGTH) + 4 * wheel
+    speed = frames[at] | frames[at + 1] << 8 | frames[at + 2] << 16
+    speed |= ((frames[at + 3] ^ 0x80) - 0x80) << 24
+    if speed > most:
+        return most
+    return speed if speed > 0 - most else 0 - most

@@ -1,13 +1,9 @@
 """What a parcel is and where it is to go: the pages that a host sends and cells hand on."""
 
-try:
-    import micropython
-except ImportError:
-    from mdms_protocol.cpython import micropython
-
 from array import array
 
-from mdms_cell.neighbours.geometry.angle import TURN_UM
+from mdms_cell.perception.angle import turn_um
+from mdms_protocol.compat import micropython
 from mdms_protocol.neighbours import frames as wire
 
 #: Programs that a cell keeps of all that the host sends: those that come nearest to it, and the one
@@ -297,8 +293,3 @@ class Programs:
 def next_sequence(sequence):
     """The sequence of the program that follows."""
     return sequence % wire.SEQUENCE_MAX + 1
-
-
-def turn_um(yaw):
-    """An angle of the wire as the way of a point at the arm [um]."""
-    return yaw * (TURN_UM // 8) // (wire.TURN // 8)

@@ -17,14 +17,9 @@ that lives has not been heard.
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
-try:
-    import micropython
-    from micropython import const
-except ImportError:
-    from mdms_protocol.cpython import const, micropython, ptr8, ptr16
-
 from array import array
 
+from mdms_protocol.compat import const, micropython, ptr8, ptr16
 from mdms_protocol.neighbours import frames as wire
 
 NONE = const(0)

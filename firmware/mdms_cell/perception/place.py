@@ -13,7 +13,8 @@ from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 
 DIRECTIONS = 8
-#: In the place of a direction: the host.
+#: In the place of a direction: the cell itself, and the host.
+OWN = 8
 HOST = 8
 
 # What comes from a neighbour, in the order of its transmit PDOs
@@ -28,8 +29,8 @@ UNITY = 1 << 14
 AXES = 2
 SENSORS = 5
 
-#: How far each neighbour is along x and y, and the cell itself [pitches, and one more].
-STEPS = bytes((2, 1, 2, 2, 1, 2, 0, 2, 0, 1, 0, 0, 1, 0, 2, 0, 1, 1))
+#: How far each neighbour is along x and y [pitches].
+STEPS = (1, 0, 1, 1, 0, 1, -1, 1, -1, 0, -1, -1, 0, -1, 1, -1)
 _MICRO = 1_000_000
 
 
@@ -37,13 +38,15 @@ class Place:
     """Integer tables, in small ints; `changed()` is called when other nodes are neighbours.
 
     `column` and `row` count from 1; where one is 0 the place is unknown. `x_um` and `y_um` are the
-    cell's centre [table frame]. Of direction d, `nodes[d]` is the node id, 0 for none.
+    cell's centre [table frame]. Of direction d, `nodes[d]` is the node id, 0 for none, and
+    `shifts_um` from 2 * d on where its centre is, x and y [from the cell's own centre].
     """
 
     def __init__(self, objects, changed):
         self._objects = objects
         self._changed = changed
         self.nodes = array("B", bytes(DIRECTIONS))
+        self.shifts_um = array("i", [0] * (2 * DIRECTIONS))
         on_setting = self._on_setting
         for index in (indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS):
             objects.watch(index, on_setting)
@@ -69,6 +72,8 @@ class Place:
         self.pitch_um = number(indices.PLACE, 5)
         for direction in range(DIRECTIONS):
             self.nodes[direction] = number(indices.NEIGHBOURS, direction + 1)
+        for place in range(2 * DIRECTIONS):
+            self.shifts_um[place] = STEPS[place] * self.pitch_um
 
     def present(self):
         """The mask of the directions in which there is a neighbour."""
@@ -80,7 +85,7 @@ class Place:
 
     def shift_um(self, direction):
         """Where the centre of a neighbour is [from the cell's own centre]."""
-        return tuple((STEPS[2 * direction + place] - 1) * self.pitch_um for place in (0, 1))
+        return self.shifts_um[2 * direction], self.shifts_um[2 * direction + 1]
 
     def contact_um(self, axis):
         """Where the wheel of an axis touches [from the cell's own centre]."""

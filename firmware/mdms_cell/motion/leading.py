@@ -1,0 +1,279 @@
+"""Leads the cell's two wheels: finds the cells that the parcel needs next, steers, and rests."""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
+
+from array import array
+
+from mdms_cell.motion.steering import SETTLED_MS, Steering, length
+from mdms_cell.perception.angle import ARM_UM, wrapped
+from mdms_cell.perception.footprint import UNSEEN_ROOM
+from mdms_cell.perception.outline import STEP_UM, Outline
+from mdms_cell.perception.place import AXES, OWN
+from mdms_cell.perception.twist import OFF, WHEELS
+from mdms_protocol.compat import WIDEN, const, micropython, ptr32
+
+#: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
+#: take and counts. And how far ahead a cell asks [ms].
+_REACTION_MS = const(200)
+_ASK_MS = const(500)
+#: At the goal, or where it is held, the wheels hold for so long before they are switched off.
+_HOLD_BEATS = const(50)
+#: Without its host a parcel stands for so long in all, while others have the right of way [ms].
+_WAIT_MS = const(30_000)
+#: Without its host a parcel asks for cells that it comes so much nearer to [steps]: it stands that
+#: far from one that it has to wait for, and does not come over it by a hair before its turn.
+_ROOM = 3_000 // STEP_UM
+#: A parcel that stands for want of a cell goes no nearer to it where it would come over it within
+#: this way; what it gained would be a fraction of that, again and again.
+_NEARER_UM = const(10_000)
+#: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
+#: are off what is known of it by more than this [um/s].
+_JOIN_WHEELS = const(4)
+_JOIN_OFF_UM_S = const(25_000)
+#: Times without a host are counted up to this.
+_LONG_MS = const(1 << 20)
+
+
+class Leading:
+    """The wheels of one cell under one parcel, by its program.
+
+    `needs` is the mask of the neighbours that the parcel covers, or will before it can stand, and
+    `wants` that of those that it will cover soon, too.
+    """
+
+    def __init__(self, place, footprint, tracking, axes):
+        self._place = place
+        self._footprint = footprint
+        self._tracking = tracking
+        self._parcel = tracking.belief
+        self._axes = axes
+        self.steering = Steering()
+        self._targets = array("i", [0] * AXES)
+        #: Scratch: the parcel where it will be.
+        self._there = Outline()
+        self._driving = False
+        self.reset()
+
+    def reset(self):
+        """Switch the wheels off in good order, and forget everything."""
+        self.stop()
+        self.needs = self.wants = 0
+        #: The parcel that the times without a host are about.
+        self._identity = 0
+        self._begin_times()
+
+    def _begin_times(self):
+        # What of a program's time has passed without a host, for how long the parcel stood
+        # meanwhile for want of a promise, all the time that its way takes (0: not found yet), and
+        # whether that was too long.
+        self.alone_ms = self._waited_ms = self._planned_ms = 0
+        self._ended = False
+
+    def begin(self, identity):
+        """A new program of this parcel has come, which may be on its way here only."""
+        if identity == self._identity:
+            self._begin_times()
+            self.next_leg()
+
+    def next_leg(self):
+        """The next leg of the same way begins: time for it was planned, and goes on."""
+        self._held_beats = 0
+        self.steering.arrived = False
+
+    def plan_again(self):
+        """More of the way has come: the time that is planned for it counts anew."""
+        self._planned_ms = 0
+
+    def stop(self):
+        """Switch the wheels off in good order, if they are on."""
+        if self._driving:
+            self._axes.rest()
+        #: Whether the wheels are on, and for how long they have held, up to _HOLD_BEATS.
+        self._driving = False
+        self._held_beats = 0
+        self.steering.reset()
+
+    # Looking ahead
+
+    @micropython.native
+    def look_ahead(self, program, lacking=0):
+        """Find what the parcel `needs` and `wants`.
+
+        Of the cells in the mask `lacking`, for want of which it stands, it needs the nearest
+        already. It asks for those that it may lie over as long as no edge of it has been seen, too,
+        and needs them where another parcel has them.
+        """
+        footprint, parcel, tracking = self._footprint, self._parcel, self._tracking
+        present = footprint.present
+        if program is None:
+            needs = wants = footprint.squares(parcel, present)
+        else:
+            room = _ROOM if self.alone_ms else 0
+            # By the way that was left when the wish was found.
+            nearest = self._look_nearer(lacking & present, room) if lacking else 0
+            steering = self.steering
+            steering.read(program)
+            needs = footprint.squares(parcel, present, room)
+            needs |= self._comes_over(parcel.twist.speeds, _REACTION_MS, present ^ needs, room)
+            wants = needs
+            if steering.wishes():
+                wants |= self._comes_over(steering.wish, _ASK_MS, present ^ needs, room)
+            needs |= nearest
+            wants |= nearest
+        if tracking.may_be_elsewhere():
+            near = footprint.squares(parcel, present, UNSEEN_ROOM)
+            needs |= near & tracking.others
+            wants |= near
+        self.needs, self.wants = needs, wants
+
+    @micropython.native
+    def _comes_over(self, twist, time_ms, asked, room):
+        """The mask of those of the cells asked for that the parcel comes over before it stands.
+
+        It moves on for this time until it brakes, and then by half as much as it would meanwhile.
+        """
+        if not asked:
+            return 0
+        twice_mm_s2 = 2 * self.steering.acceleration_mm_s2() or 2
+        time_ms += length(twist[0], twist[1], twist[2]) // twice_mm_s2
+        x_um, y_um = _way_um(twist[0], time_ms), _way_um(twist[1], time_ms)
+        return self._covers_at(x_um, y_um, _way_um(twist[2], time_ms), asked, room)
+
+    @micropython.native
+    def _covers_at(self, x_um, y_um, turn_um, asked, room):
+        """The mask of those of the cells asked for that it lies over where it has gone so far."""
+        there, parcel = self._there, self._parcel
+        pose = parcel.pose
+        there.take_shape_of(parcel)
+        there.place(pose[0] + x_um, pose[1] + y_um, pose[2] + turn_um)
+        return self._footprint.squares(there, asked, room)
+
+    def _look_nearer(self, asked, room):
+        """The mask of those of the cells asked for that the parcel comes over within `_NEARER_UM`.
+
+        Or on the way that is left, where that is less.
+        """
+        steering = self.steering
+        wish, left = steering.wish, steering.left
+        if not steering.wishes():
+            return 0
+        speed_um_s = length(wish[0], wish[1], wish[2])
+        # Slower than this are those alone that have less to go.
+        time_ms = _NEARER_UM * 1000 // speed_um_s if speed_um_s > _NEARER_UM else 1000
+        x_um = _nearer(left[0], _way_um(wish[0], time_ms))
+        y_um = _nearer(left[1], _way_um(wish[1], time_ms))
+        turn_um = _nearer(left[2], _way_um(wish[2], time_ms))
+        return self._covers_at(x_um, y_um, turn_um, asked, room)
+
+    # The beat
+
+    @micropython.native
+    def may_go_on(self, program, step_ms, alone, held):
+        """Whether a parcel may go on; without its host for twice its planned time, if it is to.
+
+        That it is `held`, for want of a promise, does not count, up to `_WAIT_MS`. Once the time is
+        over, or the host of one that is not to go on was gone, a new program has to come: that the
+        host is back moves nothing.
+        """
+        if program.identity != self._identity:
+            # What another parcel took of its time is its own.
+            self._identity = program.identity
+            self.begin(program.identity)
+        if alone:
+            if held and self.alone_ms and self._waited_ms < _WAIT_MS:
+                self._waited_ms += step_ms
+            else:
+                self.alone_ms = min(self.alone_ms + step_ms, _LONG_MS)
+            in_time = not self._planned_ms or self.alone_ms < 2 * self._planned_ms
+            if not (program.goes_on and in_time):
+                self._ended = True
+        elif self.alone_ms:
+            self.alone_ms = self._waited_ms = self._planned_ms = 0
+        return not self._ended
+
+    @micropython.native
+    def step(self, program, may_go, step_ms):
+        """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
+        parcel, here, steering = self._parcel, self._place, self.steering
+        if not self._driving:
+            self._join(may_go)
+        steering.read(program)
+        steering.find_wish(parcel, here.x_um, here.y_um)
+        stands = steering.approach(parcel.reach_um, may_go, step_ms)
+        # A cell that the parcel comes to when the host is gone counts from there.
+        if self.alone_ms and not self._planned_ms:
+            self._plan(program)
+        if stands and (steering.arrived or not may_go):
+            if self._has_held():
+                return
+        else:
+            self._held_beats = 0
+        if not self._driving:
+            shown = parcel.twist.shown
+            if shown[WHEELS] < _JOIN_WHEELS or shown[OFF] >= _JOIN_OFF_UM_S:
+                # Off it rolls along; with a speed of its own it would turn the parcel.
+                return
+            self._driving = True
+        footprint = self._footprint
+        footprint.find_levers(parcel, 1 << OWN)
+        aim(steering.commanded, footprint.along, footprint.levers, self._targets)
+        self._axes.lead(self._targets)
+
+    def _join(self, may_go):
+        """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
+        steering = self.steering
+        going = may_go and not steering.arrived
+        for axis in range(3):
+            steering.commanded[axis] = self._parcel.twist.speeds[axis] if going else 0
+
+    def _has_held(self):
+        """The wheels hold the parcel, which stands; returns whether for long, and they are off."""
+        self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
+        if self._driving and self._held_beats < _HOLD_BEATS:
+            return False
+        if self._driving:
+            self._driving = False
+            self._axes.rest()
+        return True
+
+    def _plan(self, program):
+        """Find how long the way takes, to the goal and along the legs that follow."""
+        reach_um, steering = self._parcel.reach_um, self.steering
+        speed_mm_s = max(steering.speed_mm_s(), 1)
+        ramps_ms = 2 * speed_mm_s * 1000 // max(steering.acceleration_mm_s2(), 1)
+        x_um, y_um, turn = steering.left
+        way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
+        planned_ms = way_um // speed_mm_s + ramps_ms
+        for leg in range(program.known_legs()):
+            x_um, y_um, turn = program.place(leg)
+            to_x_um, to_y_um, to_turn = program.place(leg + 1)
+            turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
+            way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
+            planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
+        self._planned_ms = min(planned_ms, _LONG_MS)
+
+
+def _nearer(left_um, way_um):
+    """The shorter of two ways, of equal ones the second."""
+    return left_um if abs(left_um) < abs(way_um) else way_um
+
+
+def _way_um(speed_um_s, time_ms):
+    """The way of a speed in some time, in pieces that small ints have room for."""
+    return speed_um_s // 1000 * time_ms + speed_um_s % 1000 * time_ms // 1000
+
+
+@micropython.viper
+def aim(commanded: ptr32, along: ptr32, levers: ptr32, targets: ptr32):
+    """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
+    widen = int(WIDEN)
+    vx = commanded[0] << widen >> widen
+    vy = commanded[1] << widen >> widen
+    turn = commanded[2] << widen >> widen
+    for axis in range(2):
+        along_x = along[2 * axis] << widen >> widen
+        along_y = along[2 * axis + 1] << widen >> widen
+        lever = levers[2 * int(OWN) + axis] << widen >> widen
+        # The product of lever and turn alone may be more than a word.
+        speed = along_x * vx + along_y * vy + lever * (turn & 0x1FF) >> 9
+        targets[axis] = speed + lever * (turn >> 9)

@@ -1,0 +1,307 @@
+"""Takes in the pages of programs, and hands them on to neighbours at the parcel that lack them."""
+
+from mdms_cell.canopen.objects import find
+from mdms_cell.motion.program import Programs, next_sequence
+from mdms_cell.perception.angle import turn_um
+from mdms_cell.perception.place import DIRECTIONS, HOST
+from mdms_cell.rights.precedence import Precedence
+from mdms_cell.rights.right_of_way import IDENTITY, PROMISED_TO
+from mdms_protocol import indices
+from mdms_protocol.compat import const, micropython
+from mdms_protocol.neighbours import frames as wire
+
+_PROGRAM_PDO = 3
+#: Of the cells that could hand a program on, each does so in one of so many beats.
+_HAND_ON_BEATS = const(4)
+#: No parcel lies on a cell whose centre is farther from it along x or y.
+_NEAR_PITCHES = const(4)
+
+#: What is against the program of the cell's parcel comes to: nothing, too little to drop it though
+#: it is not handed on, or enough not to be led by it either.
+DOUBTED = const(1)
+OUTDATED = const(2)
+#: It is enough after this, in which the host repeats a page and neighbours hand one on.
+_OUTDATED_BEATS = const(6)
+#: A neighbour is not heard any more after this; it cannot forget its program and get another so
+#: soon.
+_SILENT_BEATS = const(5)
+#: A cell that has heard nobody for so long may have missed three programs, so that the same number
+#: tells nothing either.
+_LONG_BEATS = const(10)
+
+
+class Comparison:
+    """What neighbours' estimates say of the program of the cell's parcel.
+
+    Sequence numbers come round again after three, so that two of them alone do not tell which
+    program is newer. But a program is followed by newer ones only: a neighbour that had the same
+    one, and has another by now, is ahead.
+
+    `shared` is the mask of the neighbours that had this program when they were heard last, `ahead`
+    that of those that had it, and have had another since. It is `settled` once it is known to be
+    the one of the parcel's cells: the host has sent it, or one of them had the same, since this
+    cell is at the parcel and hears others there. `verdict` is what all that comes to.
+    """
+
+    def __init__(self, heard):
+        self._heard = heard
+        self.reset()
+
+    def reset(self):
+        """The cell is at no parcel."""
+        self.settled = False
+        self._identity = self._sequence = 0
+        self._forget()
+
+    def _forget(self):
+        self.shared = self.ahead = self.verdict = 0
+        #: For so many beats something has been against the program, and nobody at the parcel was
+        #: heard; the latter up to _LONG_BEATS.
+        self._against_beats = self._deaf_beats = 0
+
+    def begin(self, program, shared=0):
+        """Nothing is known yet of others' programs beside the one that has come."""
+        self._identity, self._sequence = program.identity, program.sequence
+        self._forget()
+        self.shared = shared
+
+    def on_gap(self, beats):
+        """So many beats were missed, and with them which programs others had."""
+        self.shared = 0
+        self.settled = False
+        if beats >= _LONG_BEATS:
+            self._deaf_beats = _LONG_BEATS
+
+    def is_ahead(self, direction):
+        """Whether a neighbour has a newer program than this cell, which has one."""
+        return bool(self.ahead >> direction & 1) if self.ahead else self.verdict == OUTDATED
+
+    @micropython.native
+    def update(self, identity, sequence, sent):
+        """A beat has passed in which those in a mask have sent an estimate; returns the verdict.
+
+        `sequence` is that of the program of the parcel that the cell is at, 0 without one.
+        """
+        if self._identity != identity or self._sequence != sequence:
+            deaf_beats = self._deaf_beats
+            if self._identity != identity:
+                self.settled = False
+                deaf_beats = 0
+            self._identity, self._sequence = identity, sequence
+            self._forget()
+            self._deaf_beats = deaf_beats
+        heard, shared = self._heard, 0
+        estimates, at = heard.estimates, 0
+        nobody, other = True, False
+        for direction in range(DIRECTIONS):
+            bit = 1 << direction
+            had = self.shared & bit
+            if sent & bit:
+                if estimates[at + wire.IDENTITY] == identity:
+                    nobody = False
+                    under = estimates[at + wire.STATE] == wire.UNDER
+                    its = estimates[at + wire.SEQUENCE] if under else 0
+                    sure = not estimates[at + wire.FLAGS] & wire.LACKING
+                    if its and its == sequence and self._deaf_beats < _LONG_BEATS:
+                        shared |= bit
+                        self.settled = self.settled or sure
+                    elif its:
+                        self.ahead |= had
+                        other = other or sure
+            elif heard.age(direction) <= _SILENT_BEATS:
+                nobody = False
+                shared |= had
+            at += wire.ESTIMATE_FIELDS
+        self.shared = shared
+        if nobody or other or self.ahead or self._against_beats or self._deaf_beats:
+            self._judge(nobody, other)
+            return self.verdict
+        return 0
+
+    def _judge(self, nobody, other):
+        """What comes of what this beat has shown, and of what those before have.
+
+        That is whether nobody at the parcel is heard, and whether one has another program for sure.
+        """
+        has_program = self._sequence != 0
+        if nobody:
+            self.settled = False
+            self._deaf_beats = min(self._deaf_beats + 1, _LONG_BEATS) if has_program else 0
+        elif self._deaf_beats < _LONG_BEATS:
+            self._deaf_beats = 0
+        if has_program and (self.ahead or (other and not self.settled)):
+            self._against_beats = min(self._against_beats + 1, _OUTDATED_BEATS)
+        else:
+            self._against_beats = 0
+        outdated = self._against_beats == _OUTDATED_BEATS
+        self.verdict = OUTDATED if outdated else DOUBTED if self._against_beats else 0
+
+
+class Pages:
+    """The programs of one cell, by the pages that come and go; `programs` are those it keeps.
+
+    `precedence` is the order in which parcels come over the cell. `comparison` compares
+    the program of the cell's parcel with neighbours'. `asked` is another parcel than the one here
+    whose pages neighbours are to hand on, 0 for none.
+    """
+
+    def __init__(self, objects, place, heard, *, tracking, rights, leading, consumer, pdos):
+        self._objects = objects
+        self._place = place
+        self._heard = heard
+        self._tracking = tracking
+        self._rights = rights
+        self._leading = leading
+        self._consumer = consumer
+        self._pdos = pdos
+        self._frame_at = find(indices.PROGRAM, 1).place
+        self.node_id = 0
+        self.programs = Programs(self._own)
+        self.precedence = Precedence()
+        self.comparison = Comparison(heard)
+        self.reset()
+
+    def reset(self):
+        """Keep no program and no order; the cell may stand elsewhere from now on."""
+        self.asked = self._turn = 0
+        programs, place = self.programs, self._place
+        programs.clear()
+        programs.x, programs.y = place.x_um // wire.STEP_UM, place.y_um // wire.STEP_UM
+        self.precedence.reset()
+        self.comparison.reset()
+
+    def _own(self):
+        """The identities of the parcels that the cell is at, belongs to, or is bound to."""
+        right = self._rights.registers
+        return self._tracking.identity, right[IDENTITY], right[PROMISED_TO]
+
+    # What comes
+
+    def on_page(self, direction, data):
+        """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
+        page = [0] * wire.PROGRAM_FIELDS
+        if not wire.unpack_program(data, page, 0):
+            place = self._place
+            return direction == HOST and self.precedence.take(data, place.column, place.row)
+        identity = page[wire.PARCEL_IDENTITY]
+        if direction == HOST:
+            self._on_host_page(identity, page)
+        elif identity == self._tracking.identity:
+            self._on_page_handed_on(self.programs.place_for(identity), page, direction)
+        elif identity == self.asked and page[wire.PAGE] == wire.PARCEL:
+            self.programs.place_for(identity).take(page)
+        return True
+
+    def _on_page_handed_on(self, program, page, direction):
+        """A page of a neighbour counts where the cell has none, or one that is outdated."""
+        if page[wire.PAGE] == wire.PARCEL:
+            if not program.has_parcel:
+                program.take(page)
+        elif page[wire.PAGE] != wire.GOAL:
+            return
+        elif 0 < page[wire.LEG] < wire.JOINS:
+            self._on_leg(program, page)
+        elif not program.has_goal or self.comparison.is_ahead(direction):
+            alone_on_the_way = program.has_goal and self._consumer.lost
+            program.take(page)
+            self.comparison.begin(program, shared=1 << direction)
+            if alone_on_the_way:
+                # Others have gone on by themselves: that gives no more time.
+                self._leading.next_leg()
+            else:
+                self._leading.begin(program.identity)
+
+    def _on_leg(self, program, page):
+        """A leg that follows a goal; one of a goal that the cell does not have is dropped."""
+        if program is None or not program.take(page):
+            return
+        if program.identity == self._tracking.identity:
+            self._leading.plan_again()
+
+    def _on_host_page(self, identity, page):
+        tracking = self._tracking
+        if page[wire.PAGE] == wire.END:
+            self.programs.drop(identity)
+            if tracking.identity == identity:
+                tracking.drop()
+                self._leading.stop()
+        elif page[wire.PAGE] == wire.PLACE:
+            self._put(identity, page)
+        elif page[wire.PAGE] == wire.GOAL and 0 < page[wire.LEG] < wire.JOINS:
+            self._on_leg(self.programs.find(identity), page)
+        else:
+            program = self.programs.place_for(identity)
+            is_goal = page[wire.PAGE] == wire.GOAL
+            again = is_goal and program.has_goal_of(page)
+            program.take(page)
+            if is_goal:
+                self._on_host_goal(program, again)
+
+    def _on_host_goal(self, program, again):
+        """The host has sent a goal, perhaps the one that the cell has: it is the newest."""
+        if program.identity == self._tracking.identity:
+            self.comparison.begin(program)
+            self.comparison.settled = True
+        if not again:
+            self._leading.begin(program.identity)
+
+    def _put(self, identity, page):
+        """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
+        tracking, place = self._tracking, self._place
+        program = self.programs.find(identity)
+        if program is None:
+            return
+        program.begin_at(page)
+        if not program.has_parcel or tracking.under:
+            return
+        x_um = page[wire.PLACE_X] * wire.STEP_UM - place.x_um
+        y_um = page[wire.PLACE_Y] * wire.STEP_UM - place.y_um
+        if max(abs(x_um), abs(y_um)) < _NEAR_PITCHES * place.pitch_um:
+            tracking.adopt(identity)
+            tracking.take_shape(program)
+            tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
+        if tracking.identity == identity and not tracking.under:
+            tracking.drop()
+
+    # The beat
+
+    @micropython.native
+    def compare(self, identity, program, sent):
+        """The verdict on a program of this parcel, None without one; neighbours have `sent`."""
+        sequence = 0 if program is None else program.sequence
+        return self.comparison.update(identity, sequence, sent)
+
+    @micropython.native
+    def hand_on(self, program, sent, skipped):
+        """Send a page, if one of those in the mask `sent`, who have sent an estimate, lacks it.
+
+        That is in this cell's turn, or where that came in one of the beats `skipped` before.
+        """
+        if (self._heard.beat + self.node_id) % _HAND_ON_BEATS > skipped:
+            return
+        for direction in range(DIRECTIONS):
+            if sent >> direction & 1 and self._lacks(direction, program):
+                page = self._page_for(direction, program)
+                if program.pack(page, self._objects.data, self._frame_at):
+                    self._pdos.trigger(_PROGRAM_PDO)
+                    return
+
+    @micropython.native
+    def _lacks(self, direction, program):
+        """Whether a neighbour at the parcel lacks some of its program, or has the one before."""
+        estimates, at = self._heard.estimates, wire.ESTIMATE_FIELDS * direction
+        if estimates[at + wire.IDENTITY] != program.identity:
+            return False
+        its = estimates[at + wire.SEQUENCE]
+        is_before = its != 0 and next_sequence(its) == program.sequence
+        return is_before or estimates[at + wire.FLAGS] & wire.LACKING != 0
+
+    def _page_for(self, direction, program):
+        """The number of the page to hand on to a neighbour that lacks one."""
+        sequence = self._heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.SEQUENCE]
+        if next_sequence(sequence) == program.sequence and sequence:
+            return 1
+        self._turn = self._turn + 1 & 0xFFFF
+        if sequence == program.sequence:
+            return 2 + self._turn % max(program.legs, 1)
+        return self._turn & 1

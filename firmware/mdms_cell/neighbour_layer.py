@@ -1,0 +1,478 @@
+"""The neighbour layer: in each beat what came is taken in, decided upon, and the wheels are led.
+
+At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
+of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
+"""
+
+from array import array
+
+# What others import comes first: an import within an import takes stack.
+from mdms_cell.perception import place
+from mdms_cell.perception.angle import turn_um
+from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
+from mdms_cell.perception.heard import SEEN, SPEEDS_AT, Heard
+from mdms_cell.perception.outline import Outline
+from mdms_cell.perception.place import DIRECTIONS, OWN, Place
+from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion
+from mdms_cell.perception.tracking import LOST_BEATS, Tracking
+
+# isort: split
+from mdms_cell.canopen.objects import find
+from mdms_cell.motion.leading import Leading
+from mdms_cell.motion.pages import OUTDATED, Pages
+from mdms_cell.motion.program import next_sequence
+from mdms_cell.rights.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
+from mdms_cell.ticks import IDLE_MS, after, diff
+from mdms_protocol import indices
+from mdms_protocol.compat import const, micropython
+from mdms_protocol.neighbours import frames as wire
+
+#: From SYNC until speeds and estimates of all cells of a bus have come.
+UPDATE_MS = const(7)
+#: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
+LATE_MS = const(2)
+#: A neighbour under a parcel that is heard, and has sent no estimate for so long, has left it.
+_LEFT_BEATS = const(30)
+#: A step between two SYNCs is counted as no more than this.
+_STEP_MAX_MS = const(50)
+_ESTIMATE_PDO = const(2)
+
+
+class Layer:
+    """The layer of one cell, off until it is `active`.
+
+    `now()` returns the time [ms], `wake(wait_ms)` has a poll follow in so many milliseconds at the
+    latest, and `changed()` is called when the identifiers have changed.
+    """
+
+    def __init__(self, objects, registers, *, axes, pdos, consumer, emcy, now, wake, changed):
+        self._objects = objects
+        self._registers = registers
+        self._axes = axes
+        self._pdos = pdos
+        self._emcy = emcy
+        self._now = now
+        self._wake = wake
+        self._changed = changed
+        self.active = False
+        self._place = Place(objects, self._on_place)
+        self._heard = Heard()
+        self._footprint = Footprint(self._place)
+        self._suspicion = Suspicion()
+        self._tracking = Tracking(self._place, self._footprint, self._heard, self._suspicion)
+        self._leading = Leading(self._place, self._footprint, self._tracking, axes)
+        self._rights = RightOfWay()
+        self._pages = Pages(
+            objects,
+            self._place,
+            self._heard,
+            tracking=self._tracking,
+            rights=self._rights,
+            leading=self._leading,
+            consumer=consumer,
+            pdos=pdos,
+        )
+        #: Scratch: a parcel as a neighbour reports it.
+        self._outline = Outline()
+        self._consumer = consumer
+        #: The estimate that is to be sent, by the fields of the wire, and where its frame is.
+        self._estimate = array("i", [0] * wire.ESTIMATE_FIELDS)
+        self._frame_at = find(indices.ESTIMATE, 1).place
+        #: How many frames of neighbours were no estimates.
+        self.nonsense = 0
+        #: The direction that is reported as a suspect, -1 for none.
+        self._suspect = -1
+        # The period of SYNC, the last SYNC, and the one of the last update with the time before it.
+        self._period_ms = self._step_ms = 10
+        self._came_ms = self._updated_ms = 0
+        self._forget_beat()
+        objects.watch(indices.CONTROL, self._on_place)
+
+    def start(self, node_id):
+        """The cell is 'operational'; nothing of before counts."""
+        # A cell that finds itself among its neighbours has been given another's place.
+        self.active = self.wanted and not self._place.names(node_id)
+        self._rights.set_lease(self._objects.number(indices.LEASE, 1))
+        self._period_ms = self._objects.number(indices.LEASE, 2)
+        self._heard.repeat_ms = self._objects.number(indices.TPDO_PARAMETERS + 1, 5)
+        # A millisecond passes until the frame with the edge has come.
+        self._tracking.sensors.edge_late_ms = 1 + self._objects.number(indices.PRESENCE_DEBOUNCE)
+        self._pages.node_id = node_id
+        self._reset()
+
+    def stop(self):
+        """The cell is not 'operational' any more."""
+        self.active = False
+        self._reset()
+
+    def _reset(self):
+        """Forget all that must outlive no stop: parcel, programs, promises, and whose time it is.
+
+        Settings stay, and so does the clock.
+        """
+        self._acquit()
+        self._rights.restart(self._place.present())
+        self._heard.reset()
+        self._tracking.drop()
+        self._pages.reset()
+        self._leading.reset()
+        self._forget_beat()
+
+    def _forget_beat(self):
+        """No update is due, and there is no estimate to send."""
+        for field in range(wire.ESTIMATE_FIELDS):
+            self._estimate[field] = 0
+        self._due = False
+        self._skipped_beats = 0
+        # What the last update has told the right of way: the parcel over the cell, the neighbours
+        # that it needs, and whether a sensor is covered.
+        self._over = self._needs = 0
+        self._occupied = False
+
+    def load(self):
+        """Take over everything from the dictionary."""
+        self._place.load()
+        self._on_place()
+
+    def goes_on(self):
+        """Whether the silence of the host ends no motion here.
+
+        Where no parcel lies, one that goes on may come by; one that does not go on is stopped.
+        """
+        tracking = self._tracking
+        program = self._pages.programs.find(tracking.identity if tracking.is_over() else 0)
+        if program is not None and program.complete and not program.goes_on:
+            return False
+        return self.active and self._pages.programs.go_on()
+
+    def _on_place(self, _index=0, _sub=0):
+        self._footprint.load()
+        self.stop()
+        self._axes.led = self.wanted
+        self._changed()
+
+    # What comes
+
+    @property
+    def mailboxes(self):
+        """Where frames of neighbours wait for an update."""
+        return self._heard.boxes
+
+    @property
+    def wanted(self):
+        """Whether the cell is to be led by the layer, and has been given its place."""
+        return self._objects.number(indices.CONTROL) == 1 and self._place.known
+
+    def receivers(self):
+        """Pairs of an identifier and what takes its frames: a function, or a mailbox's number."""
+        if self.wanted:
+            for can_id, kind, direction in self._place.receivers():
+                yield can_id, self._receiver(kind, direction)
+
+    def _receiver(self, kind, direction):
+        heard = self._heard
+        if kind == place.SPEEDS:
+            return SPEEDS_AT + direction
+        if kind == place.STATE:
+            return lambda data: heard.on_state(direction, data, self._now())
+        if kind == place.ESTIMATE:
+            return direction
+        return lambda data: not self.active or self._pages.on_page(direction, data)
+
+    # The beat
+
+    @micropython.native
+    def on_sync(self, now_ms, waited_ms):
+        """SYNC: send the estimate of the last update, and have the next update follow.
+
+        That was `waited_ms` ago. Where updates take so long that it has waited for the end of one,
+        it has none itself, so that every second or third is on time, and none is late by chance.
+        """
+        if not self.active:
+            return
+        came_ms = after(now_ms, -waited_ms)
+        beat_ms = diff(came_ms, self._came_ms)
+        # Or two beats meet, and what has come is of either.
+        gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
+        if gap:
+            self._updated_ms = self._came_ms
+        elif self._due:
+            self._skip(came_ms)
+        self._came_ms = came_ms
+        if self._estimate[wire.IDENTITY]:
+            self._pdos.trigger(_ESTIMATE_PDO)
+        if gap:
+            self._rights.on_gap()
+            self._pages.comparison.on_gap(beat_ms // self._period_ms)
+            self.nonsense += self._heard.read()
+            # What has come may be of any age: it is not passed on.
+            self._heard.passed_on()
+        self._heard.begin_beat(self._registers)
+        self._due = waited_ms <= LATE_MS
+        if not self._due:
+            self._skip(after(came_ms, self._period_ms))
+            return
+        self._wake(UPDATE_MS - waited_ms)
+
+    def _skip(self, next_ms):
+        """A beat passes without an update, and the next SYNC is at `next_ms`.
+
+        What came since the last one still waits. So for right of way nothing has come, and a lease
+        that ends with this beat ends the motion now; the estimate is of where the parcel will be.
+        """
+        self._skipped_beats += 1
+        self._rights.on_beat(self._over, self._needs, self._occupied)
+        if not self._rights.drive_beats:
+            program = self._pages.programs.complete(self._tracking.identity)
+            self._lead(program, self._step_ms)
+        self._write_estimate(diff(next_ms, self._updated_ms))
+
+    @micropython.native
+    def poll(self, now_ms, presence):
+        """Update when it is time; return in how many milliseconds the next update is due."""
+        if not self.active:
+            return IDLE_MS
+        heard = self._heard
+        if presence | SEEN != heard.presence[OWN]:
+            heard.take_presence(OWN, presence, now_ms)
+        if not self._due:
+            return IDLE_MS
+        wait_ms = UPDATE_MS - diff(now_ms, self._came_ms)
+        if wait_ms > 0:
+            return wait_ms
+        self._due = False
+        self._update(presence)
+        return IDLE_MS
+
+    @micropython.native
+    def _update(self, presence):
+        """The algorithm of a beat, in its order; see firmware/README.md, 'Neighbour layer'."""
+        step_ms = self._begin_update()
+        # Take in what neighbours have sent, and choose the parcel to be at.
+        sent = self._take_in()
+        if not self._tracking.under:
+            self._choose_parcel()
+        # Believe: where the parcel is and how it moves.
+        self._tracking.update(step_ms, self._came_ms)
+        if self._tracking.missing_beats >= LOST_BEATS:
+            self._tracking.drop()
+        program, verdict = self._find_program(sent)
+        # Decide: which cells the parcel needs, and whether all are promised to it.
+        self._look_ahead(program)
+        self._claim(presence)
+        # Judge the neighbours.
+        self._tracking.judge(self._needs if self._rights.state == UNDER else 0)
+        if self._suspicion.first() != self._suspect:
+            self._report()
+        # Lead the wheels, and say so at the next SYNC.
+        outdated = verdict == OUTDATED
+        self._lead(None if outdated and not self._consumer.lost else program, step_ms)
+        self._announce(None if self._pages.asked or outdated else program, step_ms)
+        if sent and self._tracking.under and program is not None and not verdict:
+            self._pages.hand_on(program, sent, self._skipped_beats)
+        self._skipped_beats = 0
+
+    @micropython.native
+    def _begin_update(self):
+        """Return the time since the SYNC of the last update [ms]."""
+        step_ms = max(1, min(diff(self._came_ms, self._updated_ms), _STEP_MAX_MS))
+        self._step_ms = step_ms
+        self._updated_ms = self._came_ms
+        return step_ms
+
+    @micropython.native
+    def _take_in(self):
+        """Take in the estimates that have come; returns the mask of their directions."""
+        heard, rights = self._heard, self._rights
+        self.nonsense += heard.read()
+        if self._pages.precedence.exists():
+            self._keep_order(self._pages.precedence)
+        sent = rights.on_estimates(heard.estimates, heard.boxes.fresh)
+        if rights.unsure:
+            self._look_around(sent)
+        return sent
+
+    @micropython.native
+    def _find_program(self, sent):
+        """Return the program of the parcel, None without one, and what is against it."""
+        identity, pages = self._tracking.identity, self._pages
+        if self._consumer.lost:
+            pages.programs.outdate(identity)
+        program = pages.programs.complete(identity)
+        return program, pages.compare(identity, program, sent)
+
+    @micropython.native
+    def _look_ahead(self, program):
+        """Find which neighbours the parcel needs, and which it wants soon."""
+        leading = self._leading
+        self._needs = self._estimate[wire.WANTS] = 0
+        if self._tracking.under:
+            leading.look_ahead(program, self._rights.lacking)
+            self._needs, self._estimate[wire.WANTS] = leading.needs, leading.wants
+
+    @micropython.native
+    def _claim(self, presence):
+        """Have the right of way decide for the next beat; DESIGN.md, 'Right of way'."""
+        tracking, rights = self._tracking, self._rights
+        over = tracking.identity if tracking.is_over() else 0
+        if over and rights.state != UNDER and tracking.is_of_another():
+            # A parcel that stands before what nobody knows would come over it mm by mm.
+            over = 0
+        self._over, self._occupied = over, presence != 0
+        rights.on_beat(over, self._needs, self._occupied)
+
+    @micropython.native
+    def _lead(self, program, step_ms):
+        """Lead the wheels towards the goal of a program while all is clear; else they rest."""
+        rights, tracking, leading = self._rights, self._tracking, self._leading
+        under = rights.state == UNDER and tracking.under
+        if program is None or not under or tracking.is_doubtful():
+            leading.stop()
+            return
+        alone = self._consumer.lost
+        # As many beats as were skipped before this update may be before the next.
+        held = rights.drive_beats <= self._skipped_beats
+        allowed = leading.may_go_on(program, step_ms, alone, held)
+        if alone and allowed:
+            self._go_on(program)
+        leading.step(program, allowed and not held, step_ms)
+
+    @micropython.native
+    def _announce(self, program, step_ms):
+        """Write the estimate that the next SYNC is to send; the program may be lacked or None."""
+        flags = wire.CONTRADICTED if self._suspect >= 0 else 0
+        if self._leading.steering.has_arrived():
+            flags |= wire.ARRIVED
+        if program is None or not program.whole:
+            flags |= wire.LACKING
+        self._estimate[wire.SEQUENCE] = 0 if program is None else program.sequence
+        self._estimate[wire.FLAGS] = flags
+        self._write_estimate(step_ms)
+
+    @micropython.native
+    def _write_estimate(self, ahead_ms):
+        """Write the frame, so long after the SYNC that the belief is of."""
+        estimate, rights = self._estimate, self._rights
+        self._tracking.announce(estimate, ahead_ms)
+        estimate[wire.IDENTITY] = rights.identity
+        estimate[wire.STATE] = rights.state
+        estimate[wire.HOLD] = rights.hold
+        if rights.state != UNDER:
+            estimate[wire.WANTS] = 0
+        wire.pack_estimate(estimate, 0, self._objects.data, self._frame_at)
+
+    def _keep_order(self, precedence):
+        """Parcels come over the cell in an order, which counts for the time without the host."""
+        estimates, fresh = self._heard.estimates, self._heard.boxes.fresh
+        turn = precedence.turn(self._rights.identity, self._rights.state, estimates, fresh)
+        if self._consumer.lost:
+            precedence.keep(turn, estimates, fresh)
+
+    def _look_around(self, sent):
+        """After a restart: what lies over the square, by the neighbours that are heard.
+
+        `sent` is the mask of those whose estimates have come. The page of a parcel whose size is
+        not known is asked for.
+        """
+        heard, rights = self._heard, self._rights
+        self._pages.asked = 0
+        for direction in range(DIRECTIONS):
+            if sent >> direction & 1:
+                rights.hear(direction, self._reported_over(direction))
+            elif heard.speeds_age(direction) <= 1 and (
+                heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.STATE] != wire.UNDER
+                or heard.age(direction) > _LEFT_BEATS
+            ):
+                rights.hear(direction, 0)
+        if self._pages.asked:
+            rights.approach(self._pages.asked)
+
+    def _reported_over(self, direction):
+        """The parcel that a neighbour reports over this cell's square, as in `hear`."""
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
+        identity = estimates[at + wire.IDENTITY]
+        if not identity or estimates[at + wire.STATE] != wire.UNDER:
+            return 0
+        program = self._pages.programs.find(identity)
+        if program is None or not program.has_parcel:
+            self._pages.asked = identity
+            return UNKNOWN
+        certainty = estimates[at + wire.CERTAINTY]
+        if not certainty:
+            return 0 if self._has_pose(identity) else UNKNOWN
+        x_um, y_um = self._place.shift_um(direction)
+        x_um += estimates[at + wire.X] * wire.STEP_UM
+        y_um += estimates[at + wire.Y] * wire.STEP_UM
+        self._outline.set(*program.size())
+        self._outline.place(x_um, y_um, turn_um(estimates[at + wire.YAW]))
+        unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
+        room = UNSEEN_ROOM if unseen else 0
+        return identity if self._footprint.reaches(self._outline, room) else 0
+
+    def _has_pose(self, identity):
+        """Whether any neighbour has said lately where this parcel is."""
+        heard = self._heard
+        for direction in range(DIRECTIONS):
+            at = direction * wire.ESTIMATE_FIELDS
+            if (
+                heard.age(direction) <= 1
+                and heard.estimates[at + wire.IDENTITY] == identity
+                and heard.estimates[at + wire.STATE] == wire.UNDER
+                and heard.estimates[at + wire.CERTAINTY]
+            ):
+                return True
+        return False
+
+    def _choose_parcel(self):
+        """Be at the parcel that lies here, or else at the one that the right of way says."""
+        tracking, rights = self._tracking, self._rights
+        identity = rights.identity
+        if identity and identity != tracking.identity:
+            tracking.adopt(identity)
+        elif not identity and rights.state == NONE and not tracking.belief.known:
+            tracking.drop()
+        if tracking.identity and not tracking.shaped:
+            program = self._pages.programs.find(tracking.identity)
+            if program is not None and program.has_parcel:
+                tracking.take_shape(program)
+
+    def _go_on(self, program):
+        """Take the next leg, without the host, at the end of this one; so do all under the parcel.
+
+        The host gives a leg when its way is free; from now on promises alone keep others apart, in
+        the order of `precedence`.
+        """
+        if not program.legs:
+            return
+        follows = self._leading.steering.has_arrived() or self._is_another_at(
+            next_sequence(program.sequence)
+        )
+        if follows and program.advance():
+            self._leading.next_leg()
+
+    def _is_another_at(self, sequence):
+        """Whether a neighbour that had the cell's program has gone on to this sequence."""
+        estimates, ahead = self._heard.estimates, self._pages.comparison.ahead
+        for direction in range(DIRECTIONS):
+            its = estimates[direction * wire.ESTIMATE_FIELDS + wire.SEQUENCE]
+            if ahead >> direction & 1 and its == sequence:
+                return True
+        return False
+
+    # Who is suspected
+
+    def _report(self):
+        """Report another suspect than before, in an emergency and in its object."""
+        direction = self._suspect = self._suspicion.first()
+        self._emcy.clear(SOURCE)
+        node_id = 0
+        if direction >= 0:
+            node_id = self._pages.node_id if direction == OWN else self._place.nodes[direction]
+            self._emcy.report(SOURCE, CODE, bytes((node_id, self._suspicion.out[direction], 0, 0)))
+        self._objects.put(indices.SUSPECT, 0, node_id)
+
+    def _acquit(self):
+        """Suspect nobody."""
+        self._suspicion.reset()
+        if self._suspect >= 0:
+            self._report()

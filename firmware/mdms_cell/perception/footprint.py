@@ -1,0 +1,158 @@
+"""Which cells a parcel covers.
+
+It belongs to those whose wheels or sensors are under it, and what lies between does not count. It
+needs those whose squares it lies over, which are what it may move within.
+"""
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
+
+from array import array
+
+from mdms_cell.perception.angle import ARM_UM
+from mdms_cell.perception.outline import STEP_UM, contains, overlaps_square
+from mdms_cell.perception.place import AXES, DIRECTIONS, OWN, SENSORS
+from mdms_protocol.compat import WIDEN, micropython, ptr32
+
+#: A parcel's cells are those under its outline and this much around it [steps].
+MARGIN = 10_000 // STEP_UM
+#: A parcel keeps this away from the squares of cells that are not promised to it [steps].
+CLEARANCE = 4_000 // STEP_UM
+#: An edge that no sensor has seen may lie 32 mm from where it is believed: so much more than that
+#: [steps]. An estimate says so by a certainty of this at most.
+UNSEEN_ROOM = 28_000 // STEP_UM
+UNSEEN_CERTAINTY = 3
+#: The points of a cell: its wheels come before its sensors.
+POINTS = AXES + SENSORS
+
+
+class Footprint:
+    """The points of a cell and its neighbours, in steps of 16 um from the cell's own centre.
+
+    Neighbours are cells alike, whose points are the cell's own, shifted: `points` has x and y of
+    each point, `shifts` those of each centre by direction, and last the cell's own. `along` is the
+    direction in which each wheel pushes, x and y by axis [1/512]; `levers` are those of the wheels
+    about a parcel's centre, see `find_levers`. `present` is the mask of the neighbours that there
+    are. A parcel that comes within `half` of a centre, along x and y, needs that cell: squares, not
+    points, are what a parcel needs, for two parcels may not meet between two cells' sensors either.
+    """
+
+    def __init__(self, place):
+        self._place = place
+        self.points = array("i", [0] * (2 * POINTS))
+        self.along = array("i", [0] * (2 * AXES))
+        self.shifts = array("i", [0] * (2 * (DIRECTIONS + 1)))
+        self.levers = array("i", [0] * (AXES * (DIRECTIONS + 1)))
+        self.load()
+
+    def load(self):
+        """Take over the place's settings."""
+        place = self._place
+        for axis in range(AXES):
+            _put(self.points, axis, place.contact_um(axis))
+            # Of 1 / place.UNITY, in 1/512.
+            along_x, along_y = place.drive(axis)
+            self.along[2 * axis], self.along[2 * axis + 1] = along_x >> 5, along_y >> 5
+        for sensor in range(SENSORS):
+            _put(self.points, AXES + sensor, place.sensor_um(sensor))
+        self.present = place.present()
+        for direction in range(DIRECTIONS):
+            _put(self.shifts, direction, place.shift_um(direction))
+        self.half = place.pitch_um // (2 * STEP_UM) + CLEARANCE
+
+    def point(self, direction, point):
+        """Where that cell's point is: x and y."""
+        points, shifts = self.points, self.shifts
+        x, y = points[2 * point], points[2 * point + 1]
+        return shifts[2 * direction] + x, shifts[2 * direction + 1] + y
+
+    def covers(self, outline):
+        """Whether the parcel covers a wheel or a sensor of the cell, or nearly."""
+        return self.within(outline, OWN, MARGIN) != 0
+
+    @micropython.native
+    def within(self, outline, direction, limit):
+        """The mask of that cell's points that are less than `limit` outside the outline [steps]."""
+        return points_within(outline.registers, self.points, self.shifts, direction, POINTS, limit)
+
+    @micropython.native
+    def wheels_within(self, outline, direction, limit):
+        """The mask of that cell's wheels, by axis, that are less than `limit` outside [steps]."""
+        return points_within(outline.registers, self.points, self.shifts, direction, AXES, limit)
+
+    @micropython.native
+    def squares(self, outline, asked, room=0):
+        """The mask of those cells in a mask whose squares, with room around, a parcel lies over."""
+        return squares_overlapped(outline.registers, self.shifts, self.half + room, asked)
+
+    def reaches(self, outline, room=0):
+        """Whether the parcel lies over the cell's own square, or nearly; with room around it."""
+        return self.squares(outline, 1 << OWN, room) != 0
+
+    @micropython.native
+    def find_levers(self, outline, directions):
+        """Find the `levers` of the wheels of the cells in a mask.
+
+        A lever is how fast a wheel rolls while the parcel turns, in 1/512 of the turn's speed. That
+        of axis a in direction d has the number 2 * d + a.
+        """
+        points, shifts, along = self.points, self.shifts, self.along
+        find_levers(outline.registers, points, shifts, along, directions, self.levers)
+
+
+def _put(numbers, pair, place_um):
+    x_um, y_um = place_um
+    numbers[2 * pair], numbers[2 * pair + 1] = x_um // STEP_UM, y_um // STEP_UM
+
+
+@micropython.viper
+def points_within(  # noqa: PLR0917 - viper takes words
+    outline, points: ptr32, shifts: ptr32, direction: int, count: int, limit: int
+) -> int:
+    """The mask of a cell's first points that are less than `limit` outside an outline [steps]."""
+    widen = int(WIDEN)
+    shift_x = shifts[2 * direction] << widen >> widen
+    shift_y = shifts[2 * direction + 1] << widen >> widen
+    mask = 0
+    for point in range(count):
+        x = (points[2 * point] << widen >> widen) + shift_x
+        y = (points[2 * point + 1] << widen >> widen) + shift_y
+        mask |= int(contains(outline, x, y, limit)) << point
+    return mask
+
+
+@micropython.viper
+def squares_overlapped(outline, shifts: ptr32, half: int, asked: int) -> int:
+    """The mask of those cells of a mask whose squares an outline lies over."""
+    widen = int(WIDEN)
+    mask = 0
+    cell = 0
+    while asked >> cell:
+        if asked >> cell & 1:
+            x = shifts[2 * cell] << widen >> widen
+            y = shifts[2 * cell + 1] << widen >> widen
+            mask |= int(overlaps_square(outline, x, y, half)) << cell
+        cell += 1
+    return mask
+
+
+@micropython.viper
+def find_levers(  # noqa: PLR0917 - viper takes words
+    centre: ptr32, points: ptr32, shifts: ptr32, along: ptr32, directions: int, levers: ptr32
+):
+    """Find levers about a centre; see `Footprint.find_levers`."""
+    widen = int(WIDEN)
+    arm = int(ARM_UM) // int(STEP_UM)
+    centre_x = centre[0] << widen >> widen
+    centre_y = centre[1] << widen >> widen
+    wheel = 0
+    while directions >> (wheel >> 1):
+        axis = wheel & 1
+        cell = wheel - axis
+        if directions >> (wheel >> 1) & 1:
+            x = (points[2 * axis] << widen >> widen) - centre_x + (shifts[cell] << widen >> widen)
+            y = (points[2 * axis + 1] << widen >> widen) - centre_y
+            y += shifts[cell + 1] << widen >> widen
+            along_x = along[2 * axis] << widen >> widen
+            along_y = along[2 * axis + 1] << widen >> widen
+            levers[wheel] = (along_y * x - along_x * y) // arm
+        wheel += 1

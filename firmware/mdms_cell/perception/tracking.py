@@ -1,0 +1,285 @@
+"""What a cell makes of what it and its neighbours have seen: where the parcel is, how it moves.
+
+A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its
+neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
+parcel. A cell beside the parcel follows those that are under it.
+"""
+
+from mdms_cell.perception.agreement import Agreement
+from mdms_cell.perception.belief import Belief
+from mdms_cell.perception.heard import NEVER
+from mdms_cell.perception.place import DIRECTIONS, OWN
+from mdms_cell.perception.sensors import Sensors
+from mdms_cell.perception.suspicion import SILENCE, WHEELS
+from mdms_cell.perception.twist import SLIPS, against, fit
+from mdms_cell.perception.twist import WHEELS as WHEELS_SHOWN
+from mdms_protocol.compat import const, micropython
+from mdms_protocol.neighbours import frames as wire
+
+#: Fewer wheels, all on one side, do not show how a parcel turns, nor that one of them is wrong.
+_FEW_WHEELS = const(5)
+#: A pose is announced no longer after the SYNC of the belief that it was made of.
+_AHEAD_MAX_MS = const(50)
+#: A cell beside a parcel follows its neighbours for so long after the last of them.
+_FOLLOW_BEATS = const(5)
+#: Whoever has been silent for less has lost a frame.
+_LATE_BEATS = const(3)
+#: A wheel has to be so far inside the outline to be found wrong, 10 mm [steps].
+_INSIDE = const(625)
+#: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
+DOUBT_BEATS = const(20)
+LOST_BEATS = const(100)
+
+
+class Tracking:
+    """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
+
+    `others` is the mask of the directions of cells whose wheels and sensors serve another parcel.
+    `under` is whether the cell is under the parcel, or nearly; `follows` whether it makes its pose
+    of what neighbours believe. `sent` is how certain the pose was that was sent last, -1 if none.
+    """
+
+    def __init__(self, place, footprint, heard, suspicion):
+        self._footprint = footprint
+        self._heard = heard
+        self._suspicion = suspicion
+        self.agreement = Agreement(place, heard, suspicion)
+        self.belief = Belief()
+        self.sensors = Sensors(self, footprint, heard, suspicion)
+        self.drop()
+
+    def drop(self):
+        """There is no parcel."""
+        self.identity = self.others = 0
+        self.shaped = False
+        self.unplanned = False
+        self.under = False
+        self.missing_beats = 0
+        self._followed_beats = 0
+        self.follows = False
+        self.sent = -1
+        self.sensors.reset()
+        self.belief.reset()
+        self.agreement.reset()
+
+    def adopt(self, identity):
+        """Follow this parcel from now on."""
+        self.drop()
+        self.identity = identity
+
+    def take_shape(self, program):
+        """The parcel's outline is known now."""
+        self.belief.set(*program.size())
+        self.shaped = True
+        self.unplanned = program.unplanned
+        self.look()
+
+    def place(self, x_um, y_um, turn):
+        """The parcel was put there [um; from the cell's own centre]."""
+        self.belief.start(x_um, y_um, turn)
+        self.belief.twist.reset()
+        self.look()
+
+    def look(self):
+        """Find whether the cell is under the parcel, or nearly."""
+        self.under = self.shaped and self.belief.known and self._footprint.covers(self.belief)
+
+    def miss(self):
+        """The parcel is not seen in this beat."""
+        self.missing_beats = min(self.missing_beats + 1, LOST_BEATS)
+
+    def may_be_elsewhere(self):
+        """Whether the parcel may lie over cells by its edges, none of which has been seen yet.
+
+        Where ways are planned the plan keeps others away from it.
+        """
+        return self.unplanned and self.belief.is_unseen()
+
+    def is_witnessed(self):
+        """Whether two neighbours or more have the parcel where this cell believes it."""
+        near = self.agreement.near
+        return near & near - 1 != 0
+
+    def follow(self):
+        """Take what those under the parcel believe; returns whether there are any."""
+        if self.agreement.follow(self.belief):
+            self._followed_beats = 0
+            return True
+        if not self.under:
+            self._followed_beats += 1
+            if self._followed_beats > _FOLLOW_BEATS:
+                self.belief.drop()
+        return False
+
+    def is_over(self):
+        """Whether the parcel lies over the cell's square; not only over its wheels and sensors."""
+        return self.under or (
+            self.shaped and self.belief.known and self._footprint.reaches(self.belief)
+        )
+
+    def is_of_another(self):
+        """Whether something else covers a sensor of the cell: one far from the parcel."""
+        return self.sensors.show_another()
+
+    @micropython.native
+    def is_sure(self):
+        """Whether this cell has a belief of its own that nothing is against."""
+        return (
+            self.sent >= 0
+            and self.under
+            and not (self.missing_beats or self.agreement.outvoted_beats)
+        )
+
+    @micropython.native
+    def is_doubtful(self):
+        """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
+        return self.missing_beats >= DOUBT_BEATS or self.agreement.outvoted_beats >= DOUBT_BEATS
+
+    @micropython.native
+    def announce(self, fields, ahead_ms):
+        """Write pose and certainty into an estimate, so long after the SYNC of the belief.
+
+        That is no pose where it is too long.
+        """
+        if self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS:
+            certainty = self.belief.send(fields, ahead_ms)
+            if self.is_doubtful():
+                certainty = 0
+            fields[wire.CERTAINTY] = self.sent = certainty
+        else:
+            fields[wire.CERTAINTY] = 0
+            self.sent = -1
+
+    # The beat
+
+    @micropython.native
+    def update(self, step_ms, sync_ms):
+        """Bring the belief to the last SYNC, so many milliseconds after that of the last update.
+
+        It is rolled on by the wheels, moved towards those of neighbours, and corrected by sensors.
+        """
+        if self.identity and self.shaped:
+            belief = self.belief
+            self._find_others()
+            if belief.known:
+                # By the belief of before.
+                self._fit_twist()
+            else:
+                belief.twist.reset()
+            outvoted = self._compare_poses()
+            if not (self.follows or outvoted) or not self.follow():
+                belief.roll(step_ms)
+                if self._agrees():
+                    self.agreement.move(belief, self.sent)
+                belief.move_outline()
+            if self.under:
+                self.sensors.check(sync_ms)
+            else:
+                self.look()
+        if self._heard.edges:
+            self.sensors.drop_edges(sync_ms)
+
+    @micropython.native
+    def _find_others(self):
+        """Find the cells that are at another parcel than this cell."""
+        heard, others = self._heard, 0
+        estimates, at = heard.estimates, 0
+        for direction in range(DIRECTIONS):
+            if (
+                estimates[at + wire.IDENTITY] != self.identity
+                and heard.estimate_beat[direction] != NEVER
+                and estimates[at + wire.STATE] >= wire.PROMISED
+            ):
+                others |= 1 << direction
+            at += wire.ESTIMATE_FIELDS
+        self.others = others
+
+    @micropython.native
+    def _fit_twist(self):
+        """Find how the parcel moves, by the wheels under it whose speeds came in this beat."""
+        heard, belief, footprint = self._heard, self.belief, self._footprint
+        stamps, out = heard.boxes.stamps, self._suspicion.out
+        cells = wheels = 0
+        for cell in range(DIRECTIONS + 1):
+            if (
+                stamps[DIRECTIONS + cell] == heard.beat
+                and not self.others >> cell & 1
+                and not out[cell] >> WHEELS & 1
+            ):
+                cells |= 1 << cell
+                wheels |= footprint.wheels_within(belief, cell, 0) << 2 * cell
+        footprint.find_levers(belief, cells)
+        twist, frames = belief.twist, heard.boxes.frames
+        fit(
+            twist.speeds,
+            twist.before,
+            twist.shown,
+            footprint.along,
+            footprint.levers,
+            frames,
+            wheels,
+        )
+
+    @micropython.native
+    def _compare_poses(self):
+        """Compare what cells under the parcel believe; returns whether this cell is outvoted."""
+        belief = self.belief
+        peers = self._peers(self._heard.beat)
+        if not (peers or belief.known):
+            # Over a border between two buses they may come when the update has begun.
+            peers = self._peers(self._heard.beat - 1)
+        self.follows = not self.under or belief.twist.shown[WHEELS_SHOWN] < _FEW_WHEELS
+        return self.agreement.compare(peers, belief.sent if self._agrees() else None)
+
+    @micropython.native
+    def _agrees(self):
+        """Whether this cell has sent a pose of its own, which others may be compared with."""
+        return not self.follows and self.sent >= 0
+
+    @micropython.native
+    def _peers(self, beat):
+        """The mask of the directions whose pose of this parcel came in this beat."""
+        heard, peers = self._heard, 0
+        estimates, at = heard.estimates, 0
+        for direction in range(DIRECTIONS):
+            if (
+                heard.estimate_beat[direction] == beat
+                and estimates[at + wire.IDENTITY] == self.identity
+                and estimates[at + wire.STATE] == wire.UNDER
+                and estimates[at + wire.CERTAINTY] > 0
+            ):
+                peers |= 1 << direction
+            at += wire.ESTIMATE_FIELDS
+        return peers
+
+    @micropython.native
+    def judge(self, asked):
+        """Compare what a cell sends and measures with the belief of this one under its parcel.
+
+        One cell a beat; `asked` is the mask of those asked for the parcel.
+        """
+        suspicion, heard = self._suspicion, self._heard
+        cell = suspicion.turn = suspicion.turn + 1 if suspicion.turn < OWN else 0
+        if not self.is_sure():
+            return
+        if cell != OWN:
+            if not self._footprint.present >> cell & 1:
+                return
+            silent = heard.age(cell) > _LATE_BEATS
+            if asked >> cell & 1 if silent else suspicion.has_case(SILENCE):
+                suspicion.judge(cell, SILENCE, silent)
+            if heard.boxes.stamps[DIRECTIONS + cell] != heard.beat or self.others >> cell & 1:
+                return
+        if self.belief.twist.shown[WHEELS_SHOWN] >= _FEW_WHEELS:
+            self._judge_wheels(cell)
+
+    @micropython.native
+    def _judge_wheels(self, cell):
+        """A wheel well under the parcel is wrong if it does not turn with it."""
+        footprint, belief = self._footprint, self.belief
+        axes = footprint.wheels_within(belief, cell, -_INSIDE)
+        footprint.find_levers(belief, 1 << cell)
+        speeds, frames = belief.twist.speeds, self._heard.boxes.frames
+        shown = against(speeds, footprint.along, footprint.levers, frames, cell, axes)
+        if shown & SLIPS or (shown and self._suspicion.has_case(WHEELS)):
+            self._suspicion.judge(cell, WHEELS, shown & SLIPS != 0)

@@ -1,0 +1,1 @@
+"""Which parcel a cell belongs to, and whom it is promised to."""
