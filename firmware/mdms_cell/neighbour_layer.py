@@ -3,6 +3,8 @@
 At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
 of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from array import array
 

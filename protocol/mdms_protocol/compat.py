@@ -13,7 +13,7 @@ __all__ = ["WIDEN", "const", "micropython", "ptr8", "ptr16", "ptr32"]
 
 try:
     import micropython  # type: ignore[import-not-found,unused-ignore]
-    from micropython import const
+    from micropython import const  # pyright: ignore[reportAssignmentType]
 except ImportError:
     from collections.abc import Callable
     from typing import TypeVar

@@ -215,6 +215,11 @@ class Program:
         return True
 
 
+def _nobody():
+    """Return the identities of no parcel."""
+    return ()
+
+
 class Programs:
     """The programs that a cell keeps; the one that stays farthest from it makes room for another.
 
@@ -222,7 +227,7 @@ class Programs:
     identities of the parcels that it is at or promised to: their programs stay.
     """
 
-    def __init__(self, own=tuple):
+    def __init__(self, own=_nobody):
         self.x = self.y = 0
         self._own = own
         # The one that was used last comes first.

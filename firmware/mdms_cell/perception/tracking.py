@@ -4,6 +4,8 @@ A cell under the parcel keeps a belief of its own: it rolls it on by the wheels 
 neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
 parcel. A cell beside the parcel follows those that are under it.
 """
+# Viper takes any buffer, and the stubs bytes alone.
+# pyright: reportArgumentType=false
 
 from mdms_cell.perception.agreement import Agreement
 from mdms_cell.perception.belief import Belief
