@@ -8,7 +8,7 @@ WORKERS ?= 4
 # Tests start hundreds of processes; each would compile our modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check format generate bench prove soak requirements clean
+.PHONY: demo test quick check docs format generate bench prove soak requirements clean
 
 demo: $(VENV)/.run
 	$(BIN)/mdms demo
@@ -31,6 +31,10 @@ check: $(VENV)/.dev typings/.installed
 	$(BIN)/mypy
 	$(BIN)/pyright --project firmware/pyrightconfig.json
 	$(BIN)/lint-imports
+
+# The site, into build/docs/index.html. It needs no network once its packages are there.
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -b html -W --keep-going -q -c docs . build/docs
 
 format: $(VENV)/.dev
 	$(BIN)/ruff check --fix .
@@ -68,6 +72,10 @@ $(VENV)/.bench: requirements/bench.txt $(VENV)/.dev
 	$(PIP) install --quiet --require-hashes -r requirements/bench.txt
 	@touch $@
 
+$(VENV)/.docs: requirements/docs.txt $(VENV)/.run
+	$(PIP) install --quiet --require-hashes -r requirements/docs.txt
+	@touch $@
+
 # The stubs shadow modules of the standard library, so they live beside the environment, not in it.
 typings/.installed: requirements/stubs.txt | $(VENV)/bin/python
 	$(PIP) install --quiet --no-deps --require-hashes --upgrade --target typings -r requirements/stubs.txt
@@ -78,6 +86,7 @@ requirements:
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --group build -o requirements/run.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --group build --group dev -c requirements/run.txt -o requirements/dev.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --group build --group dev --group bench -c requirements/dev.txt -o requirements/bench.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --group build --group docs -c requirements/dev.txt -o requirements/docs.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q --group stubs -o requirements/stubs.txt
 
 clean:

@@ -1,4 +1,4 @@
-"""NUCLEO-G474RE (STM32G474, 170 MHz); pins as in the wiring table of firmware/README.md.
+"""NUCLEO-G474RE (STM32G474, 170 MHz); pins as in the wiring table of docs/boards.md.
 
 It saves no settings. Flash of an STM32G4 has error correction: reading what was cut off amid an
 erase or a program operation raises the NMI, and goes on raising it until FLASH_ECCR is cleared.

@@ -1,4 +1,4 @@
-"""PYBv1.1 (STM32F405, 168 MHz); pins as in the wiring table of firmware/README.md."""
+"""PYBv1.1 (STM32F405, 168 MHz); pins as in the wiring table of docs/boards.md."""
 
 from machine import Pin
 

@@ -1,4 +1,4 @@
-"""Teensy 4.1 (i.MX RT1062, 600 MHz); pins as in the wiring table of firmware/README.md."""
+"""Teensy 4.1 (i.MX RT1062, 600 MHz); pins as in the wiring table of docs/boards.md."""
 
 from machine import Pin
 

@@ -1,4 +1,4 @@
-"""WeAct MiniSTM32H743 (STM32H743, 480 MHz); pins as in the wiring table of firmware/README.md.
+"""WeAct MiniSTM32H743 (STM32H743, 480 MHz); pins as in the wiring table of docs/boards.md.
 
 They leave USB, both flash chips, the SD card and the display's connector alone; the camera's
 connector must be free.

@@ -1,1 +1,1 @@
-"""What every cell and every host agree on: identifiers, objects, frames."""
+"""The wire, shared by every cell and every host: identifiers, objects, frames."""

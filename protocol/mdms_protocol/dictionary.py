@@ -1,4 +1,4 @@
-"""The object table of a cell: the only source of what goes over the wire.
+"""The object table of a cell, the only source of data on the wire.
 
 The host encodes with it; the cell's packed dictionary, `mdms-cell.eds`, `mdms-cell.dbc` and
 `OBJECTS.md` are generated from it by `make generate`.

@@ -1,4 +1,4 @@
-"""What a row of the object table says, and short ways to write groups of rows."""
+"""A row of the object table, and short ways to write groups of rows."""
 
 from collections import namedtuple
 

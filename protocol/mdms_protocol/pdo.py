@@ -1,4 +1,4 @@
-"""Process data: what the default PDOs carry, encoded and decoded by the object table."""
+"""Process data of the default PDOs, encoded and decoded by the object table."""
 
 import struct
 

@@ -1,1 +1,1 @@
-"""The table and what lies on it, as plain values and statics; no time passes here."""
+"""Table and parcels as plain values and statics; no time passes here."""

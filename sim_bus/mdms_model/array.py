@@ -1,4 +1,4 @@
-"""All wheels of the array: where they stand, and along what they push."""
+"""All wheels of the array: their places, and the directions of their pushes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

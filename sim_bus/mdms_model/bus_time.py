@@ -39,10 +39,10 @@ WATCHED_HEARTBEAT_S = 0.024
 
 @dataclass(frozen=True, slots=True)
 class BusTraffic:
-    """What a host and its cells repeat on one bus: periods [s], bit rate [bit/s].
+    """Frames that a host and its cells repeat on one bus: periods [s], bit rate [bit/s].
 
-    Whoever has the `control`, "host" or "cells", has a frame for each cell at every SYNC: the
-    host's setpoint, or what the cell believes of the parcel that it is at.
+    The side with the `control`, "host" or "cells", has a frame for each cell at every SYNC: the
+    host's setpoint, or the cell's belief of its parcel.
     """
 
     bitrate: int

@@ -35,7 +35,7 @@ KEPT_S = 7 * 24 * 3600.0
 def compiled(function: Function) -> Function:
     """The function, compiled at its first call with arguments of new types; its type unchanged.
 
-    Other threads go on while it runs: what it works on is to be one thread's alone.
+    Other threads go on while it runs: its arguments must belong to one thread alone.
     """
     if not COMPILING:
         return function
@@ -63,7 +63,7 @@ def for_types_of(function: Function, *arguments: object) -> Function:
 
 
 def cache_base() -> Path:
-    """What `NUMBA_CACHE_DIR` says, else beside this module, else the user's own cache."""
+    """`NUMBA_CACHE_DIR` if it is set, else beside this module, else the user's own cache."""
     if numba is not None and numba.config.CACHE_DIR:
         return Path(numba.config.CACHE_DIR)
     beside = Path(__file__).parent
@@ -74,7 +74,7 @@ def cache_base() -> Path:
 
 @cache
 def _folder(module: str) -> Path:
-    """Where the compiled functions of a module are kept; made, and rid of what nobody needs."""
+    """The folder of a module's compiled functions, created, and without files that nobody needs."""
     digest = sha256()
     for name in sorted(closure(module)):
         digest.update(f"{name}\n".encode() + Path(sys.modules[name].__file__ or "").read_bytes())
@@ -112,8 +112,8 @@ def closure(module: str) -> frozenset[str]:
 class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc]
     """Keeps other processes from compiling while this one does.
 
-    Numba lists what is in a folder apart from the code itself; two processes that add to one list
-    at once may each take the other's code for theirs.
+    Numba lists the content of a folder apart from the code itself. Two processes that add to one
+    list at once may each take the other's code for theirs.
     """
 
     def __init__(self, path: Path) -> None:
@@ -123,7 +123,7 @@ class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc
         self._file: int | None = None
 
     def on_start(self, _: object) -> None:
-        """The compiler's lock is wanted: for a function, or for one that it calls."""
+        """The compiler's lock is wanted: for a function, or for one of its calls."""
         import fcntl
 
         with self._guard:
@@ -134,7 +134,7 @@ class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc
             self._depth += 1
 
     def on_end(self, _: object) -> None:
-        """It is given back, and what was compiled is on disk."""
+        """It is given back, and the compiled code is on disk."""
         with self._guard:
             self._depth -= 1
             if not self._depth and self._file is not None:

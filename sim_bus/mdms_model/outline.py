@@ -16,7 +16,7 @@ EDGE_M = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """A convex outline about the parcel's origin: what lies in all half-planes and in the circle.
+    """A convex outline about the parcel's origin: the points in all half-planes and in the circle.
 
     `edges` (E, 5) are outward normal, distance from the origin, and the corner at which the edge
     starts, counter-clockwise; a disc has none.
@@ -81,7 +81,7 @@ def polygon_outline(corners: Floats) -> Outline:
 def gap_m(one_m: Floats, other_m: Floats) -> float:
     """Gap between convex outlines (n, 2), (m, 2) along the edge that parts them best [m].
 
-    Corners counter-clockwise; negative where they overlap, and at most what is between them.
+    Corners counter-clockwise; negative where they overlap, and at most their distance.
     """
     return max(_beyond_m(one_m, other_m), _beyond_m(other_m, one_m))
 

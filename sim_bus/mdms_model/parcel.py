@@ -1,4 +1,4 @@
-"""Parcels as rigid flat-bottomed bodies: their mass, their outline, and what lies under them."""
+"""Parcels as rigid flat-bottomed bodies: their mass, their outline, and the wheels under them."""
 
 import math
 from typing import NamedTuple

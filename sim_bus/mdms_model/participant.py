@@ -1,4 +1,6 @@
-"""What simulation and real time both drive: anything on the bus that decides by frames and time."""
+"""Participants, driven by simulation and real time alike: anything on the bus that decides by
+frames and time.
+"""
 
 from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
@@ -19,7 +21,7 @@ class Participant(Protocol):
         ...
 
     def poll(self, now_s: float) -> Iterable[Frame]:
-        """What it wants to send now."""
+        """The frames to send now."""
         ...
 
 
@@ -37,5 +39,5 @@ class BusesParticipant(Protocol):
         ...
 
     def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
-        """What it wants to send now, each frame with its bus."""
+        """The frames to send now, each with its bus."""
         ...

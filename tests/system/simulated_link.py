@@ -23,13 +23,24 @@ class SimulatedLink(Link):
     """
 
     def __init__(self, scenario):
+        self._bank = PythonBank(addresses_of(scenario).node_ids)
+        self._join(Simulation(scenario, self._bank, recorded=False))
+
+    @classmethod
+    def around(cls, simulation):
+        """A link to a table that lives already, and lives on when the link is closed."""
+        link = cls.__new__(cls)
+        link._bank = None
+        link._join(simulation)
+        return link
+
+    def _join(self, simulation):
         self.delays = Delays()
         self._clock = self
         self._incidents = Incidents(self)
-        self._bank = PythonBank(addresses_of(scenario).node_ids)
-        self.simulation = Simulation(scenario, self._bank, recorded=False)
+        self.simulation = simulation
         self._waiting = deque()
-        self._mailbox = self.simulation.bus.attach(self)
+        self._mailbox = simulation.bus.attach(self)
 
     def on_frame(self, frame, now_ns):
         self._waiting.append((frame, now_ns / NS_PER_S))
@@ -54,7 +65,8 @@ class SimulatedLink(Link):
             handle(*self._waiting.popleft())
 
     def close(self):
-        self._bank.close()
+        if self._bank is not None:
+            self._bank.close()
 
     def _pass_until(self, end_s, over):
         kernel = self.simulation.kernel

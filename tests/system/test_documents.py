@@ -21,7 +21,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.cli.reference import pages
 from mdms_host.cli.verbs import VERBS, build_parser
-from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable
+from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable, read_array
 from mdms_host.commissioning.array_writing import array_document
 from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_model.scenario.file import load_scenario
@@ -30,17 +30,17 @@ from mdms_protocol.generators import generate
 from mdms_sim.nodes.python_bank import PythonBank
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 #: With those of the folders, which are read beside the code.
 FOLDERS = ("docs", "firmware", "host", "protocol", "sim_bus")
-ALL = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in (ROOT / folder).glob("*.md"))]
+ALL = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]
 #: What the changelog says is no more.
 GONE = {"mdms flash --crash-log"}
 RUN = [
     path.name for path in DOCUMENTS if any(block.language != "text" for block in blocks_of(path))
 ]
 #: Verbs that look after cells.
-ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure"}
+ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure", "stop"}
 #: The reader's own table has other sides; three cells take the same steps as eighteen. It is empty.
 OWN_TABLE = ("--columns 6 --rows 3", "--columns 3 --rows 1")
 SMALL = (
@@ -67,6 +67,7 @@ class Reader:
         monkeypatch.setattr("mdms_host.cli.array.run.open_links", simulated_table)
         monkeypatch.setattr("mdms_host.cli.array.run.ThreadDesk", VirtualDesk)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
+        monkeypatch.setattr("mdms_host.cli.array.cells.open_link", self._open_link)
 
     def read(self, block):
         if block.name:
@@ -79,6 +80,9 @@ class Reader:
             self._do("mdms simulate program.py")
         elif block.language == "python":
             exec(compile(block.text, "document", "exec"), {})
+        elif block.language == "toml" and "[[cell]]" in block.text:
+            (self._folder / "table.toml").write_text(block.text)
+            read_array(self._folder / "table.toml")
         elif block.language == "toml":
             based = "" if "scenario = " in block.text else 'scenario = "array18"\n'
             (self._folder / "part.toml").write_text(based + block.text)
@@ -142,6 +146,11 @@ class Reader:
             self._patch.setattr(
                 "mdms_host.flashing.firmware_build.compiled_firmware", lambda _machine: NEW
             )
+
+    @contextmanager
+    def _open_link(self, _options):
+        with SimulatedLink.around(self._table.simulation) as link:
+            yield link, link
 
     def _commissioned(self):
         """Cells that are blank until they are commissioned, and the time that they live in."""
@@ -293,9 +302,9 @@ def test_tests_and_benchmarks_that_are_named_exist(path):
     assert {*re.findall(r"tests\.benchmarks\.[\w.]+\w", text)} <= benchmarks
 
 
-def test_modules_in_the_tables_of_the_host_exist():
+def test_modules_in_the_map_of_the_code_exist():
     """A name without a folder is in the folder of the name before it."""
-    for table in (ROOT / "host" / "README.md").read_text().split("| module | noun |")[1:]:
+    for table in (ROOT / "docs" / "code.md").read_text().split("| module | noun |")[1:]:
         for row in table.split("\n\n")[0].splitlines()[2:]:
             folder = ROOT / "host" / "mdms_host"
             for name in re.findall(r"`([\w/]+)`", row.split("|")[1]):
@@ -321,9 +330,17 @@ def leads_somewhere(name):
 
 
 def test_every_verb_is_in_the_table_of_the_command():
-    table = (ROOT / "host" / "README.md").read_text().split("## The command\n")[1]
+    table = (ROOT / "docs" / "command.md").read_text().split("| verb | does |\n")[1]
     rows = table.split("\n\n")[0]
     assert all(f"`mdms {verb.name}" in rows for verb in VERBS)
+
+
+def test_every_benchmark_is_on_the_page_of_experiments():
+    table = (ROOT / "docs" / "experiments.md").read_text().split("| name | measures |\n")[1]
+    rows = table.split("\n\n")[0].splitlines()[1:]
+    assert {name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])} == {
+        *available()
+    }
 
 
 def test_pins_in_the_drawing_are_those_of_the_board():

@@ -1,6 +1,6 @@
 """The words for the error codes of a cell, as in its emergencies and in 0x603F.
 
-They are those of firmware/README.md and of `What an emergency says` in protocol/README.md.
+They are those of docs/faults.md and of `What an emergency says` in protocol/README.md.
 """
 
 from collections.abc import Mapping

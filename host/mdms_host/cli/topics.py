@@ -13,28 +13,44 @@ from mdms_host.cli.exits import CommandError, Exit
 
 #: Documents by topic: where they are in the project, and what they are about.
 TOPICS = {
-    "start": ("README.md", "what this is, and the first steps"),
+    "start": ("README.md", "the project in short, and the first steps"),
     "newcomer": ("docs/newcomer.md", "from parts to the first moving parcel"),
-    "researcher": ("docs/researcher.md", "from the paper to the code"),
+    "guide": ("docs/index.md", "all pages of the guide, by task"),
+    "install": ("docs/install.md", "install and first run"),
+    "page": ("docs/page.md", "the live page in a browser"),
+    "commissioning": ("docs/commissioning.md", "node ids, settings, doctor, the array file"),
     "integrator": ("docs/integrator.md", "from a sorter to a program"),
+    "parcels": ("docs/parcels.md", "many parcels: programs, traffic, routes"),
+    "cells": ("docs/cells.md", "cells that steer by themselves"),
+    "motion": ("docs/motion.md", "how the host finds and moves parcels"),
+    "faults": ("docs/faults.md", "every fault: reaction, delay, way back, message"),
+    "emergency-stop": ("docs/emergency-stop.md", "two forms that brake, with parts and distances"),
     "troubleshooting": ("docs/troubleshooting.md", "by symptom: cause and cure"),
+    "boards": ("docs/boards.md", "boards, wiring, parts, flashing over USB"),
+    "inside": ("docs/firmware.md", "inside the firmware: tick, speed loop, figures"),
+    "updates": ("docs/updates.md", "firmware over the bus"),
+    "bus": ("docs/bus.md", "the bus and other tools"),
+    "researcher": ("docs/researcher.md", "from the paper to the code"),
+    "experiments": ("docs/experiments.md", "experiments and benchmarks"),
+    "command": ("docs/command.md", "verbs, exit codes, run folders"),
     "scenarios": ("docs/scenarios.md", "every key of a scenario"),
     "programs": ("docs/programs.md", "tasks, and programs in Python"),
     "api": ("docs/api.md", "every public name of Python"),
-    "host": ("host/README.md", "coordinator, array files, commissioning, the command"),
-    "firmware": ("firmware/README.md", "boards, wiring, parts, faults, flashing"),
+    "code": ("docs/code.md", "a map of the host's code"),
+    "host": ("host/README.md", "the folder of the host"),
+    "firmware": ("firmware/README.md", "the folder of the firmware"),
     "freezing": ("firmware/FREEZING.md", "firmware frozen into MicroPython"),
-    "protocol": ("protocol/README.md", "what goes over the bus"),
+    "protocol": ("protocol/README.md", "frames on the bus"),
     "objects": ("protocol/OBJECTS.md", "the object table"),
     "simulator": ("sim_bus/README.md", "the virtual bus, the physics, scenarios"),
     "design": ("DESIGN.md", "why it is as it is"),
-    "changes": ("CHANGELOG.md", "what is new"),
+    "changes": ("CHANGELOG.md", "changes since the last version"),
 }
 _PACKAGE = Path(__file__).parents[1]
 
 
 def run(arguments: Namespace) -> Exit:
-    """Print a document, or which there are; pages go through a pager on a terminal."""
+    """Print a document, or the list of all; a terminal gets a pager."""
     if arguments.topic is None:
         table = Table("topic", "about")
         for name, (_, about) in TOPICS.items():

@@ -27,7 +27,7 @@ _MOST_SIGNALS = 1000
 
 
 class Table:
-    """What a program has: parcels by name, gates by name, and what can be waited for.
+    """A program's table: parcels by name, gates by name, and events to wait for.
 
     `table["box"]` is the parcel of that name. Times are those of the array's own cycle, `now_s`
     from the program's beginning. The table reaches `half_m` from its middle, along x and along y.

@@ -1,4 +1,4 @@
-"""What is written from the object table: files for other tools, modules for cell and host.
+"""Generators from the object table: files for other tools, modules for cell and host.
 
 Runs under CPython alone; no board has it.
 """

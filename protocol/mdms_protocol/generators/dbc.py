@@ -1,4 +1,4 @@
-"""What is on the bus of an array by default as a CAN database (DBC), for bus monitors."""
+"""The frames of an array by default, as a CAN database (DBC) for bus monitors."""
 
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt

@@ -28,13 +28,14 @@ class Database:
     ) -> None:
         """Add a little-endian signal to the message.
 
-        `when` is "M" for the signal that selects others, "m1" for one that is there if that is 1.
+        `when` is "M" for the signal that selects others, "m1" for a signal that exists if that is
+        1.
         """
         shown = f"{name} {when}".rstrip()
         self._messages.append(f' SG_ {shown} : {start}|{bits}@1{sign} {scale} "{unit}" {receiver}')
 
     def names(self, can_id: int, signal: str, names: dict[int, str]) -> None:
-        """Say what the values of a signal mean."""
+        """Name the values of a signal."""
         pairs = " ".join(f'{value} "{text}"' for value, text in sorted(names.items()))
         self._values.append(f"VAL_ {can_id} {signal} {pairs} ;")
 

@@ -1,6 +1,6 @@
 """Writes what follows from the object table: `python -m mdms_protocol.generators.generate`.
 
-Runs in a checkout, under CPython. With `--check` it writes nothing and names what is stale.
+Runs in a checkout, under CPython. With `--check` it writes nothing and names stale files.
 """
 
 import sys

@@ -1,7 +1,7 @@
 """The indices of all objects by name, as a module for cell and host.
 
-A name is the object's own; where the standard is long-winded, the one that the code uses. Axis 2
-and all PDOs but the first go without: they lie at a fixed distance from the first.
+A name is the object's own, or a shorter one of the code for a long name of the standard. Axis 2 and
+all PDOs but the first go without: they lie at a fixed distance from the first.
 """
 
 import re

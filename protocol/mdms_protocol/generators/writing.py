@@ -1,11 +1,11 @@
-"""What is generated: written where it is stale, or what is stale is named."""
+"""Writes generated files that are stale, or names them."""
 
 import sys
 from pathlib import Path
 
 
 def write_or_check(outputs: dict[Path, str], arguments: list[str]) -> int:
-    """Write what is stale; with `--check` name it instead and return 1 if there is any."""
+    """Write stale files; with `--check` name them instead and return 1 if there is any."""
     changed = stale(outputs)
     if arguments == ["--check"]:
         for path in changed:
@@ -18,7 +18,7 @@ def write_or_check(outputs: dict[Path, str], arguments: list[str]) -> int:
 
 
 def stale(outputs: dict[Path, str]) -> list[Path]:
-    """The files that are not what they should be."""
+    """The files whose content differs from the generated one."""
     return [
         path
         for path, text in outputs.items()

@@ -1,1 +1,1 @@
-"""What cells say to each other: objects, frames, and frames as values."""
+"""Messages between cells: objects, frames, and frames as values."""

@@ -1,11 +1,11 @@
-"""What cells say to each other in the eight bytes of a frame: estimates and pages of a program.
+"""Messages between cells in the eight bytes of a frame: estimates and pages of a program.
 
 A frame is one little-endian number; its fields lie from bit 0 on in the order of the constants. It
 is taken apart and put together in three pieces of 24, 24 and 16 bits, so that no number on the way
 leaves a small int of 31 bits. Fields stand in any buffer of integers, from `base` on, and the frame
 in any buffer of bytes, from `at` on: nothing is allocated.
 
-`pack_...` clips what does not fit, for the cell; `messages` checks values for the host.
+`pack_...` clips values that do not fit, for the cell. `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
 """
 # MicroPython's module has no types; viper takes any buffer, and the stubs bytes alone.
@@ -170,7 +170,8 @@ def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base
 def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr16, count: int) -> int:
     """Read those frames of a row that are `fresh`, each into its place in fields of 16 bits.
 
-    One that is no estimate changes nothing, and is not fresh any more; returns how many there are.
+    A frame that is no estimate changes nothing, and is not fresh any more. Returns the number of
+    these.
     """
     wrong = 0
     base = 0
@@ -269,7 +270,7 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
 
 @micropython.viper
 def read_way(pages: ptr8, way: ptr32, base: int):  # type: ignore[no-untyped-def]
-    """Read, of the page of a parcel and that of its goal behind it, what a cell steers by.
+    """Read the numbers that a cell steers by from a parcel's page and the goal's page behind it.
 
     Six numbers: x, y and yaw of the goal, the acceleration, the speed, and the flags.
     """

@@ -1,4 +1,4 @@
-"""The objects of the neighbour layer: a cell's place, its neighbours, and what they say."""
+"""The objects of the neighbour layer: a cell's place, its neighbours, and their messages."""
 
 from mdms_protocol import entry as e
 from mdms_protocol.codecs import cob

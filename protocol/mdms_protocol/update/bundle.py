@@ -1,9 +1,9 @@
 """The head of a bundle: one firmware, signed for one array.
 
-A bundle is this head and what goes into a slot: the size (u32) of an image of a read-only file
-system (ROMFS) with the modules, and the image as a zlib stream with a window of 4 KB. The code
-(HMAC-SHA256 with the array's key) covers the head, and by the digest in it the rest, so that a
-cell refuses in the first block what is not for it, before it has erased anything.
+A bundle is this head and the content of a slot. The content is the size (u32) of an image of a
+read-only file system (ROMFS) with the modules, and the image as a zlib stream with a window of 4
+KB. The code (HMAC-SHA256 with the array's key) covers the head, and by the digest in it the rest.
+So a cell refuses a wrong bundle in the first block, before it has erased anything.
 """
 
 import struct
@@ -40,7 +40,7 @@ Head = namedtuple(
 
 
 def pack(head: Head) -> bytes:
-    """What is signed of a head."""
+    """The signed bytes of a head."""
     return struct.pack(_LAYOUT, MAGIC, FORMAT, *head)
 
 

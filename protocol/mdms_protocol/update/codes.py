@@ -1,6 +1,6 @@
-"""What host and cell say to each other of firmware: 0x1F50, 0x1F51, 0x1F57 and 0x3030.
+"""Codes between host and cell about firmware: 0x1F50, 0x1F51, 0x1F57 and 0x3030.
 
-CiA 302-3 names the objects; what it leaves to manufacturers is here.
+CiA 302-3 names the objects, and leaves these codes to manufacturers.
 """
 
 # What is written to 0x1F51:1

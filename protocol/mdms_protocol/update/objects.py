@@ -1,6 +1,6 @@
-"""The objects by which firmware comes over the bus (CiA 302-3), and what a host has to ask before.
+"""The objects by which firmware comes over the bus (CiA 302-3), and those that a host reads before.
 
-What is written to them, and what they report, has its numbers in `codes`.
+`codes` has the numbers that are written to them, and those that they report.
 """
 
 from mdms_protocol import entry as e

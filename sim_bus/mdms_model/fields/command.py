@@ -1,4 +1,4 @@
-"""What the wheels are set to under a scenario's field, with its droop and its policy."""
+"""The references of the wheels under a scenario's field, with its droop and its policy."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from mdms_model.scenario.scenario import Scenario
 class Command:
     """References (W,) [m/s] as the field has them, and as they are set by its policy, if any.
 
-    `outside` counts the wheels that the policy does not allow what the field asks for.
+    `outside` counts the wheels whose reference from the field breaks the policy.
     """
 
     asked_m_s: Floats
@@ -25,7 +25,7 @@ class Command:
     outside: int = 0
 
     def __str__(self) -> str:
-        """What is outside the policy and where its limit is; empty if nothing is."""
+        """The references outside the policy, and their limit; empty if there are none."""
         if self.bound is None or not self.outside:
             return ""
         outside_m_s = abs(self.asked_m_s[self.bound.outside(self.asked_m_s)])
@@ -38,7 +38,7 @@ class Command:
 
 
 def command_of(scenario: Scenario) -> Command:
-    """What the field of a scenario asks of the wheels, within its policy or not.
+    """The references of a scenario's field, within its policy or not.
 
     References make surfaces of free wheels run at (a/b) r; where droop is compensated, r = (b/a) v
     makes them run at the field's v. Raises FieldError, PolicyError where the policy allows nothing,

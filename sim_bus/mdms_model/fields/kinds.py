@@ -1,4 +1,4 @@
-"""Fields that stand alone: a vector at every place of the table, of which a wheel gets its part.
+"""Fields that stand alone: a vector at every place of the table; a wheel gets its component.
 
 The numbers are references r of the paper's law V = G (r - v), not speeds: a free wheel runs at
 (a/b) r.
@@ -14,7 +14,7 @@ from mdms_model.scenario.motion import Part
 
 
 class FieldError(InputError):
-    """A field is not known or lacks what it needs."""
+    """A field is not known or lacks a key that it needs."""
 
 
 Field = Callable[[Floats, Floats, Part], Floats]

@@ -33,7 +33,7 @@ class PolicyError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """What a policy lets references be, for the parcel that bounds them most.
+    """The references that a policy allows, for the parcel that bounds them most.
 
     Wheels that carry less than `normal_n` may slip under a policy that all roll.
     """
@@ -77,7 +77,7 @@ class Bound:
 
 
 def bound_of(scenario: Scenario) -> Bound | None:
-    """What the scenario's policy allows with its parcels; None without a policy.
+    """The limits of the scenario's policy with its parcels; None without a policy.
 
     Raises PolicyError where it allows nothing, and `ScenarioError` for a parcel that tips in every
     pose.

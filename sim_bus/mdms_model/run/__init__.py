@@ -1,1 +1,1 @@
-"""What a run leaves behind: the record, its file, its folder, its tables."""
+"""The results of a run: the record, its file, its folder, its tables."""

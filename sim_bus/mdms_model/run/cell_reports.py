@@ -1,4 +1,4 @@
-"""What cells report of the parcels that they steer, read off the bus for the record."""
+"""Reports of cells about the parcels that they steer, from the bus for the record."""
 
 from array import array
 from math import pi
@@ -37,7 +37,7 @@ class CellReports:
         self._last = np.zeros((len(centres_m), wire.ESTIMATE_FIELDS), np.int64)
 
     def on_frame(self, bus: int, frame: Frame, now_s: float) -> None:
-        """A frame whose `can_id` is in `cells[bus]` was there; one that is none changes nothing."""
+        """Take in a frame whose `can_id` is in `cells[bus]`; an invalid one changes nothing."""
         cell = self.cells[bus][frame.can_id]
         if wire.unpack_estimate(frame.data, self._fields, 0):
             self.any = True

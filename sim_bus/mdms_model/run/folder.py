@@ -118,7 +118,7 @@ def write_run(
     figures: dict[str, Any],
     save_picture: SavePicture | None = None,
 ) -> None:
-    """Fill a folder with the record, what can be drawn of it and, last, `meta.json`.
+    """Fill a folder with the record, its pictures and, last, `meta.json`.
 
     A picture is drawn of any run, an animation where cells steered, or the host several parcels;
     `save_picture` goes by the name of its file.
@@ -156,7 +156,7 @@ def _record_file() -> ModuleType:
 
 
 def _is_lively(record: Record) -> bool:
-    """Whether a picture cannot show who is where when."""
+    """Whether one picture cannot show the places of the parcels over time."""
     steered = {name for plan in record.plans for name in plan.ways}
     return record.identity is not None or len(steered) > 1
 
@@ -217,7 +217,7 @@ def _put_in_place(partial: Path, folder: Path) -> None:
 
 
 def _take_over(old: Path, folder: Path) -> None:
-    """Move what is no run's own from an old folder to the new one, and remove the old."""
+    """Move files that belong to no run from an old folder to the new one, and remove the old."""
     for path in old.iterdir():
         if path.name not in FILES and not (folder / path.name).exists():
             path.rename(folder / path.name)

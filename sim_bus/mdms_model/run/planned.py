@@ -1,4 +1,4 @@
-"""What was planned at a time of a run."""
+"""The plan at a time of a run."""
 
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping

@@ -22,7 +22,7 @@ class Presence:
         self._bits: NDArray[np.uint8] = np.zeros(len(addresses.buses), np.uint8)
 
     def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
-        """A frame whose `can_id` is in `cells[bus]` was there; one that is none changes nothing."""
+        """Take in a frame whose `can_id` is in `cells[bus]`; an invalid one changes nothing."""
         can_id, data = frame
         if len(data) == pdo.STATUS.length:
             # The last object of the frame is one byte.

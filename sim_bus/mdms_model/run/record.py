@@ -1,4 +1,4 @@
-"""What a run leaves behind in memory: sampled state of parcels and wheels, and events.
+"""The results of a run in memory: sampled state of parcels and wheels, and events.
 
 Wheels are ordered by cell, then by axis: wheel `w` of a two-wheel cell is cell `w // 2 + 1`,
 axis `w % 2 + 1`.
@@ -16,7 +16,7 @@ from mdms_model.errors import InputError
 
 
 class Contact(IntEnum):
-    """What a wheel does under a parcel; the paper's three greys, sliding by direction.
+    """The contact of a wheel under a parcel; the paper's three greys, sliding by direction.
 
     On hardware no sensor shows it: unknown.
     """
@@ -65,7 +65,7 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is planned from a time on: goals, the ways of parcels under way, and tiles they need.
+    """The plan from a time on: goals, the ways of parcels under way, and tiles they need.
 
     `ways` are poses (K, 3) by name, x, y and yaw linear between them [m, m, rad; table frame], and
     `due_s` when each of them is planned [s], (K,). `goals` are poses (3,) by name, the yaw NaN
@@ -87,8 +87,8 @@ class Record:
     are those of the parcels' geometric centres; `estimate` is the coordinator's belief of `pose`,
     NaN where it had none. The wheels' arrays are of shape (T, W), speeds those of the surface;
     `contact` holds `Contact` codes. `slip_m_s` is the surface's speed over the parcel on the wheel,
-    positive ahead, 0 without contact; None where nobody has worked it out. What is unknown, as
-    the truth on hardware, is NaN, and so are pose and twist of a parcel that is away.
+    positive ahead, 0 without contact; None where nobody has worked it out. Unknown values are NaN,
+    such as the truth on hardware, and so are pose and twist of a parcel that is away.
 
     Where C cells steered, their estimates on the bus: `identity` of the parcel that a cell is at, 0
     for none, `state` as in `mdms_protocol.neighbours.frames` (near, promised, under), both of shape
@@ -117,7 +117,7 @@ class Record:
 
     @property
     def is_belief(self) -> bool:
-        """Whether no true pose is known, only what the coordinator believes."""
+        """Whether only the coordinator's beliefs are known, and no true pose."""
         return self.estimate is not None and not np.isfinite(self.pose).any()
 
     def with_belief(self) -> "Record":

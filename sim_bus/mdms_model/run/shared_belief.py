@@ -36,7 +36,7 @@ def belief_error(record: Record, number: int, parcel: Parcel) -> Floats:
 
 
 def host_error(scenario: Scenario, record: Record, number: int) -> Floats:
-    """The same of what the coordinator believes; NaN where it does not know.
+    """The same of the coordinator's belief; NaN without one.
 
     Parcels of one kind are alike: a belief is of that to which it is nearest, whatever its name.
     """

@@ -1,4 +1,4 @@
-"""How fast wheels slip under parcels: their surface's speed over what they carry."""
+"""How fast wheels slip under parcels: their surface's speed over their parcel."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,1 +1,1 @@
-"""What an experiment is: its values, its file, its rules."""
+"""Experiments: its values, its file, its rules."""

@@ -1,4 +1,4 @@
-"""What the host takes for true of a scenario where it is not: its `[belief]` table."""
+"""The host's beliefs that differ from the scenario: its `[belief]` table."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +12,7 @@ _GIVEN = ("name", "goal")
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """What the host is told of a parcel besides what it is: whether it is told of it at all."""
+    """Data of a parcel for the host, apart from its kind: whether it is told of it at all."""
 
     known: bool = True
 
@@ -49,7 +49,7 @@ def _parcel(named: dict[str, Parcel], name: str, keys: dict[str, Any]) -> Parcel
 
 
 def _is_known(parcel: Parcel, keys: dict[str, Any]) -> bool:
-    """Whether the host is told of a parcel; of one that it is not, nothing else can be said."""
+    """Whether the host is told of a parcel. If it is not, there can be no other key."""
     path = f"belief.{parcel.name}"
     told = {key: value for key, value in keys.items() if key == "known"}
     if _Given(**build_values(_Given, told, path)).known:

@@ -1,4 +1,4 @@
-"""What a scenario lets go wrong: on the wire, at the nodes, in the world."""
+"""The faults of a scenario: on the wire, at the nodes, in the world."""
 
 from dataclasses import dataclass, field
 
@@ -25,27 +25,26 @@ class Fault:
     - loss: their frames get lost on the way to `seen_by` (empty: to all) with `probability`
     - corruption: a bit of their frames, any from the first to the second after the frame, is read
       wrong by `seen_by` (empty: by all) with `probability`
-    - overload: after a frame, of whomever, they hold up the next by `overload_frames` with
-      `probability`
+    - overload: after any frame they hold up the next by `overload_frames` with `probability`
     - delay: their frames leave `delay_s` late
-    - babble: they send frames with `can_id` every `period_s`, besides what they do else
+    - babble: they send frames with `can_id` every `period_s`, besides all else
     - cut: the wire is cut between them and the rest
     - off: they lose power, and start again at the end, as `node_id` if that is given
     - hang: their program stops, and the watchdog resets them at the end
     - drift: their clock is fast by `drift_ppm`
-    - supply: the supply of their motors is `supply_v`, 0 behind an emergency stop; with `brake`
-      its contacts short the motors too, and without it the wheels coast below 4.5 V
+    - supply: the supply of their motors is `supply_v`, 0 behind an emergency stop; with `brake` its
+      contacts short the motors too, and without it the wheels coast below 4.5 V
     - bridge_fault: their bridges report a fault and have shut off
-    - sensor_stuck: their presence `sensors` read `covered`, or free, whatever lies over them
+    - sensor_stuck: their presence `sensors` read `covered`, or free, in any case
     - encoder_stuck: the encoders of their `axes` count no more
-    - wheel_jammed: the wheels of their `axes` stand, whatever the voltage
+    - wheel_jammed: the wheels of their `axes` stand at any voltage
     - motor_reversed: the motors of their `axes` turn the other way, their encoders count as ever
     - push: `parcel` gets an impulse through its centre of mass, and one about it [table frame]
-    - lift: `parcel` is off the table, and at rest where it was, or at `x_m`, `y_m` and `yaw_rad`
-      as far as they are given, at the end
+    - lift: `parcel` is off the table, and at rest where it was, or at `x_m`, `y_m` and `yaw_rad` as
+      far as they are given, at the end
     - host: the coordinator neither receives nor sends, on its `bus` if that is given
-    - wrong_place: the one of `cells` and `as_cell` are each where the other should be, and go on
-      under their own node ids
+    - wrong_place: `cells` names one cell; it and `as_cell` are in each other's places, under their
+      own node ids
     """
 
     kind: str = field(metadata=Limit(choices=FAULTS))

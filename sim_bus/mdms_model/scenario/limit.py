@@ -1,10 +1,10 @@
-"""What the values of a scenario may be, as it stands beside each of its fields."""
+"""The limits of a scenario's values, beside each of its fields."""
 
 from typing import TypedDict
 
 
 class Limit(TypedDict, total=False):
-    """What a value, or each number of a list, may be; it stands as the field's metadata."""
+    """The limits of a value, or of each number of a list, as the field's metadata."""
 
     above: float
     at_least: float

@@ -1,4 +1,4 @@
-"""What a scenario says of its motion: a field of references, sums and regions, goals, a program."""
+"""The motion of a scenario: a field of references, sums and regions, goals, a program."""
 
 from dataclasses import dataclass
 from dataclasses import field as member
@@ -19,7 +19,7 @@ REGIONS = ("rectangle", "polygon", "disc")
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Some of the table [m; table frame]: what a rectangle, a polygon or a disc covers.
+    """Some of the table [m; table frame]: a rectangle, a polygon or a disc.
 
     `corners_m` are two opposite ones of a rectangle along x and y, or all of a simple polygon in
     turn. A wheel on the border of two that touch is in one of them: a border at the left or below
@@ -42,10 +42,10 @@ class Region:
 class Part:
     """One field of references, in a region of the table or, without one, all over it.
 
-    Of the rest each field uses what it needs: `heading_rad` uniform, elliptic, squeeze, lane and
+    Each field uses some of the other keys: `heading_rad` uniform, elliptic, squeeze, lane and
     diverter, `velocity_m_s` twist and linear, `yaw_rate_rad_s` twist, `ratio` elliptic and lane,
     `table_m_s` table, `gradient_per_s` linear, `width_m` lane, `exit_rad` diverter; `part` sum,
-    which adds its parts, and regions, of which the first one that has a wheel in its region holds.
+    which adds its parts, and regions, where the first part with the wheel in its region holds.
     """
 
     # This class has a field called `field`, so the function needs another name here.
@@ -81,16 +81,17 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Motion(Part):
-    """What the wheels do: a field of references, goals to steer parcels to, or a program's tasks.
+    """The motion of the wheels: a field of references, goals to steer parcels to, or a program's
+    tasks.
 
     Goals are steered to under the `control` of the host, or of the cells by themselves; these
     `go_on` without the host, or stop.
 
     A field's references are the paper's r, unless `compensate_droop` makes them the speeds of the
     wheels' surfaces. `policy` keeps them where, by the paper's limits, all wheels roll (eq 14) or
-    slide at equilibrium (eq 15); what is `outside` is refused or clamped. Wheels with less than
-    `light_share` of an even share of the weight are left out of rolling: in the plane there nearly
-    always are poses in which one wheel carries next to nothing.
+    slide at equilibrium (eq 15). `outside` says whether others are refused or clamped. Wheels with
+    less than `light_share` of an even share of the weight are left out of rolling: in the plane
+    there nearly always are poses in which one wheel carries next to nothing.
     """
 
     field: str = member(default="inward", metadata=Limit(choices=(*FIELDS, "goal", "program")))

@@ -1,4 +1,4 @@
-"""What a scenario says: the array, its cells, the parcels, the motion and the run, as plain values.
+"""A scenario: the array, its cells, the parcels, the motion and the run, as plain values.
 
 Lengths in metres in the table frame (origin at the centre of the array, x along the columns),
 angles in radians, everything in SI units. `scenario_file` reads these from TOML and checks them
@@ -67,7 +67,7 @@ class Wheel:
 class Cell:
     """Mechanics and electrics that all cells share; spreads vary them from cell to cell by seed.
 
-    Only `firmware` has what lies between a voltage and a push: inertia, supply, PWM steps and
+    Only `firmware` has the steps between a voltage and a push: inertia, supply, PWM steps and
     current limit.
     """
 
@@ -128,7 +128,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """Cells, numbered from 1, that differ from the rest in what is given here."""
+    """Cells, numbered from 1, that differ from the rest in these keys."""
 
     cells: tuple[int, ...] = field(metadata=Limit(at_least=1, at_most=1_000_000))
     """Numbers of the cells that differ."""
@@ -190,8 +190,8 @@ class Parcel:
 class Run:
     """How, how long and with which chance the scenario is run, and what trouble it puts up with.
 
-    Where cells are out of action the coordinator holds all parcels until they are back. About one
-    that does not come back it stops, holds all parcels for it, or goes on without it, at once.
+    Where cells are out of action the coordinator holds all parcels until they are back. If a cell
+    does not come back, it stops, holds all parcels for it, or goes on without it at once.
     """
 
     fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
@@ -229,9 +229,9 @@ class Wire:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """What the table's emergency stop holds: lighter and slower parcels stay on the table.
+    """The limits of the table's emergency stop: lighter and slower parcels stay on the table.
 
-    It is measured on the table, or taken from 'Emergency stop' in firmware/README.md.
+    It is measured on the table, or taken from docs/emergency-stop.md.
     """
 
     form: str = field(metadata=Limit(choices=STOP_FORMS))

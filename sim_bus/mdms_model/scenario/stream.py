@@ -12,11 +12,11 @@ SIDES = ("east", "north", "west", "south")
 class Stream:
     """Parcels of a stock that are set down one after another, at rest, at one place.
 
-    What comes next is the first in stock, by the order of `parcels` (their names), of a kind drawn
-    by the seed from those in stock. It is set down within `spread_m` and `spread_rad` of the place
-    as soon as `clear_m` around it is free, but no sooner than `period_s` after the one before, and
-    never more than `most` in all (None: no end). A parcel that has left by an exit is in stock
-    again. `parcels` start in stock, wherever the scenario puts them.
+    The next parcel is the first in stock, by the order of `parcels` (their names), of a kind that
+    the seed draws from those in stock. It is set down within `spread_m` and `spread_rad` of the
+    place as soon as `clear_m` around it is free, but no sooner than `period_s` after the one
+    before, and never more than `most` in all (None: no end). A parcel that has left by an exit is
+    in stock again. `parcels` start in stock, wherever the scenario puts them.
     """
 
     parcels: tuple[str, ...] = field(metadata=Limit(items=(1, 63)))
@@ -45,7 +45,7 @@ class Stream:
 class Exit:
     """A stretch of one edge of the table, over which parcels leave.
 
-    What carries on there takes a parcel when its centre of mass has passed the last support, and is
+    The conveyor there takes a parcel when its centre of mass has passed the last support, and lies
     between `from_m` and `to_m` along the edge [table frame]. `kinds` are those that are to leave by
     it; empty: any.
     """

@@ -1,4 +1,4 @@
-"""What the host is to do with the parcels, task by task: the program of a program file."""
+"""The host's jobs with the parcels, task by task: the program of a program file."""
 
 from dataclasses import dataclass, field
 
@@ -27,11 +27,11 @@ class Signal:
 class Task:
     """One task; each begins when the one before has ended, or with it if it is `beside` it.
 
-    By what it is to `do`:
+    `do` is one of these:
 
     - transport: `parcel` goes to `x_m`, `y_m`, and is turned to `yaw_rad` if that is given
-    - name: what is unknown and lies at `x_m`, `y_m`, as soon as something does, is called `parcel`;
-      as large as sensors show it, if no `length_m` (of a disc, its diameter) and `width_m` is given
+    - name: an unknown thing at `x_m`, `y_m` is called `parcel`, as soon as there is one. Without
+      `length_m` (of a disc, its diameter) and `width_m` it is as large as sensors show it
     - swap: the two `parcels` change places
     - sort: each parcel that comes leaves by the exit for its kind
     - merge: parcels that come, wherever that is, leave by `exit`

@@ -142,7 +142,7 @@ def _is_a(kind: Any, value: Any) -> bool:
 
 
 def _present(kind: Any) -> Any:
-    """What an optional key holds when it is there."""
+    """The type of an optional key's value."""
     if get_origin(kind) is UnionType:
         return next(choice for choice in get_args(kind) if choice is not NoneType)
     return kind

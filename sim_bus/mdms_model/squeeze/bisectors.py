@@ -23,7 +23,7 @@ DEGREE = 4
 
 
 class Bisector(NamedTuple):
-    """A line that halves the area, at one end of which the boundary has come to `start`.
+    """A line that halves the area, with one end on the boundary at `start`.
 
     Places on the boundary count from 0, a whole for each side. `angle_rad` is the direction of d in
     the polygon's frame, `slope` is U' and `energy` U, of a polygon of area 1.

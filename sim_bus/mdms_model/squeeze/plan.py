@@ -33,12 +33,12 @@ class Range:
 
     @property
     def width_rad(self) -> float:
-        """Width of what may go in."""
+        """Width of the input angles."""
         return self.high_rad - self.low_rad
 
     @property
     def rest_width_rad(self) -> float:
-        """Width of what comes out."""
+        """Width of the output angles."""
         return self.last_rest_rad - self.first_rest_rad
 
 
@@ -139,7 +139,7 @@ def _ranges(function: SqueezeFunction) -> list[Range]:
 
 
 def _aim(function: SqueezeFunction, chain: list[Range], final_yaw_rad: float | None) -> SqueezePlan:
-    """Headings that bring what comes out of each range into the middle of the next."""
+    """Headings that bring the output of each range into the middle of the next."""
     across_rad, margins_rad = [0.0], [inf]
     for before, after in pairwise(chain):
         turn_rad = (after.low_rad + after.high_rad) / 2
@@ -165,6 +165,6 @@ def _aim(function: SqueezeFunction, chain: list[Range], final_yaw_rad: float | N
 
 
 def _wrapped(angle_rad: float, period_rad: float) -> float:
-    """From 0 up to a period; what is a hair below that is 0."""
+    """From 0 up to a period; a value a hair below that is 0."""
     wrapped = angle_rad % period_rad
     return 0.0 if period_rad - wrapped < LEAST_MARGIN_RAD / 1000 else wrapped

@@ -1,1 +1,1 @@
-"""What a table carries at rest: normal forces, margins of support, the limits of the paper."""
+"""The loads of a table at rest: normal forces, margins of support, the limits of the paper."""

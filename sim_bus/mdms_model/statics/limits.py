@@ -2,7 +2,7 @@
 
 The paper derives them for one row and a centred parcel longer than two pitches, away from the ends
 of the row. For any other array or parcel the normal forces are searched over all poses instead, and
-eqs (14) to (17) take what is found for motions along any one direction.
+eqs (14) to (17) take the result for motions along any one direction.
 """
 
 import math
@@ -15,7 +15,7 @@ from mdms_model.statics.normal_bounds import NormalBounds, centred_normal_n, sea
 
 @dataclass(frozen=True, slots=True)
 class ParcelLimits:
-    """What the wheels under a parcel may do; references r as in the paper, not surface speeds."""
+    """The limits of the wheels under a parcel; references r as in the paper, not surface speeds."""
 
     name: str
     supports_min: int

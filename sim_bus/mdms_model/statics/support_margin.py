@@ -37,7 +37,7 @@ class Contacts(NamedTuple):
 
 
 def contacts(wheel_m: Floats, outline: Outline, centre_of_mass_m: tuple[float, float]) -> Contacts:
-    """What `margins_m` needs of a parcel and a table, worked out once for both."""
+    """The data of a parcel and a table for `margins_m`, worked out once for both."""
     edges, centre_m = np.ascontiguousarray(outline.edges[:, :3]), np.array(centre_of_mass_m)
     body = _Body(edges, outline.radius_m, centre_m.astype(np.float64))
     return Contacts(np.ascontiguousarray(wheel_m), _line_of(wheel_m), body)

@@ -1,4 +1,4 @@
-"""The rules about words: 'arrived' is true, and a fault is said."""
+"""The rules about reports: 'arrived' is true, and a fault is reported."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ Place = tuple[float, float, float]
 
 @dataclass(slots=True)
 class _Stopping:
-    """A fault that parcels were going at, and since when each of these stands [s]."""
+    """A fault with the parcels that were moving then, and since when each stands [s]."""
 
     kind: str
     time_s: float
@@ -58,7 +58,7 @@ class _Stopping:
 
 
 class Claims:
-    """Judges what the host and the cells say."""
+    """Judges the reports of the host and of the cells."""
 
     def __init__(self, truth: Truth, note: Note, word: Word) -> None:
         scenario = truth.scenario
@@ -101,11 +101,11 @@ class Claims:
             self._stoppings.append(_Stopping(fault.kind, now_ns / NS_PER_S, going, {}))
 
     def report(self) -> HostReport | None:
-        """What the host says now; None where none says anything, or not any more."""
+        """The host's report of now; None if no host reports, or none any more."""
         return None if self._truth.host is None or self._hosts_out else self._truth.host()
 
     def look(self, now_ns: int, report: HostReport | None) -> None:
-        """Look at what is said now."""
+        """Check the reports of now."""
         if report is not None:
             self._check_arrivals(report)
             self._goals = report.goals
@@ -139,7 +139,7 @@ class Claims:
         self._over = report.over
 
     def _check(self, name: str, goal: Pose, claim: str) -> None:
-        """Note a parcel that is not where it is said to be."""
+        """Note a parcel that is not at its reported place."""
         number = self._names.get(name)
         if number is None:
             return
@@ -149,7 +149,7 @@ class Claims:
             self._note("true", text, parcel=name)
 
     def _check_belief(self, name: str, goal: Pose, believed: Place | None) -> None:
-        """Note an arrival that the host itself takes for too far from the goal."""
+        """Note an arrival that is too far from the goal by the host's own belief."""
         number = self._names.get(name)
         if number is None or believed is None:
             return
@@ -174,7 +174,7 @@ class Claims:
         return hypot(x_m - goal[0], y_m - goal[1]), off_rad
 
     def _hear_cells(self, now_ns: int) -> None:
-        """Check the word of the cells under each parcel, once they have kept to it for a while."""
+        """Check the report of the cells under each parcel, once it has lasted for a while."""
         said: dict[tuple[int, int], float] = {}
         for identity, number in self._word.parcels.items():
             voters = [each for each in self._word.under(identity, now_ns) if each.certainty]
@@ -225,7 +225,7 @@ class Claims:
                 yield number
 
     def _check_stoppings(self, report: HostReport | None, now_s: float, left: list[int]) -> None:
-        """Note a fault in which a parcel has come to rest, if nobody has said so in time."""
+        """Note a fault that has stopped a parcel, if nobody has reported it in time."""
         stands = self._speed_m_s() < _GOING_M_S
         for fault in self._stoppings:
             for number in fault.going & set(left):
@@ -248,7 +248,7 @@ class Claims:
         ]
 
     def _is_said(self, report: HostReport | None, since_s: float, now_s: float) -> bool:
-        """Whether the host gives a reason since then, or in its place the cells do."""
+        """Whether the host, or the cells in its place, have given a reason since then."""
         if report is not None:
             return report.reason is not None or report.trouble_s >= since_s
         if self._word.emergency_ns >= since_s * NS_PER_S:

@@ -19,7 +19,7 @@ from mdms_sim.physics.plane.control_step import Registers
 from mdms_sim.referee.truth import HostReport, Note, Truth
 from mdms_sim.referee.word import FRESH_NS, NS_PER_S, Word
 
-#: A promise counts for so long after the cell has sent it (firmware/README.md, 'Neighbour layer').
+#: A promise counts for so long after the cell has sent it (docs/cells.md).
 LEASE_NS = 80_000_000
 #: A parcel that leaves a cell is noticed within this [s]; see 'What feeds the wheels' there.
 NOTICED_S = 0.3
@@ -47,7 +47,7 @@ _POWER = ("supply", "bridge_fault", "off")
 
 @dataclass(frozen=True, slots=True)
 class _Snapshot:
-    """Where parcels were at an event, how far they cannot help going on, and who coasts."""
+    """Places of parcels at an event, their shortest ways to a stop, and the parcels that coast."""
 
     time_s: float
     pose: Floats
@@ -57,7 +57,7 @@ class _Snapshot:
 
 
 class Parcels:
-    """Judges where parcels are, and for whom cells drive.
+    """Judges the places of parcels, and the parcels that cells drive for.
 
     `unavoidable` has the touches and falls that full braking could not have avoided.
     """
@@ -126,7 +126,7 @@ class Parcels:
         self._keep(now_s, coasts=coasts)
 
     def look(self, now_ns: int) -> None:
-        """Look at what has happened to the parcels."""
+        """Check the parcels for touches, tips and falls."""
         self._now_s = now_ns / NS_PER_S
         events = self._world.events
         for event in events[self._seen :]:
@@ -232,9 +232,9 @@ class Parcels:
     def _wrong(
         self, now_ns: int, voltage_uv: Registers, left: list[int]
     ) -> Iterator[tuple[int, tuple[int, str]]]:
-        """The cells (from 0) that drive for another parcel now, what is over them, and a text.
+        """The cells (from 0) that drive for another parcel now, the parcel over each, and a text.
 
-        Parcels that are `left` are steered by nobody.
+        Nobody steers the parcels in `left`.
         """
         state, carried = self._world.scene.state, self._world.scene.scratch.wheels["parcel"]
         wheels = self._world.wheels
@@ -288,6 +288,6 @@ def _touched(event: Event) -> str:
 
 
 def _braking_m_s2(scenario: Scenario) -> float:
-    """What friction gives at least where the wheels along a way carry half of the weight."""
+    """Least deceleration by friction if the wheels along a way carry half of the weight."""
     friction = min(cell.friction for cell in build_cells(scenario))
     return friction * (1.0 - scenario.cell.friction_spread) * scenario.run.gravity_m_s2 / 2

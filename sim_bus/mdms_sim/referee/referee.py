@@ -77,7 +77,7 @@ class Referee:
         self._claims.finish(self._now_ns)
 
     def _listeners_on(self, bus: int) -> dict[int, list[Word | Wheels | Parcels]]:
-        """What listens to each identifier of a bus; what has been said comes before its judges."""
+        """The listeners to each identifier of a bus, `word` before the judges that read it."""
         listening: dict[int, list[Word | Wheels | Parcels]] = {}
         for listener in (self._word, self._wheels, self._parcels):
             for can_id in listener.watched(bus):

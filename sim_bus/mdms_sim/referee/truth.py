@@ -1,4 +1,4 @@
-"""What the referee may know: the scenario, the world, and what the host says of itself."""
+"""The knowledge of the referee: the scenario, the world, and the host's reports of itself."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -27,12 +27,11 @@ class Note(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class HostReport:
-    """What the host says at one instant.
+    """The host's report at one instant.
 
-    `goals` are those of the parcels that it steers to one, and `arrived` of those that it says are
-    there; `believed` is where it takes these for. `reason` is why it cannot go on, if it says so;
-    `trouble_s` is when it has reported a trouble last [s]. `over` is whether its job has ended as
-    it was asked for.
+    `goals` has the parcels that it steers to one, `arrived` those that it reports there, and
+    `believed` their believed poses. `reason` says why it cannot go on, if it does. `trouble_s` is
+    the time of its last report of trouble [s]. `over` is whether its job has ended as requested.
     """
 
     goals: Mapping[str, Pose] = field(default_factory=dict)
@@ -47,8 +46,8 @@ class HostReport:
 class Truth:
     """The run as it is, for the judges.
 
-    `places` has the place of each cell's node, both from 0. `host` returns what the host says now,
-    None while nobody runs; where it is None nobody knows what a host says.
+    `places` has the place of each cell's node, both from 0. `host` returns the host's report of
+    now, or None while no host runs. Without `host` reports are not known.
     """
 
     scenario: Scenario

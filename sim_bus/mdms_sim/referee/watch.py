@@ -1,4 +1,4 @@
-"""What the referee remembers of cells and wheels, and what it looks at in every tick.
+"""The referee's memory of cells and wheels, and its checks in every tick.
 
 Cells are those of nodes, not of places. All times are of the simulation [ns].
 """
@@ -104,7 +104,9 @@ class Watched(NamedTuple):
 
 
 class Truths(NamedTuple):
-    """What is true: by node its place, by place what lies there since when, bridges and wheels."""
+    """The truth: the place of each node; by place the parcel there and since when, bridges and
+    wheels.
+    """
 
     places: NDArray[np.intp]
     parcel: Ints
@@ -121,7 +123,7 @@ class Truths(NamedTuple):
 def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Registers) -> int:
     """Take in the voltages (cells, 2), by places, of a tick; returns whether anything is noticed.
 
-    What that is stands in `noticed` of cells and wheels.
+    `noticed` of cells and wheels has the findings.
     """
     noticed = 0
     for c in range(watched.cells.size):
@@ -163,7 +165,7 @@ def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Regi
 def _take_in(wheel: Records, volts: float, constants: Records, speed_m_s: float) -> None:
     """Count for how long a wheel has had no voltage, or has been pushed onward.
 
-    A motor of swapped leads is judged by what its cell means: it has a time to see it.
+    A motor of swapped leads is judged by the intent of its cell, which has a time to notice it.
     """
     wheel.applied_v, wheel.noticed = volts, 0
     wheel.rest_ticks = 0 if volts != 0.0 else wheel.rest_ticks + 1
@@ -176,7 +178,7 @@ def _take_in(wheel: Records, volts: float, constants: Records, speed_m_s: float)
 
 @compiled
 def _look_at_cell(cell: Records, supply_v: float, shut_off: int, now_ns: int) -> None:
-    """Find out what the cell itself must notice."""
+    """Find the faults that the cell itself must notice."""
     if now_ns - cell.setpoint_ns > cell.timeout_ns and not cell.steers:
         cell.noticed |= NO_SETPOINT
     if now_ns - cell.heartbeat_ns > cell.consumer_ns:
@@ -196,8 +198,8 @@ def _pushes_onward(volts: float, speed_m_s: float, ke: float) -> bool:
     """Whether a motor is driven on in the direction in which it turns, or out of standstill.
 
     Its current is against its motion while its voltage is below its back-EMF. A free wheel that is
-    driven needs no more than that, so what counts is a voltage that keeps it going at half the
-    speed: one that is braked gets less, whatever drags it.
+    driven needs no more than that. So a voltage counts if it keeps the wheel going at half the
+    speed. A braked wheel gets less, even if a parcel drags it.
     """
     if abs(speed_m_s) > SLOW_M_S:
         along_v = volts if speed_m_s > 0.0 else -volts
@@ -222,7 +224,7 @@ def _look_at_driven(cell: Records, wheel: Records, free_ns: int, now_ns: int) ->
 
 @compiled
 def _look_at_stopped(wheel: Records, now_ns: int) -> None:
-    """Find out whether a wheel that is to have no voltage has one that is more than braking."""
+    """Find out whether a wheel that must have no voltage has more than a braking one."""
     if wheel.applied_v == 0.0 or now_ns <= wheel.loose_ns:
         return
     braking = wheel.stop != CUT and now_ns <= wheel.braking_ns
@@ -232,7 +234,7 @@ def _look_at_stopped(wheel: Records, now_ns: int) -> None:
 
 @compiled
 def _look_at_stopping(wheel: Records, now: Records, closed: bool, awake: bool, now_ns: int) -> None:
-    """Find out whether a wheel that is to stop is braked, and does stop."""
+    """Find out whether a wheel that must stop is braked, and does stop."""
     wheel.stood_ticks = wheel.stood_ticks + 1 if abs(now.speed_m_s) < STOOD_M_S else 0
     if wheel.stood_ticks >= STOOD_TICKS:
         wheel.awake_ns = 0
@@ -260,8 +262,8 @@ class Lease(NamedTuple):
 def find_lapsed(watched: Watched, truths: Truths, said_ns: Ints, lease: Lease, now_ns: int) -> None:
     """Set from when on a cell may push no more, for it has no lease of another under its parcel.
 
-    `said_ns` has when each cell has sent its last estimate. A cell hears those about the place that
-    it takes for its own, whatever place it stands in.
+    `said_ns` has when each cell has sent its last estimate. A cell hears those about its believed
+    place, even if it stands in another.
     """
     rows = said_ns.size // lease.columns
     for c in range(watched.cells.size):

@@ -1,7 +1,7 @@
 """The rules about voltages at wheels: asked, heeded, silent, quiet.
 
-A cell's commands are what has reached it; whether it stops is judged by the voltages at its wheels
-and by their true speeds. What a cell says of itself only tells that it has a fault.
+A cell's commands are the frames that have reached it. Voltages at its wheels and their true speeds
+show whether it stops. A cell's own report only tells that it has a fault.
 """
 
 import struct
@@ -79,7 +79,7 @@ _RULES = {
 
 
 class Wheels:
-    """Judges what the wheels of all cells get, by what has reached the cells.
+    """Judges the voltages at the wheels of all cells, by the frames that have reached the cells.
 
     `delivered` are the identifiers of frames to cells that it wants to see.
     """
@@ -242,7 +242,7 @@ class Wheels:
         return ENTRIES[index, sub].default if number is None else number
 
     def _load(self, cell: int) -> None:
-        """Take over what the cell's times and limits are."""
+        """Take over the cell's times and limits."""
         record = self._cells[cell]
         slow = float(record.slow)
         record.timeout_ns = int(self._setting(cell, indices.SETPOINT_TIMEOUT) * NS_PER_MS * slow)
@@ -262,7 +262,7 @@ class Wheels:
         self._consumes[cell] = record.consumer_ns != NEVER
 
     def _begin(self, cell: int, cause: str) -> None:
-        """A cell begins anew: nothing counts of what was."""
+        """A cell begins anew: nothing from before counts."""
         record, self._ended[cell] = self._cells[cell], 0
         record.slow = record.slow or 1.0
         record.setpoint_ns = record.heartbeat_ns = record.lease_ns = record.ended_ns = NEVER
@@ -303,9 +303,9 @@ class Wheels:
             self._aim(cell, pending)
 
     def _on_any_sync(self, bus: int, on_bus: NDArray[np.intp], data: bytes) -> None:
-        """SYNC of whomever. One that a cell gives itself does not reach it, but it reaches others.
+        """SYNC of any node. A cell's own SYNC does not reach itself, but it reaches others.
 
-        What others have got is known when the next one comes.
+        The next SYNC shows which cells the last one has reached.
         """
         before_ns, self._last_sync_ns[bus] = self._last_sync_ns[bus], self._now_ns
         if self._cells["steers"].any():
@@ -421,7 +421,7 @@ class Wheels:
                 self._revive(cell)
 
     def _revive(self, cell: int) -> None:
-        """The cell has another program than the one that has ended."""
+        """The cell has another program than the ended one."""
         self._ended[cell] = 0
         self._cells[cell].ended_ns = NEVER
 
@@ -478,9 +478,9 @@ class Wheels:
     # What stops a wheel
 
     def _stop(self, cell: int, axis: int, kind: int, cause: str, *, hard: bool = False) -> None:
-        """A wheel is to stop from now on; what is not `hard` does not end the reaction to silence.
+        """A wheel must stop from now on. Only a `hard` stop ends the reaction to silence.
 
-        Who says so again does not give it more time.
+        A repetition does not give it more time.
         """
         wheel, now_ns = self._wheels[cell, axis], self._now_ns
         driven = wheel.asked == ENABLED or (wheel.asked and self._cells[cell].steers)
@@ -513,7 +513,7 @@ class Wheels:
         )
 
     def _ramp(self, cell: int, axis: int) -> None:
-        """Allow a ramp of the reference to 0: it is the speed, and what the voltage is made of."""
+        """Allow a ramp to 0 of the reference, which is the speed and the voltage over the gain."""
         at, place = axis * AXIS_OFFSET, self._truths.places[cell]
         first, end = self._truths.first[place : place + 2]
         if first + axis >= end:

@@ -1,4 +1,4 @@
-"""What cells that steer say on the bus of the parcels that they have, and which parcels these are.
+"""Reports of cells that steer about their parcels, and the identities of these parcels.
 
 It takes frames alone. A parcel's identity is known by its place, which a program begins with.
 """
@@ -29,7 +29,7 @@ _FLAGS_BIT = 61
 
 
 class Estimate(NamedTuple):
-    """What a cell has said of the parcel at it; codes as in `mdms_protocol.neighbours.frames`."""
+    """A cell's report of its parcel; codes as in `mdms_protocol.neighbours.frames`."""
 
     time_ns: int
     identity: int
@@ -41,10 +41,10 @@ class Estimate(NamedTuple):
 
 
 class Word:
-    """The last estimate of each cell, and what programs say of the identities in them.
+    """The last estimate of each cell, and the parcels of the identities in programs.
 
-    `cells` has the cell (from 0) of each identifier of an estimate, by bus; `estimates` what each
-    has said last, by cell. `parcels` has the number of the parcel (from 0) that an identity is of.
+    `cells` has the cell (from 0) of each identifier of an estimate, by bus; `estimates` the last
+    one of each, by cell. `parcels` has the number of the parcel (from 0) that an identity is of.
     """
 
     def __init__(self, truth: Truth) -> None:
@@ -80,7 +80,7 @@ class Word:
             self.emergency_ns = now_ns
 
     def under(self, identity: int, now_ns: int) -> list[Estimate]:
-        """What the cells say that are under the parcel of this identity."""
+        """The reports of the cells under the parcel of this identity."""
         return [
             each
             for each in self.estimates.values()
@@ -90,7 +90,7 @@ class Word:
         ]
 
     def goals(self, identity: int, sequence: int) -> list[Pose]:
-        """Where a program takes a parcel: its goal; of a way, any place on it that may be meant."""
+        """The goals of a program: its goal, or for a way any place on it that may be meant."""
         goals = self._goals.get(identity, {}).get(sequence, [])
         if (identity, sequence) in self._any_yaw:
             return [(x_m, y_m, None) for x_m, y_m, _ in goals]

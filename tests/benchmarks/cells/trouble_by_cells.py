@@ -1,4 +1,4 @@
-"""Something breaks under a box that its cells steer: the rows of host/README.md, at any instant.
+"""Something breaks under a box that its cells steer: the rows of docs/faults.md, at any instant.
 
 Each row runs with seeds of motors and friction and with its fault at an instant that is drawn by
 seed, while the box is on its way. It ended as documented if the run ended with the exit code, the

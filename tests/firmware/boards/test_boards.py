@@ -16,7 +16,7 @@ MODULES = ("on_board", "on_board_bus", "on_board_storage")
 OF_ONE = {"on_sectors": "pybv11", "on_littlefs": "teensy41"}
 NAMES = ("teensy41", "weact_h743", "nucleo_g474re", "pybv11")  # as in the table of the wiring
 WIRED = ("encoders", "pulses", "phases", "wake", "fault", "currents", "supply", "sensors")
-README = (ROOT / "firmware" / "README.md").read_text()
+PAGE = (ROOT / "docs" / "boards.md").read_text()
 FILES = (
     BOARDS,
     *(HERE / f"{module}.py" for module in (*MODULES, *OF_ONE)),
@@ -58,7 +58,7 @@ def wired(name):
 def table(name):
     """The same from the table of the wiring, where ports of an STM32 begin with P."""
     rows = {}
-    for line in README.split("## Wiring")[1].split("\n## ")[0].splitlines():
+    for line in PAGE.split("## Wiring")[1].split("\n## ")[0].splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == len(NAMES) + 1:
             pins = re.findall(r"\b(?:P(?=[A-E]\d))?([A-EXY]\d+)\b", cells[1 + NAMES.index(name)])

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 BOARDS = ROOT / "firmware" / "boards"
-README = (ROOT / "firmware" / "README.md").read_text()
+PAGE = (ROOT / "docs" / "boards.md").read_text()
 FAKES = ROOT / "tests" / "firmware" / "fakes"
 #: The processor's pin of a board's name.
 found = runpy.run_path(str(FAKES / "pin_names.py"))["found"]
@@ -44,7 +44,7 @@ def named_in(values):
 def wired(board):
     """The pins in the wiring table, by row, as the processor's."""
     rows = {}
-    for line in README.split("## Wiring")[1].split("\n## ")[0].splitlines():
+    for line in PAGE.split("## Wiring")[1].split("\n## ")[0].splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == len(COLUMNS) + 1:
             cell = cells[1 + COLUMNS.index(board)]

@@ -1,4 +1,4 @@
-"""The fail-safe table of firmware/README.md, row by row on a real MicroPython process."""
+"""The fail-safe table of docs/faults.md, row by row on a real MicroPython process."""
 
 import ast
 import re
@@ -8,6 +8,7 @@ import pytest
 
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[2] / "firmware"
+DOCS = HERE.parents[2] / "docs"
 #: Where the tests of the rows about cells that steer are.
 STEERING = (HERE.parents[1] / "both" / "neighbours", HERE.parents[1] / "system" / "cells")
 #: Where the tests of the rows are.
@@ -23,7 +24,7 @@ FILES = (
 
 def rows() -> list[str]:
     """The last column of the table under the heading 'Fail safe'."""
-    text = (FIRMWARE / "README.md").read_text().split("## Fail safe")[1].split("\n## ")[0]
+    text = (DOCS / "faults.md").read_text().split("\n## Fail safe")[1].split("\n## ")[0]
     return re.findall(r"\| `(\w+)` \|$", text, re.MULTILINE)
 
 
@@ -44,7 +45,7 @@ def test_every_row_has_a_test_and_every_test_a_row():
 
 
 def test_every_row_about_cells_that_steer_has_its_test():
-    text = (FIRMWARE / "README.md").read_text().split("What feeds the wheels")[1].split("\n\n")[1]
+    text = (DOCS / "cells.md").read_text().split("## What feeds the wheels")[1].split("\n\n")[2]
     lines = text.splitlines()[2:]
     names = [re.findall(r"\| `(test_\w+)` \|$", line) for line in lines]
     sources = [path.read_text() for folder in STEERING for path in folder.glob("test_*.py")]

@@ -24,8 +24,8 @@ def test_every_code_that_a_cell_sends_has_words():
     assert CODES.keys() == SENT
 
 
-def test_every_code_that_the_firmwares_table_lists_has_words(pytestconfig):
-    table = (pytestconfig.rootpath / "firmware" / "README.md").read_text("utf-8")
+def test_every_code_that_the_fail_safe_table_lists_has_words(pytestconfig):
+    table = (pytestconfig.rootpath / "docs" / "faults.md").read_text("utf-8")
     listed = {int(code, 16) for code in re.findall(r"(?:fault|EMCY) 0x([0-9A-F]{4})", table)}
     assert len(listed) >= 9
     assert listed <= CODES.keys()

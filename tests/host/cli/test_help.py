@@ -25,6 +25,12 @@ def test_each_topic_is_a_document(topic, pytestconfig, capsys):
     assert capsys.readouterr().out == (pytestconfig.rootpath / TOPICS[topic][0]).read_text()
 
 
+def test_each_page_of_the_guide_is_a_topic(pytestconfig):
+    root = pytestconfig.rootpath
+    pages = {str(page.relative_to(root)) for page in (root / "docs").rglob("*.md")}
+    assert pages <= {name for name, _ in TOPICS.values()}
+
+
 def test_topics_are_listed_and_others_refused(capsys):
     assert main(["help"]) == Exit.OK
     printed = capsys.readouterr().out

@@ -1,17 +1,17 @@
-"""What the tables of host/README.md say a person is told when something breaks."""
+"""The messages that docs/faults.md promises when something breaks."""
 
 import re
 from pathlib import Path
 
-README = Path(__file__).parents[3] / "host" / "README.md"
+PAGE = Path(__file__).parents[3] / "docs" / "faults.md"
 
 
 def messages(heading: str) -> dict[str, list[str]]:
-    """The messages of the table below a heading, by what breaks, as patterns.
+    """The messages of the table below a heading, by fault, as patterns.
 
     Those after an 'or' are for other cases.
     """
-    text = README.read_text("utf-8").split(f"**{heading}**")[1].split("\n\n")[1]
+    text = PAGE.read_text("utf-8").split(f"\n## {heading}\n")[1].split("\n\n")[1]
     found = {}
     for line in text.splitlines()[2:]:
         what, _, _, message, _ = re.split(r" *\| *", line.strip("| "))

@@ -12,7 +12,7 @@ from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.neighbours import frames as wire
 
-HEADING = "When things break, and the cells steer."
+HEADING = "When things break, and the cells steer"
 GOAL = (0.05, 0.0, 0.3)
 #: 12 cells, of which the sixth lies under the box all the way.
 TABLE = (

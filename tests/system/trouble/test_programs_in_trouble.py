@@ -1,4 +1,4 @@
-"""What becomes of a program when something breaks: row by row the table in host/README.md."""
+"""What becomes of a program when something breaks: row by row the table in docs/faults.md."""
 
 import re
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from mdms_host.programs.table import Table
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 
-HEADING = "When things break."
+HEADING = "When things break"
 #: 12 cells, of which the sixth lies under the box all the way, at the speed of `swap2`.
 TABLE = (
     "array.columns=4",

@@ -1,4 +1,4 @@
-"""What becomes of a box on its way when something breaks: the rows of the table in host/README.md.
+"""What becomes of a box on its way when something breaks: the rows of the table in docs/faults.md.
 
 Those that are not here are where that table says.
 """

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 JOBS = 8
 NOBODY = (
-    "no board is connected over USB (with MicroPython; firmware/README.md lists those that suit); "
+    "no board is connected over USB (with MicroPython; docs/boards.md lists those that suit); "
     "--port names one that is not recognised, and `mdms serve array18` starts an array without any"
 )
 EPILOG = """\

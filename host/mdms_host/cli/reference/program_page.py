@@ -11,17 +11,17 @@ from mdms_model.scenario.task import Task
 _HEAD = """\
 # Programs
 
-Written by `make generate` from the code that checks and runs them; change that. A program says
-what many parcels do. It is a file of tasks, or Python; both run in virtual time (`mdms simulate`),
-on a served array and on hardware (`mdms run`). [Integrator](integrator.md) leads from a sorter
-to a program.
+Written by `make generate` from the code that checks and runs them; change that. A program moves
+many parcels. It is a file of tasks, or Python. Both run in virtual time (`mdms simulate`), on a
+served array and on hardware (`mdms run`). [Integrator](integrator.md) leads from a sorter to a
+program.
 
 ## Files of tasks
 
 A scenario with `motion.field = "program"` and its `[[task]]`s, which follow one another:
 
 ```toml
-scenario = "swap2"           # its table and parcels; what stands here is added, or takes its place
+scenario = "swap2"           # its table and parcels; keys here are added, or replace its own
 title = "Two parcels change places, and back"
 
 [[task]]
@@ -49,11 +49,11 @@ async def main(table):
     await box.move(-0.10, 0.0, 0.0)
 ```
 
-What is awaited takes as long as the table takes for it; what is started goes on beside all else.
-There is no clock and no thread in a program: use `table.sleep` and `table.now_s`. What cannot be is
+An `await` takes as long as the table takes for it. A started routine goes on beside all else. There
+is no clock and no thread in a program: use `table.sleep` and `table.now_s`. An impossible order is
 a `ProgramError`: catch it, or the program ends with it and all parcels are brought to rest.
 """
-#: What whoever drives a table calls, and no program does.
+#: Methods for the driver of a table, and not for programs.
 _DRIVEN: set[str] = set()
 
 
@@ -69,7 +69,7 @@ def text() -> str:
             table_of(Task),
             _PYTHON,
             *(_names(f"`{each.name}`", each.words, each.members) for each in table if each.members),
-            _names("`mdms_host.programs.tasks`", "Coroutines for what is asked for most.", tasks),
+            _names("`mdms_host.programs.tasks`", "Coroutines for the usual jobs.", tasks),
         )
     )
 

@@ -23,10 +23,10 @@ _HEAD = """\
 # Scenarios
 
 Written by `make generate` from the dataclasses of `sim_bus/mdms_model/scenario` that check every
-file; change those. A scenario is a TOML file: the table, what lies on it, what the wheels do, and
-how it is run. Everything is in SI units, which the keys end with. Places are in the table frame:
-its origin is the centre of the array, x runs along the columns, angles are counterclockwise.
-Cells are numbered from 1, along x first.
+file; change those. A scenario is a TOML file: the table, its parcels, the motion, and the run.
+Everything is in SI units, which the keys end with. Places are in the table frame. Its origin is the
+centre of the array, x runs along the columns, and angles are counterclockwise. Cells are numbered
+from 1, along x first.
 
 ```sh
 mdms scenarios                               # the built-in ones
@@ -35,15 +35,15 @@ mdms simulate box.toml --set parcel.0.x_m=-0.05 --set run.duration_s=2
 ```
 
 `--set` takes a dotted path into the file, items of lists by number from 0. An unknown key, a wrong
-type and a value out of its limits are refused with the key's full path and what was expected
-(exit code 2); so is what several keys say that does not go together. A file may begin with
-`scenario = "array18"`, the name of a scenario or of a file beside it, and has only what differs
-then: its tables add to those of the other, and its lists take their place.
+type and a value out of its limits are refused (exit code 2). The message has the key's full path
+and the expected value. Keys that contradict each other are refused too. A file may begin with
+`scenario = "array18"`, the name of a scenario or of a file beside it. Then it has only the
+differences: its tables add to those of the other, and its lists take their place.
 """
 _TABLES = (
     ("The file", Scenario, ""),
     ("`[array]`", Array, ""),
-    ("`[cell]`", Cell, "What lies between a voltage and a push counts with `firmware` only."),
+    ("`[cell]`", Cell, "Only `firmware` uses the keys between a voltage and a push."),
     ("`[[cell.wheel]]`", Wheel, ""),
     ("`[[patch]]`", Patch, ""),
     ("`[[parcel]]`", Parcel, "At rest at the start, or in stock of a stream."),
@@ -59,19 +59,19 @@ _TABLES = (
     ("`[wire]`", Wire, "Two SYNC periods fit into the 50 ms for which a cell keeps a setpoint."),
     ("`[stop]`", Stop, "Counts with `firmware`. An array file has the same table."),
     ("`[[stream]]`", Stream, "Needs `firmware`. A parcel that has left is in stock again."),
-    ("`[[exit]]`", Exit, "It takes a parcel once no support holds it any more."),
+    ("`[[exit]]`", Exit, "An exit takes a parcel once no support holds it any more."),
     ("`[[signal]]`", Signal, "A program waits for it by `await table.signal(name)`."),
     ("`[[fault]]`", Fault, "Needs `firmware`. By kind:\n\n" + list_in(Fault).rstrip()),
 )
 _REST = """\
 ## `[[task]]`
 
-What a program does: [programs](programs.md).
+One task of a program; see [programs](programs.md).
 
 ## `[belief]`
 
-What the host takes for true where it differs: keys of `[cell]`, and of parcels by name, as in
-`belief.box.length_m = 0.35`. `belief.box.known = false` is a parcel that the host has no data of.
+The host's beliefs that differ from the scenario: keys of `[cell]`, and of parcels by name, as in
+`belief.box.length_m = 0.35`. The host has no data of a parcel with `belief.box.known = false`.
 """
 
 

@@ -1,4 +1,4 @@
-"""What `mdms doctor` may find: one table, from which `docs/troubleshooting.md` is made too."""
+"""The findings of `mdms doctor`: one table, from which `docs/troubleshooting.md` is made too."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A kind of finding: what people see of it, what is behind it, and what helps.
+    """A kind of finding: its symptom, cause and cure.
 
     With a serious one the array does not run, or not as it should.
     """
@@ -19,7 +19,7 @@ class Kind:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding: its kind by name, the nodes that have it, and what was measured."""
+    """One finding: its kind by name, the nodes that have it, and the measurement."""
 
     kind: str
     text: str
@@ -27,7 +27,7 @@ class Finding:
 
     @property
     def row(self) -> Kind:
-        """What the table says of its kind."""
+        """The row of its kind."""
         return KINDS[self.kind]
 
 
@@ -48,8 +48,9 @@ KINDS: Mapping[str, Kind] = {
     ),
     "node-errors": Kind(
         "A cell's CAN controller counts errors, in sending or in receiving; one cell's, or all.",
-        "At one cell: its plug, stub or transceiver, or another has its node id. At all: a missing "
-        "or a third terminator. Counters fall with every good frame: what they show is now.",
+        "At one cell: its plug, stub or transceiver, or another cell has its node id. At all: a "
+        "missing or a third terminator. Counters fall with every good frame, so they show the "
+        "present.",
         "One cell: another plug and cable, then another board. All: 60 ohm between CAN_H and CAN_L "
         "with the power off.",
     ),
@@ -179,7 +180,7 @@ KINDS: Mapping[str, Kind] = {
     "flash": Kind(
         "Little flash is left on a board.",
         "Files of others, or a long crash.log.",
-        "mpremote fs ls, and delete what is not of the firmware.",
+        "mpremote fs ls, and delete files that are not of the firmware.",
         serious=False,
     ),
     "rolled-back": Kind(
@@ -201,7 +202,7 @@ KINDS: Mapping[str, Kind] = {
     ),
     # Cells together
     "neighbours": Kind(
-        "Cells disagree about who lies next to whom, or where.",
+        "Cells disagree about their neighbours or their places.",
         "A board has changed places, or was commissioned for another table.",
         "mdms commission --from FILE, or without a file if boards were moved.",
     ),

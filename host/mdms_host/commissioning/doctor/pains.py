@@ -1,4 +1,4 @@
-"""What users of other boards and buses ran into most, and how it is here: one table.
+"""Frequent troubles of users of other boards and buses, and our behaviour: one table.
 
 `docs/troubleshooting.md` is made of it too. Each row names the tests that show how this project
 behaves; `tests` are paths from the project's folder, with the function behind `::`.
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Pain:
-    """One of them: where it was reported, what is seen of it, why, what helps, and our tests."""
+    """One trouble: where it was reported, its symptom, cause and cure, and our tests."""
 
     reported: tuple[str, ...]
     symptom: str
@@ -39,9 +39,9 @@ PAINS = (
         ("Klipper3d/klipper#3902",),
         "Two nodes have one id, and a command goes to the wrong one.",
         "Ids were given by hand, or a board came from another table.",
-        "A cell asks before it takes its id and stays silent where somebody answers (0x8150); one "
-        "that meets a rival later switches its motors off. mdms commission gives each its own, by "
-        "serial numbers.",
+        "A cell asks before it takes its id, and stays silent if a node answers (0x8150). A cell "
+        "that meets a rival later switches its motors off. mdms commission gives each cell its "
+        "own id, by serial numbers.",
         (
             "tests/both/canopen/test_claim.py::test_node_id_that_answers_is_not_taken_and_that_is_reported",
             "tests/both/canopen/test_guard.py::test_rival_that_comes_later_switches_the_motors_off",
@@ -51,11 +51,10 @@ PAINS = (
     Pain(
         ("mjbots/moteus#13",),
         "Settings are gone after an update.",
-        "The tool restores them and does not have them stored, or the new firmware lays them out "
-        "otherwise.",
-        "mdms flash writes files of the firmware alone and leaves settings where they are; they "
-        "are stored object by object, so that a firmware with other objects reads them too. mdms "
-        "configure dump keeps them in a file; load --save writes, verifies and stores them again.",
+        "The tool restores them but does not store them, or the new firmware has another layout.",
+        "mdms flash writes files of the firmware alone and leaves settings where they are. They "
+        "are stored object by object, so a firmware with other objects reads them too. mdms "
+        "configure dump keeps them in a file. load --save writes, verifies and stores them again.",
         (
             f"{_FLASH}test_running_cell_is_stopped_flashed_and_runs_the_new_firmware",
             "tests/both/canopen/storage/test_store.py::"
@@ -67,10 +66,10 @@ PAINS = (
     Pain(
         ("odriverobotics/ODrive#575",),
         "An update reports success, the version stays as it was, and settings are not restored.",
-        "What was flashed was built with the version of before; success was taken from the "
-        "transfer.",
-        "The version comes from one module, which host and firmware share; mdms flash compares "
-        "every file on the board by SHA-256 before it reports success, and reads the version from "
+        "The flashed firmware was built with the old version. The tool took the transfer for "
+        "success.",
+        "The version comes from one module, which host and firmware share. mdms flash compares "
+        "every file on the board by SHA-256 before it reports success. It reads the version from "
         "the board.",
         (
             f"{_FLASH}test_command_flashes_the_real_firmware_onto_boards_at_once",
@@ -91,12 +90,12 @@ PAINS = (
     Pain(
         ("vedderb/bldc#836", "Arksine/katapult#111"),
         "An update over the bus 'succeeds', and after the restart the old firmware runs.",
-        "All blocks were sent and answered, but what was received was not what is started: it was "
-        "never put in place, or was given up at the start.",
+        "All blocks were sent and answered, but another firmware starts. The new one was never "
+        "put in place, or was given up at the start.",
         "An update by mdms flash --bus counts only once the cell has come up with it, has spoken "
-        "to the host and has passed its self-test; otherwise it goes back to the firmware of "
-        "before and says which one runs, and the update has failed. Bundles that are wrong, old, "
-        "cut short or another array's are refused with the reason.",
+        "to the host and has passed its self-test. Otherwise the cell goes back to the old "
+        "firmware and reports it, and the update has failed. Bundles that are wrong, old, cut "
+        "short or another array's are refused with the reason.",
         (
             "tests/system/flashing/test_update.py::test_whole_firmware_comes_over_the_bus_and_stays",
             "tests/system/flashing/test_update.py::test_firmware_that_crashes_makes_way_for_the_one_before",
@@ -123,10 +122,9 @@ PAINS = (
     Pain(
         ("Klipper3d/klipper#2900",),
         "'Lost communication', for no apparent reason, hours into a job.",
-        "A supply that dips, or a computer that is held up: the bus is where it shows, not where "
-        "it comes from.",
-        "The end of a run says what was late, the computer, the bus or single cells; a dip of the "
-        "supply is an emergency of its own (0x3220), and mdms doctor shows cells whose supply is "
+        "A supply that dips, or a computer that is held up. The bus only shows it.",
+        "The end of a run names the late part: the computer, the bus or single cells. A dip of "
+        "the supply is an emergency of its own (0x3220). mdms doctor shows cells whose supply is "
         "low or uneven.",
         (
             "tests/host/coordination/test_operation.py::test_a_fault_names_what_was_held_up",
@@ -140,9 +138,9 @@ PAINS = (
         "'No buffer space available', at once, though a time-out was given.",
         "The transmit queue of SocketCAN has room for ten frames, and a socket before it is always "
         "ready to be written to.",
-        "Nothing to do: what does not find room is sent again for as long as a cycle takes, and "
-        "what never left is counted and reported. A longer queue helps too (ip link set can0 "
-        "txqueuelen 100).",
+        "Nothing to do: frames that do not fit are sent again for as long as a cycle takes. "
+        "Frames that never left are counted and reported. A longer queue helps too (ip link set "
+        "can0 txqueuelen 100).",
         (
             "tests/host/can_link/test_full_queue.py::"
             "test_a_cycle_that_is_longer_than_socketcans_queue_goes_out_whole",
@@ -154,8 +152,7 @@ PAINS = (
         ("canopen-python/canopen#623",),
         "A transfer is aborted (0x05040000) though the node has answered in time.",
         "The answer came right behind a SYNC, and the reader lost it.",
-        "Nothing to do: frames have a reader of our own, which hands every one over in its order, "
-        "whatever comes before it.",
+        "Nothing to do: our own reader hands over every frame in its order.",
         (
             "tests/host/commissioning/test_network.py::"
             "test_answers_right_behind_a_sync_are_all_received",
@@ -164,10 +161,10 @@ PAINS = (
     Pain(
         ("CANopenNode/CanOpenSTM32#128",),
         "A node that was bus off stays silent until it is switched off and on.",
-        "Controllers of the FDCAN kind do not leave bus-off by themselves: the program has to have "
-        "them begin again.",
-        "Nothing to do: a cell's motors are cut (0x8140), the bus is left alone for 100 ms, and "
-        "the controller is restarted until the bus is back; then the host takes the cell back.",
+        "Controllers of the FDCAN kind do not leave bus-off by themselves: the program must "
+        "restart them.",
+        "Nothing to do: the cell cuts its motors (0x8140) and leaves the bus alone for 100 ms. "
+        "Then it restarts the controller until the bus is back, and the host takes the cell back.",
         (
             "tests/firmware/boards/on_board_bus.py::test_bus_off_cuts_the_motors_and_the_bus_comes_back",
             "tests/firmware/boards/on_board_bus.py::test_bus_that_goes_off_again_is_tried_again_and_again",

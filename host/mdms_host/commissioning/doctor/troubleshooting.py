@@ -9,19 +9,24 @@ from mdms_host.commissioning.doctor.pains import PAINS, Pain
 _HEAD = """\
 # Troubleshooting
 
-By symptom, in the order in which it pays to look. `mdms doctor` checks all of this, names the
-nodes, and ends with exit code 5 if anything serious is found: wheels with `--turn`, which turns
-each by some centimetres; sensors best with `--empty`, on an empty table; who is there, and
-settings, with `--array FILE`. The emergency stop is tested with `--stop`, which asks you to press
-and to release it, and ends with exit code 1 if it fails. `make generate` makes this page from the
-same tables.
+By symptom, in the order in which it pays to look. `mdms doctor` checks all of this and names the
+nodes. Its exit code is 5 if it finds anything serious.
+
+| option | checks |
+| --- | --- |
+| `--turn` | wheels: it turns each by some centimetres |
+| `--empty` | sensors, on an empty table |
+| `--array FILE` | missing cells, and settings |
+| `--stop` | the emergency stop: it asks you to press and to release it; exit code 1 if it fails |
+
+`make generate` makes this page from the same tables.
 """
 _LINES = TextWrapper(100, subsequent_indent="  ", break_on_hyphens=False, break_long_words=False)
 _PAINS = """\
 ## What others ran into
 
-What users of other boards, buses and libraries reported, and how it is here; the tests show it.
-Those of `on_board_bus` run on MicroPython for each board, by `test_boards`.
+Reports of users of other boards, buses and libraries, and the behaviour of this project. The tests
+show it. Those of `on_board_bus` run on MicroPython for each board, by `test_boards`.
 """
 
 
@@ -35,7 +40,7 @@ def troubleshooting_text() -> str:
             f"{_item('Cause', kind.cause)}{_item('Cure', kind.cure)}"
         )
     parts += [_PAINS, *map(_pain, PAINS)]
-    parts.append("## What the error codes of cells mean\n" + _codes())
+    parts.append("## Error codes of cells\n" + _codes())
     return "\n".join(parts)
 
 

@@ -117,7 +117,7 @@ def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str
 
 
 def _reports(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """What the cells reported, if they have."""
+    """The reports of the cells, if there are any."""
     kinds = {"presence": np.uint8, "identity": np.int8, "state": np.int8}
     present = [name for name in kinds if rows and name in rows[0]]
     reports: dict[str, Any] = {

@@ -1,7 +1,7 @@
 """A layout for Lichtblick, and for Foxglove, that shows a run's `run.mcap`: import it there.
 
-It has the form of the layouts that these export: panels by name, and how they share the window.
-Every topic and message path in it is one that the record gives.
+It has the form of the layouts that these export: panels by name, and how they share the window. The
+record has every topic and message path in it.
 """
 
 import re
@@ -63,7 +63,7 @@ def layout_of(scenario: Scenario, record: Record) -> dict[str, Any]:
 
 
 def message_path(topic: str, *fields: str) -> str:
-    """A topic and what is in its messages, as these viewers read it; odd topics are quoted."""
+    """A path to a value in a topic's messages, as these viewers read it; odd topics are quoted."""
     if not re.fullmatch(r"[\w/-]+", topic, re.ASCII):
         escaped = topic.replace("\\", "\\\\").replace('"', '\\"')
         topic = f'"{escaped}"'

@@ -1,8 +1,8 @@
 """A `Record` as messages of plain numbers and text, by topic, each with its schema.
 
-JSON has no NaN: what is no number is left out of a parcel's message, and is null in an array of
-the wheels or the cells. Such an array is left out of the schema, for viewers refuse a schema that
-allows two types. An array without any number is left out of the messages too.
+JSON has no NaN: a value without a number is left out of a parcel's message, and is null in an array
+of the wheels or the cells. Such an array is left out of the schema, for viewers refuse a schema
+that allows two types. An array without any number is left out of the messages too.
 """
 
 from collections.abc import Iterator
@@ -140,7 +140,7 @@ def _wheel_messages(record: Record) -> Iterator[Timed]:
 
 
 def _cell_messages(record: Record) -> Iterator[Timed]:
-    """What the cells reported, by cell: with whom, in which state, where they believe it to be."""
+    """The reports of the cells, by cell: with whom, in which state, where they believe it to be."""
     columns: dict[str, Any] = {}
     for name in ("presence", "identity", "state"):
         if (array := getattr(record, name)) is not None:
@@ -181,7 +181,7 @@ def _goal(name: str, pose: Floats) -> dict[str, Any]:
 
 
 def _plain(array: Any) -> Any:
-    """Nested lists with None for what is not a number: JSON has no NaN."""
+    """Nested lists with None for a NaN: JSON has no NaN."""
     finite: Any = np.isfinite(array)
     shown: Any = array if finite.all() else np.where(finite, array.astype(object), None)
     return shown.tolist()

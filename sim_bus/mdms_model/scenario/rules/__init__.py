@@ -1,1 +1,1 @@
-"""What makes a scenario one that can be run; what each table of it may say."""
+"""The rules of a scenario that can be run, table by table."""

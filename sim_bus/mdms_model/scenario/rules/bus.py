@@ -1,4 +1,4 @@
-"""What the lists of buses must be: every cell is on one bus, and each bus has node ids for all."""
+"""Rules of the lists of buses: every cell is on one bus, and each bus has node ids for all."""
 
 from mdms_model.buses import address_cells, plan_gateways
 from mdms_model.scenario.scenario import Array, Scenario, ScenarioError

@@ -1,4 +1,4 @@
-"""What a scenario must be for its cells to steer the parcels by themselves."""
+"""Rules of a scenario whose cells steer the parcels by themselves."""
 
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 

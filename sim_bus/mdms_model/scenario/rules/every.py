@@ -1,4 +1,4 @@
-"""What the values of a scenario must be together; each key alone is checked by `scenario_tree`."""
+"""Rules of a scenario's values together; `scenario_tree` checks each key alone."""
 
 from math import cos, sin
 

@@ -1,4 +1,4 @@
-"""What the values of a fault must be, by its kind and the scenario it strikes."""
+"""Rules of the values of a fault, by its kind and its scenario."""
 
 from collections.abc import Iterable
 from math import hypot
@@ -18,7 +18,9 @@ PUSHED_MOST_M_S = 10.0
 
 
 def check_faults(scenario: Scenario) -> None:
-    """Refuse faults of what is not there. Raises `ScenarioError` with the key's full path."""
+    """Refuse faults of missing cells, axes, sensors and parcels. Raises `ScenarioError` with the
+    key's full path.
+    """
     for number, fault in enumerate(scenario.fault):
         key = f"fault.{number}"
         _check_numbers(scenario, fault, key)

@@ -1,4 +1,4 @@
-"""What fields and their parts must be: made of something, in regions that have an area."""
+"""Rules of fields and their parts: made of something, in regions that have an area."""
 
 from collections.abc import Sequence
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""What streams and exits must be, by the parcels and the table that they are for."""
+"""Rules of streams and exits, by their parcels and their table."""
 
 from collections.abc import Iterable
 

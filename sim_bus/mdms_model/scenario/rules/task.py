@@ -1,4 +1,4 @@
-"""What the values of a task must be, by what it is to do and the table that it is for."""
+"""Rules of the values of a task, by its job and its table."""
 
 import dataclasses
 from collections.abc import Mapping

@@ -35,7 +35,7 @@ class Bridges(NamedTuple):
     Contacts of the emergency stop come first: they cut a motor off its bridge, and short it. A
     motor is driven, or shorted at 0 V, by a bridge that is awake, has a supply, and has not shut
     off by a fault of its own; any other leaves it open, and the wheel coasts. The same table stands
-    in firmware/README.md, 'Fail safe'.
+    in docs/faults.md, 'Fail safe'.
     """
 
     awake: Registers

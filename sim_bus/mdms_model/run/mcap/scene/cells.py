@@ -1,4 +1,4 @@
-"""What cells report, in a scene: covered sensors, and which parcel they are at or promised to."""
+"""Reports of cells, in a scene: covered sensors, and which parcel they are at or promised to."""
 
 from collections.abc import Hashable
 
@@ -33,7 +33,7 @@ class CoveredSensors:
         return bytes(self._covered[instant])
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         places_m = self._places_m[self._covered[instant]].tolist()
         size_m, painted = (_DOT_M, _DOT_M, 0.004), colour(COVERED)
         cubes = [block((x_m, y_m, DECK_M), 0.0, size_m, painted) for x_m, y_m in places_m]
@@ -41,7 +41,7 @@ class CoveredSensors:
 
 
 class HeldCells:
-    """A cell under a parcel is a plate in its colour, one that is promised to it a frame."""
+    """A cell under a parcel is a plate in its colour, and a promised cell is a frame."""
 
     topic, rate_hz = "/scene/cells", 30.0
 
@@ -59,7 +59,7 @@ class HeldCells:
         return bytes(self._held[instant]), bytes(self._under[instant])
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         parts: Parts = {"cubes": [], "lines": []}
         half_m = self._side_m / 2
         corners_m = half_m * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])

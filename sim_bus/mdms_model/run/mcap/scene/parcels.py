@@ -37,7 +37,7 @@ class Parcels:
         return poses.round(5).tobytes()
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         parts: Parts = {"cubes": [], "cylinders": [], "triangles": [], "lines": [], "texts": []}
         for number, parcel in enumerate(self._parcels):
             pose = self._poses[instant, number]
@@ -57,7 +57,7 @@ class Parcels:
 
 
 def parcel_layers(scenario: Scenario, record: Record) -> Iterator[Parcels]:
-    """What is known of the parcels: where they are, and where host and cells believe them."""
+    """Parcels in a scene: where they are, and where host and cells believe them."""
     if np.isfinite(record.pose).any():
         yield Parcels("/scene/parcels", scenario, record.pose, ghosts=False)
     if record.estimate is not None and np.isfinite(record.estimate).any():

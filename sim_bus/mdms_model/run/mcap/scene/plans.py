@@ -34,7 +34,7 @@ class Goals:
         return tuple((name, pose.tobytes()) for name, pose in goals.items())
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         goals = goals_at(self._scenario, self._record, self._record.time_s[instant])
         # One that somebody has named on the way is not known by its shape.
         known = (
@@ -53,7 +53,7 @@ class Goals:
 
 
 class Plans:
-    """The ways that the plan in effect has, and its tiles in the colours of who is next on them."""
+    """The ways of the plan in effect, and its tiles in the colour of the next parcel on each."""
 
     topic, rate_hz = "/scene/plans", 30.0
 
@@ -68,7 +68,7 @@ class Plans:
         return None if plan is None else plan.time_s
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         plan = plan_at(self._record, self._record.time_s[instant])
         if plan is None:
             return {}

@@ -1,4 +1,4 @@
-"""What things in a scene are made of, in the well-known schemas of Foxglove (docs.foxglove.dev)."""
+"""The primitives of a scene, in the well-known schemas of Foxglove (docs.foxglove.dev)."""
 
 from math import cos, sin
 from typing import Any, TypeAlias
@@ -21,7 +21,7 @@ _LINE_STRIP, _LINE_LOOP = 0, 1
 
 
 def scene_update(time_s: float, name: str, parts: Parts) -> dict[str, Any]:
-    """One entity in place of what it was; it stays until the next."""
+    """One entity in place of its last version; it stays until the next."""
     entity = {
         "timestamp": stamp(time_s),
         "frame_id": FRAME,

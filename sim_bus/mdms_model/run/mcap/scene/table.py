@@ -41,7 +41,7 @@ class Table:
         return 0
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         array, cell = self._scenario.array, self._scenario.cell
         side_m = CELL_SHARE * array.pitch_m
         size_m = (array.columns * array.pitch_m, array.rows * array.pitch_m, _BASE_M)
@@ -101,7 +101,7 @@ class Wheels:
         return bytes(self._codes[instant])
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         codes: list[int] = self._codes[instant].tolist()
         cubes: list[dict[str, Any]] = [
             each | {"color": self._colours[code]}

@@ -39,7 +39,7 @@ class Layer(Protocol):
         ...
 
     def parts(self, instant: int) -> Parts:
-        """What is shown at a sample of the record."""
+        """The entities at a sample of the record."""
         ...
 
 
