@@ -44,8 +44,8 @@ class Observed:
     def begin_again(self) -> None:
         """It was at rest meanwhile: what has lasted so far counts no more."""
         self._blocked = Blocked()
-        self._apart = Lasting(_APART_S)
-        self._given_anew = 0
+        self._apart, self._apart_for_long = Lasting(_APART_S), Lasting()
+        self._given_anew, self._told = 0, False
         self.apart = False
 
     def follow(
@@ -69,20 +69,24 @@ class Observed:
         if self._blocked.step(self._reports.held(self._identity), followed.left_m, now_s):
             self._note_blocked()
         if followed.there:
-            self._given_anew = 0
-        if self._apart.step(arrived and not followed.there, now_s) and followed.miss:
+            self._given_anew, self._told = 0, False
+        apart = arrived and not followed.there
+        if self._apart.step(apart, now_s):
+            self.apart = self._given_anew < _GIVEN_ANEW
+            self._given_anew += 1
+        again = self.apart and self._given_anew > 1
+        if (self._apart_for_long.step(apart, now_s) or again) and followed.miss:
             self._contradict(*followed.miss)
         return stands
 
     def _contradict(self, off_m: float, off_rad: float) -> None:
-        """The cells take it for arrived where the host does not."""
-        if not self._given_anew:
+        """The cells take it for arrived where the host does not; reported once."""
+        if not self._told:
             self._note(
                 f"the cells report {self._name} at its goal, but it is believed "
                 f"{1e3 * off_m:.1f} mm and {degrees(abs(off_rad)):.1f} degrees from it"
             )
-        self.apart = self._given_anew < _GIVEN_ANEW
-        self._given_anew += 1
+        self._told = True
 
     def is_elsewhere(self, belief: Belief | None, now_s: float) -> bool:
         """Whether its cells are to drop it, for some steer it by another place; once each time."""
