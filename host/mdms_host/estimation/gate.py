@@ -25,10 +25,6 @@ class Gate:
         past_m: Floats = (points_m - (self.x_m, self.y_m)) @ outward
         return past_m
 
-    def left_by(self, pose: Floats) -> bool:
-        """Whether a parcel at this pose [m, m, rad; table frame] has left."""
-        return bool(self.past_m(pose[:2]) >= 0.0)
-
     def reached_by(self, bottom: Bottom, pose: Floats) -> bool:
         """Whether any of a parcel at this pose [m, m, rad; table frame] is past the line."""
         return bool(self.past_m(bottom.outline_m(pose)).max() >= 0.0)

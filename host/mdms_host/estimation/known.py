@@ -22,6 +22,8 @@ from mdms_model.arrays import Bools, Floats
 _LEARNED_M = 0.002
 _DEVIATIONS = 3.0
 #: One that came and is lost so soon after it was found first was none: something else was taken for
+#: A parcel that sensors still show has left where its centre is so far past its gate [m].
+_OUT_M = 0.02
 #: it [s].
 _PROVEN_S = 2.0
 #: What it was taken for is looked at again for so long after it was found, by sensors up to so far
@@ -159,13 +161,14 @@ class Known:
     def has_left(self, shown: bool) -> bool:
         """Whether it is past its gate, or was on its way through when sensors lost it.
 
-        `shown` is whether any sensor is covered where it is believed to be: then one that is
-        doubtful is still there.
+        `shown` is whether any sensor is covered where it is believed to be. Then one that is
+        doubtful, or that stands at the edge, is still there: its place is not known to the mm.
         """
         if self.gate is None or self.place is None or self.expected:
             return False
         if self.standing is Standing.FOUND:
-            return self.gate.left_by(self.place)
+            past_m = float(self.gate.past_m(self.place[:2]))
+            return past_m >= (_OUT_M if shown else 0.0)
         through = self.gate.reached_by(self.estimator.bottom, self.place)
         return through and not (self.standing is Standing.DOUBTFUL and shown)
 
