@@ -17,7 +17,15 @@ from mdms_cell.perception.angle import TURN_UM, root
 from mdms_cell.perception.belief import EDGE, MOST, Belief
 from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.heard import Heard
-from mdms_cell.perception.outline import DISC, HALF_LENGTH, HALF_WIDTH, RECTANGLE, SHAPE, STEP_UM
+from mdms_cell.perception.outline import (
+    DISC,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    RECTANGLE,
+    SHAPE,
+    STEP_UM,
+    gap,
+)
 from mdms_cell.perception.place import AXES, DIRECTIONS
 from mdms_cell.perception.sensors import Comparison
 from mdms_cell.perception.suspicion import Suspicion
@@ -132,6 +140,22 @@ def test_outline_fits_wherever_the_parcel_lies(shape, pose, halves):
 
 
 @settings(max_examples=60)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([RECTANGLE, DISC]),
+            st.tuples(numbers(HALF + NEAR), numbers(HALF + NEAR), turns),
+            st.tuples(halves, halves),
+        ),
+        min_size=2,
+        max_size=2,
+    )
+)
+def test_gap_between_two_parcels_fits_wherever_they_lie(parcels):
+    one, other = (believed(*parcel).registers for parcel in parcels)
+    assert abs(gap(one, other) - gap(other, one)) <= 8
+
+
 @given(st.lists(speeds, min_size=3, max_size=8), numbers(HALF), numbers(HALF), turns, st.data())
 def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
     belief = believed(RECTANGLE, (centre_x, centre_y, turn), (2 * HALF, 2 * HALF))
@@ -214,10 +238,11 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
     for goal, pose in zip(goals, poses, strict=False):
         belief = believed(RECTANGLE, pose, (half, half))
         moving(belief)
-        tracking = SimpleNamespace(belief=belief, may_be_elsewhere=lambda: False)
+        tracking = SimpleNamespace(belief=belief, may_be_elsewhere=lambda: False, others=Word(3))
+        beside = believed(RECTANGLE, (NEAR, -NEAR, 0), (half, half))
         here = SimpleNamespace(x_um=place_um[0], y_um=place_um[1])
         axes = SimpleNamespace(lead=lambda targets: None, rest=lambda: None)
-        leading = worded(Leading(here, cells, tracking, axes))
+        leading = worded(Leading(here, cells, tracking, axes, lambda _direction, one=beside: one))
         steering = worded(leading.steering)
         for acceleration in (limits[0], 255):
             program = Program()
