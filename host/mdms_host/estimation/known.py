@@ -22,14 +22,14 @@ from mdms_model.arrays import Bools, Floats
 _LEARNED_M = 0.002
 _DEVIATIONS = 3.0
 #: One that came and is lost so soon after it was found first was none: something else was taken for
-#: A parcel that sensors still show has left where its centre is so far past its gate [m].
-_OUT_M = 0.02
 #: it [s].
 _PROVEN_S = 2.0
 #: What it was taken for is looked at again for so long after it was found, by sensors up to so far
 #: beside it [s, m].
 _REOPENED_S = 0.4
 _OUTSIDE_M = 0.15
+#: A parcel that sensors still show has left where its centre is so far past its gate [m].
+_OUT_M = 0.02
 
 
 class Known:

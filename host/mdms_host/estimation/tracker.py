@@ -185,6 +185,7 @@ class Tracker:
         self._agree(now_s, valid, views, coverage)
         self._watch_unknown(now_s, valid, coverage, groups)
         self._judge(now_s, coverage, groups)
+        self._leave_obstacles(views)
         for name, each in list(self._known.items()):
             if each.has_left(name in views and self._shows(views[name])):
                 self._leave(name)
@@ -328,6 +329,16 @@ class Tracker:
             if each.region is not None:
                 other |= each.region.holds(self._sensors_m)
         self._faulty += self._presence.judge(now_s, coverage.distance_m, other)
+
+    def _leave_obstacles(self, views: Mapping[str, View]) -> None:
+        """Where a parcel was lost just now, the sensors that are still covered show an obstacle.
+
+        Nothing may drive there before the search has found the parcel again.
+        """
+        for name, view in views.items():
+            if self._known[name].standing is Standing.LOST:
+                beside = view.near.sensors[view.distance_m < BESIDE_M]
+                self._unknowns.expect(beside[self._presence.covered[beside]])
 
     def _shows(self, view: View) -> bool:
         """Whether any sensor under a parcel is covered."""

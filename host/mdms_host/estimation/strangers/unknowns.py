@@ -146,6 +146,13 @@ class Unknowns:
         free_m = near.sensors_m[free[near.sensors]]
         return rectangles_of(self._sensors_m[one.sensors], free_m, yaw_rad, _RECTANGLES)
 
+    def expect(self, sensors: Ints) -> None:
+        """Something has been over these sensors for long: once nothing explains it, it is unknown.
+
+        It need not be steady first.
+        """
+        self._since_s[sensors] = -inf
+
     def explain(self, parcel: str, inside: Bools) -> None:
         """A parcel has been found over the sensors `inside` (S,): what covered them is that."""
         for name, one in list(self._all.items()):
