@@ -467,6 +467,7 @@ def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
             yaw_hint_rad=parcel.yaw_rad,
             shape=parcel.shape,
             corners_m=parcel.corners_m,
+            spread_m=parcel.size_spread_m,
         )
         for parcel in scenario.parcel
     )

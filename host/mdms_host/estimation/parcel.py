@@ -5,11 +5,12 @@ from math import cos, sin
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.outlines.disc import Disc
 from mdms_host.estimation.outlines.polygon import Polygon
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_model.arrays import Bools, Floats
+from mdms_model.scenario.scenario import DRAWN_M
 
 _DISC_CORNERS = 48
 

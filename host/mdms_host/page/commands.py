@@ -8,10 +8,9 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from types import NoneType
 from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
 
-from mdms_host.estimation.outlines.bottom import DRAWN_M
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.limit import ANGLE, LENGTH, PLACE, Limit
-from mdms_model.scenario.scenario import ScenarioError, name_fault
+from mdms_model.scenario.scenario import DRAWN_M, ScenarioError, name_fault
 from mdms_model.scenario.tree import build
 
 CELL = Limit(at_least=1, at_most=1_000_000)

@@ -31,6 +31,8 @@ class ScenarioError(InputError):
 
 FIDELITIES = ("row", "ideal", "firmware")
 SHAPES = ("rectangle", "disc", "polygon")
+#: How much larger a parcel may be than its drawing, on either side (one standard deviation) [m].
+DRAWN_M = 0.0005
 ON_LOST_CELL = ("go_on", "hold", "stop")
 STOP_FORMS = ("short", "category_1")
 
@@ -184,6 +186,8 @@ class Parcel:
     """Where it is steered to, with `motion.field = "goal"`."""
     kind: str = ""
     """Parcels of one kind are alike, and exits sort by it; empty: a kind of its own."""
+    size_spread_m: float = field(default=DRAWN_M, metadata=Limit(above=0.0, at_most=0.1))
+    """How exact its size is told to the host, on either side, as one standard deviation."""
 
 
 @dataclass(frozen=True, slots=True)

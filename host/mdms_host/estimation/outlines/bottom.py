@@ -7,9 +7,6 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 
-#: How much larger a parcel may be than its drawing, on either side (one standard deviation) [m].
-DRAWN_M = 0.0005
-
 
 class Bottom(Protocol):
     """A convex outline about the parcel's origin, its centre.

@@ -8,7 +8,7 @@ from math import hypot, inf, log, pi, sqrt
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import DRAWN_M, Bottom
+from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.estimation.outlines.rectangle import Rectangle
 from mdms_host.estimation.pose.confirmation import Confirmation, Standing
 from mdms_host.estimation.pose.feeling import edge_of, move_to_feel
@@ -18,6 +18,7 @@ from mdms_host.estimation.pose.sliding import Sliding
 from mdms_host.estimation.presence.surroundings import Near, Surroundings
 from mdms_host.estimation.search.locate import Location
 from mdms_model.arrays import Bools, Floats
+from mdms_model.scenario.scenario import DRAWN_M
 
 #: How well an edge is known at the instant a sensor changes.
 _EDGE_M = 0.0002

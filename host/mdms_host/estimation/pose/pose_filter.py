@@ -8,8 +8,8 @@ from math import erfc, exp, hypot, pi, sqrt
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import DRAWN_M
 from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import DRAWN_M
 
 #: Odometry errs by a random walk: this variance a metre of way, and this a second [m; m2/s].
 _SLIP_M = 5e-6
