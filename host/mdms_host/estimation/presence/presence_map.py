@@ -110,11 +110,23 @@ class PresenceMap:
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []
         wrong = deep & (inside != self.covered)
-        return self._by_cell(self._worth.step(wrong, deep & ~wrong, step_s))
+        return self._fallen(self._worth.step(wrong, deep & ~wrong, step_s))
 
     def disbelieve(self, sensors: Bools) -> list[tuple[int, list[int]]]:
         """Believe these sensors (S,) no more for now; returns as `judge` does."""
-        return self._by_cell(self._worth.disbelieve(sensors))
+        return self._fallen(self._worth.disbelieve(sensors))
+
+    def _fallen(self, sensors: list[int]) -> list[tuple[int, list[int]]]:
+        """Sensors that are not believed any more; where most of a cell are not, none of it is.
+
+        Such a cell may be in another's place: what seems right there is so by chance.
+        """
+        if sensors:
+            wrong = ~self._worth.believed.reshape(-1, self._sensors)
+            broken = wrong.sum(axis=1) * 2 > self._sensors
+            whole = np.repeat(broken, self._sensors)
+            sensors = sorted({*sensors, *self._worth.disbelieve(whole & self._worth.believed)})
+        return self._by_cell(sensors)
 
     def believe(self, sensors: Bools) -> None:
         """Believe these sensors (S,) again: what they contradicted was not there."""

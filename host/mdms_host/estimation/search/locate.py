@@ -39,12 +39,18 @@ class Location:
 
 
 def locate(
-    bottom: Bottom, sensors_m: Floats, covered: Bools, yaw_hint_rad: float = 0.0
+    bottom: Bottom,
+    sensors_m: Floats,
+    covered: Bools,
+    yaw_hint_rad: float = 0.0,
+    within_m: Floats | None = None,
 ) -> Location | None:
     """Mean and spread of the poses that agree with the sensors; None if no pose or none covered.
 
-    `sensors_m` has shape (S, 2), `covered` shape (S,). A rectangle looks the same after half a
-    turn, a disc after any: the yaw is the one nearest to the hint.
+    `sensors_m` has shape (S, 2), `covered` shape (S,). The parcel's centre lies within the
+    rectangle `within_m`, its least and its greatest corner, shape (2, 2), if there is one. A
+    rectangle looks the same after half a turn, a disc after any: the yaw is the one nearest to the
+    hint.
     """
     if not covered.any():
         return None
@@ -52,6 +58,10 @@ def locate(
     found = [_try_yaw(bottom, float(yaw), sensors_m, covered) for yaw in yaws_rad]
     poses = np.concatenate([poses for poses, _ in found])
     wrong = np.concatenate([wrong for _, wrong in found])
+    if within_m is not None:
+        low_m, high_m = within_m
+        inside = ((poses[:, :2] >= low_m) & (poses[:, :2] <= high_m)).all(axis=1)
+        poses, wrong = poses[inside], wrong[inside]
     if not len(poses):
         return None
     near = wrong <= wrong.min() + _SPARE_ERRORS

@@ -15,6 +15,9 @@ from mdms_model.arrays import Bools
 _DOUBTFUL_SHARE = 0.2
 #: So many contradictions may be of one cell that is all wrong, if as many are gone without it.
 _SUSPICIOUS = 3
+#: A parcel tips whose centre of mass is beyond all wheels; that lies so far beside its middle at
+#: most [m].
+_BESIDE_MIDDLE_M = 0.03
 
 
 class Search:
@@ -33,6 +36,9 @@ class Search:
         self.over = False
         self._bottom = bottom
         self._sensors_m = layout.sensors_m
+        wheels_m = layout.wheel_positions_m
+        low_m, high_m = wheels_m.min(axis=0), wheels_m.max(axis=0)
+        self._within_m = np.array((low_m - _BESIDE_MIDDLE_M, high_m + _BESIDE_MIDDLE_M))
         self._cell = layout.sensor_cells
         self._mine = mine
         self._yaw_hint_rad = yaw_hint_rad
@@ -50,7 +56,13 @@ class Search:
             self._conclude()
 
     def _locate(self, mine: Bools) -> Location | None:
-        return locate(self._bottom, self._sensors_m[mine], self.covered[mine], self._yaw_hint_rad)
+        return locate(
+            self._bottom,
+            self._sensors_m[mine],
+            self.covered[mine],
+            self._yaw_hint_rad,
+            self._within_m,
+        )
 
     def _near(self) -> list[int]:
         """Cells that may lie under the parcel, or show something where it is not."""
