@@ -395,3 +395,18 @@ def test_a_newcomer_is_not_found_where_a_parcel_is_though_something_sticks_out_b
     table.put("large", large.bottom, x_m - 0.03, y_m, 0.0)
     table.run(0.6)
     assert {name for name, _ in table.events()} == {"large"}
+
+
+def test_what_covers_sensors_where_a_parcel_was_lost_is_an_obstacle_at_once() -> None:
+    table, seen_s = boxed(), []
+
+    def look() -> None:
+        if table.tracker.unknown:
+            seen_s.append(table.now_s)
+
+    # Too little is covered there for the box, which is lost.
+    table.put("box", Rectangle(0.18, 0.16), -0.2, 0.0, 0.1)
+    table.run(1.2, each=look)
+    lost_s = next(time_s for time_s, change in table.changes if change.event is Event.LOST)
+    assert seen_s
+    assert seen_s[0] <= lost_s + 0.025

@@ -106,3 +106,11 @@ def test_a_sensor_that_is_right_again_is_believed_again_much_later() -> None:
     assert not presence.valid(2.0)[0]
     judged(presence, RIGHT, 5.0)
     assert presence.valid(2.0)[0]
+
+
+def test_a_cell_most_of_whose_sensors_are_wrong_is_not_believed_at_all() -> None:
+    """It may be in another's place, where the others are right by chance."""
+    presence = reporting(RIGHT)
+    assert judged(presence, [0b11100, *RIGHT[1:]], 0.5) == [(1, [0, 1])]
+    presence = reporting(RIGHT)
+    assert judged(presence, [0b11000, *RIGHT[1:]], 0.5) == [(1, [0, 1, 2, 3, 4])]

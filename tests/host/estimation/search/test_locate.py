@@ -47,3 +47,17 @@ def test_the_hint_chooses_between_yaws_that_look_the_same() -> None:
     found = locate(BOTTOM, SENSORS_M, covered, yaw_hint_rad=np.pi)
     assert found is not None
     assert abs(found.pose[2] - (np.pi + 0.2)) < 0.2
+
+
+def test_no_parcel_is_found_with_its_middle_outside_the_table() -> None:
+    """Of a parcel beyond the edge only the first column of sensors would be covered."""
+    covered = covered_by(BOTTOM, -0.50, 0.0, 0.0)
+    assert covered.any()
+    beyond = locate(BOTTOM, SENSORS_M, covered)
+    assert beyond is not None
+    assert beyond.pose[0] < -0.45
+    within_m = np.array([(-0.35, -0.16), (0.35, 0.16)])
+    inside = locate(BOTTOM, SENSORS_M, covered, within_m=within_m)
+    assert inside is not None
+    assert abs(inside.pose[0]) < 0.35
+    assert inside.contradictions > beyond.contradictions
