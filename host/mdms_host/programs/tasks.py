@@ -134,7 +134,7 @@ async def buffer(
     order: Sequence[str] = (),
     count: int | None = None,
 ) -> None:
-    """Parcels that come wait at places, and leave by an exit.
+    """Parcels that come wait at places [m; table frame], and leave by an exit.
 
     First in, first out: the first leaves when all places are taken, and at the end all that are
     left. With an `order` they leave in that order of names or kinds instead, and it ends with it.
