@@ -110,7 +110,7 @@ def _sets(
 def _likely(
     ones: tuple[Floats, Floats], others: tuple[Floats, Floats], covered_m: Floats, *, alike: bool
 ) -> tuple[Bools, Bools] | None:
-    """The sensors that all likely ways to divide the group give to either parcel; None if too few."""
+    """Sensors that all likely divisions of the group give to either parcel; None if too few."""
     (sets, weights), (other_sets, other_weights) = ones, others
     if not len(sets) or not len(other_sets):
         return None

@@ -91,7 +91,7 @@ class PoseCloud:
 
     @property
     def spread_m(self) -> float:
-        """Distance from the edge of the mean pose beyond which a sensor is alike at all poses [m]."""
+        """Distance from the mean pose's edge beyond which a sensor is alike at all poses [m]."""
         return _DEVIATIONS * (self._deviation_m + _EDGE_M)
 
     @property

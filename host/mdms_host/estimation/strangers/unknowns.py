@@ -169,7 +169,7 @@ class Unknowns:
         return left
 
     def _age(self, now_s: float, groups: Collection[Ints]) -> None:
-        """Note since when sensors have been covered by groups that are not taken for anything yet."""
+        """Note since when sensors have been covered by groups that nothing explains yet."""
         since_s = np.full(len(self._since_s), inf)
         for group in groups:
             since_s[group] = np.minimum(self._since_s[group], now_s)
