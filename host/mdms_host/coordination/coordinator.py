@@ -263,7 +263,7 @@ class Coordinator:
             self._safe_goals.check(known, start, goal, straight=straight)
         self._program.set_goal(parcel, goal)
 
-    # What drives it
+    # Inputs
 
     def stop(self) -> None:
         """Request an orderly end; the next poll begins it."""

@@ -131,7 +131,7 @@ class Tracker:
             raise ValueError(f"there is a parcel {name!r} already; give each a name of its own")
         self._known[name] = known
 
-    # What comes in
+    # Inputs
 
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
@@ -200,7 +200,7 @@ class Tracker:
             if name in self._known:
                 self._known[name].estimator.slide(gain.missing, gain.gained, step_s)
 
-    # What goes out
+    # Outputs
 
     def take_faulty(self) -> list[tuple[int, list[int]]]:
         """Cells (from 1) with sensors (from 0) that contradict all others, since the last call."""

@@ -359,11 +359,11 @@ class GoalProgram:
             self._report_slip(name, controller.grip)
 
     def _report_slip(self, name: str, grip: Grip) -> None:
-        """Report the first time that a parcel's wheels slip; what follows is more of the same."""
+        """Report the first time that a parcel's wheels slip, and no later time."""
         if grip.slips and not self._slips.get(name):
             self._notices.append(
-                f"wheels slip under {name}: they push with {100 * grip.share:.0f} % of what was "
-                "planned, and slowly with more again"
+                f"wheels slip under {name}: they push with {100 * grip.share:.0f} % of the plan, "
+                "and slowly with more again"
             )
         self._slips[name] = grip.slips
 

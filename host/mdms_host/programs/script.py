@@ -104,8 +104,8 @@ class Task(Generic[Result]):
             if not callable(condition):
                 self.cancel()
                 self.error = ScriptError(
-                    f"awaits {type(condition).__name__}, but a program waits only for what its "
-                    "table offers: sleep, move, leave, arrival, and tasks"
+                    f"awaits {type(condition).__name__}, but a program waits only for "
+                    "its table: sleep, move, leave, arrival, and tasks"
                 )
             else:
                 self._condition = condition

@@ -50,7 +50,7 @@ class Blocked:
         way = self.way
         if self.by:
             names = " and ".join(map(str, self.by))
-            return f"{way}: blocked by {names}; move what stands there, or give another goal"
+            return f"{way}: blocked by {names}; clear the way, or give another goal"
         if self.closed:
             return f"{way}: blocked by closed cells; give a goal that is reached around them"
         if self.passing:

@@ -153,7 +153,7 @@ class Orders:
         bar = self._bar(each, at_goals | at_starts << len(self._names))
         if bar is None:
             return True
-        # Without those who bar it in vain.
+        # Without parcels that bar it in vain.
         for other in numbers(bar):
             if bar >> other & 1:
                 without = self._bar(each, bar & ~(1 << other))

@@ -21,7 +21,7 @@ OTHER_HOST = (
 _GATHER_S = 0.05
 
 #: The trouble of cells that another program took out of 'operational': a stop is a stop.
-SWITCHED_OFF = "somebody else has switched cells off on this bus (network management)"
+SWITCHED_OFF = "another program has switched cells off on this bus (network management)"
 
 #: Of more cells with another serial number than they are to have, the others are counted.
 _MOST_NAMED = 3

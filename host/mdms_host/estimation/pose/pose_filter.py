@@ -122,7 +122,7 @@ class PoseFilter:
             # Asymmetry by rounding would grow with every surprise.
             self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
             self._limit()
-            # Without what went with growth, the distance may be less sure than by the surprise.
+            # Without its tie to growth, the distance may be less sure than by the surprise.
             believed_m2 = float(slope @ self.covariance @ slope)
             variance_m2 = max(variance_m2, believed_m2 + sigma_m**2)
         return variance_m2

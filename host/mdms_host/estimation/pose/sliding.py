@@ -36,7 +36,7 @@ class Sliding:
     def __init__(self, corner_m: Floats) -> None:
         self._corner_m = corner_m
         self._faster: Floats = np.zeros(3)
-        # Of that what rolling does not explain [m/s].
+        # The part of that which rolling does not explain [m/s].
         self._unexplained_m_s = 0.0
         # Their push on the parcel, and that at which they were found to slip [m/s2].
         self._pushed: Floats = np.zeros(3)

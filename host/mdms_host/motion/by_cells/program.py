@@ -182,7 +182,7 @@ class CellsProgram:
 
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
         """The pages to send now, given the beliefs; once a cycle."""
-        # A doubtful place is neither sent nor compared with what cells report.
+        # A doubtful place is neither sent nor compared with reports of cells.
         sure = {name: each for name, each in beliefs.items() if not each.doubtful}
         self._poses = {name: each.pose for name, each in beliefs.items() if name in self._bottoms}
         self._take_in(beliefs)

@@ -39,7 +39,7 @@ _SEARCH_M = 0.3
 _OFF_PATH_M = 0.02
 #: Number of poses of the way ahead in records and pictures.
 _SHOWN = 13
-#: A belief that differs by more from what its twist leads to has been set right by a sensor [m].
+#: A belief farther from where its twist leads has been corrected by a sensor [m].
 _SET_RIGHT_M = 0.001
 
 

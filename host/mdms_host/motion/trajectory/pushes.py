@@ -16,7 +16,7 @@ from mdms_host.motion.trajectory.mass import Mass, centre_at
 from mdms_host.motion.trajectory.normal_forces import Spots, normal_forces_n
 from mdms_model.arrays import Bools, Floats, Ints
 
-#: Keeps the shares solvable along what no wheel pushes (a row pushes neither along y nor round).
+#: Keeps the shares solvable where no wheel pushes (a row: neither along y nor round).
 _RIDGE = 1e-9
 #: Poses are worked on by so many, with the wheels near to them.
 _AT_ONCE = 40

@@ -28,7 +28,7 @@ _STILL_M_S = 0.004
 _STILL_S = 0.25
 
 #: Has the cells take a parcel to a goal, and, should the host be gone by then, along the legs that
-#: follow; returns what follows it to the goal.
+#: follow; returns the follower to the goal.
 Send = Callable[[Goal, Sequence[Goal]], Followed]
 
 
