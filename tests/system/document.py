@@ -11,7 +11,6 @@ REASONS = {
     "needs root and an adapter": r"sudo ip link set can\d up type can bitrate \d+",
     "needs a person at the button": r"mdms doctor --array array\.toml --stop",
     "needs a board over USB": r"mpremote (fs|exec|reset).*|mdms scan -i slcan -c /dev/ttyACM0 .*",
-    "needs cells with firmware of their own": r"mdms (commission --from|stop|flash --bus) ?.*",
     "needs a page and its token": r"(import json|from websockets.*|with connect.*|    table.*)",
     "needs a scanner and a broker": ".*",
     "runs this test too": r"make (test|quick|check)( +#.*)?",

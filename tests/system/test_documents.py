@@ -24,6 +24,7 @@ from mdms_host.cli.verbs import VERBS, build_parser
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable, read_array
 from mdms_host.commissioning.array_writing import array_document
 from mdms_host.programs.traffic.planning import VirtualDesk
+from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
 from mdms_protocol.generators import generate
@@ -41,16 +42,17 @@ RUN = [
 ]
 #: Verbs that look after cells.
 ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure", "stop"}
-#: The reader's own table has other sides; three cells take the same steps as eighteen. It is empty.
-OWN_TABLE = ("--columns 6 --rows 3", "--columns 3 --rows 1")
-SMALL = (
-    *("array.columns=3", "array.rows=1", "parcel.0.x_m=0.0", "motion.field='inward'"),
-    *("parcel.0.length_m=0.3", "parcel.0.width_m=0.1", "fault=[{kind='lift', parcel='box'}]"),
-)
+#: The reader's own table is empty until a person puts the box onto it, before a program runs.
+EMPTY = "fault=[]"
 #: What another test runs as it stands, and which call of it; nothing else goes on with it.
 ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_demo.py", 'main(["demo", "--out"')}
 #: What a person types at `mdms commission`: Enter to all questions but the one that wants a yes.
-ANSWERS = 3 * "\n" + "y\n" + 6 * "\n"
+CELLS = 18
+ANSWERS = CELLS * "\n" + "y\n" + 2 * CELLS * "\n"
+
+
+#: What the reader of a page has done before it.
+BEFORE = {"updates.md": "mdms commission --columns 6 --rows 3"}
 
 
 class Reader:
@@ -60,11 +62,12 @@ class Reader:
         self._folder, self._patch, self._capsys, self._stack = folder, monkeypatch, capsys, stack
         self._boards = False
         self._table = None
+        self._lifted = None
         # Documents are not about how long the animation of several parcels is.
         monkeypatch.setattr("mdms_sim.plots.moving.animation.MOST_FRAMES", 5)
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
-        monkeypatch.setattr("mdms_host.cli.array.run.open_links", simulated_table)
+        monkeypatch.setattr("mdms_host.cli.array.run.open_links", self._open_links)
         monkeypatch.setattr("mdms_host.cli.array.run.ThreadDesk", VirtualDesk)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_link", self._open_link)
@@ -77,12 +80,16 @@ class Reader:
                 self._type(line)
         elif block.language == "python" and "SCENARIO = " in block.text:
             (self._folder / "program.py").write_text(block.text)
-            self._do("mdms simulate program.py")
+            self.do("mdms simulate program.py")
         elif block.language == "python":
             exec(compile(block.text, "document", "exec"), {})
         elif block.language == "toml" and "[[cell]]" in block.text:
             (self._folder / "table.toml").write_text(block.text)
             read_array(self._folder / "table.toml")
+        elif block.text.startswith("[stop]") and Path("array.toml").exists():
+            with Path("array.toml").open("a") as file:
+                file.write(block.text)
+            read_array(Path("array.toml"))
         elif block.language == "toml":
             based = "" if "scenario = " in block.text else 'scenario = "array18"\n'
             (self._folder / "part.toml").write_text(based + block.text)
@@ -93,11 +100,11 @@ class Reader:
         if words[0] == "export":
             self._export(words[1:])
         elif words[0] == "make":
-            self._do(recipe(words[1]))
+            self.do(recipe(words[1]))
         elif "until Ctrl-C" in comment:
             start_and_end(words)
         else:
-            self._do(" ".join(line.partition("  #")[0].split()))
+            self.do(" ".join(line.partition("  #")[0].split()))
 
     def _export(self, assignments):
         """The bus of the document is the virtual one, whatever it is called there."""
@@ -106,13 +113,15 @@ class Reader:
         for name, value in named.items():
             self._patch.setenv(name, value)
 
-    def _do(self, command):
+    def do(self, command):
+        if command is None:
+            return
         if command in ELSEWHERE:
             test, call = ELSEWHERE[command]
             assert call in (ROOT / "tests" / test).read_text()
             return
         command, _, target = command.partition(" > ")
-        words, _ = words_of(command.replace(*OWN_TABLE))
+        words, _ = words_of(command)
         assert words.pop(0) == "mdms", command
         verb = words[0]
         on_a_bus = verb in ON_A_BUS or "--bus" in words
@@ -128,8 +137,10 @@ class Reader:
             terminal = io.StringIO(ANSWERS)
             terminal.isatty = lambda: True
             self._patch.setattr("sys.stdin", terminal)
-        if "--array" in words and verb == "run":
+        if "--array" in words and verb == "run" and self._table is None:
             write_array(Path(words[words.index("--array") + 1]))
+        elif verb == "run" and self._lifted:
+            self._put_down()
         with self._commissioned() if on_a_bus else nullcontext():
             code = main(words)
         printed = self._capsys.readouterr()
@@ -152,12 +163,29 @@ class Reader:
         with SimulatedLink.around(self._table.simulation) as link:
             yield link, link
 
+    @contextmanager
+    def _open_links(self, arguments, _channels=()):
+        """The reader's own table if there is one, or else the one that the program is for."""
+        if self._table is not None:
+            with self._open_link(arguments) as opened:
+                yield opened
+            return
+        changes = [*arguments.overrides, "run.fidelity=firmware"]
+        with SimulatedLink(open_program(arguments.program, changes)[0]) as link:
+            yield link, link
+
     def _commissioned(self):
         """Cells that are blank until they are commissioned, and the time that they live in."""
         if self._table is None:
-            bank = self._stack.enter_context(closing(PythonBank([cob.NODE_NONE] * 3)))
-            self._table = SimulatedArray(bank, *SMALL)
+            bank = self._stack.enter_context(closing(PythonBank([cob.NODE_NONE] * CELLS)))
+            self._table = SimulatedArray(bank, EMPTY)
+            faults = self._table.simulation.faults
+            self._lifted = faults.begin(Fault("lift", parcel="box"))
         return virtual_time(self._table)
+
+    def _put_down(self):
+        self._table.simulation.faults.end(self._lifted)
+        self._lifted = None
 
 
 class Port:
@@ -167,14 +195,6 @@ class Port:
 
     def __init__(self, device):
         self.device = device
-
-
-@contextmanager
-def simulated_table(arguments, _channels=()):
-    """The table that a program is for, in virtual time."""
-    changes = [*arguments.overrides, "run.fidelity=firmware"]
-    with SimulatedLink(open_program(arguments.program, changes)[0]) as link:
-        yield link, link
 
 
 def write_array(path):
@@ -216,6 +236,7 @@ def test_everything_in_a_document_runs(name, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("BROWSER", "true")
     with ExitStack() as stack:
         reader = Reader(tmp_path, monkeypatch, capsys, stack)
+        reader.do(BEFORE.get(name))
         for block in blocks_of(path):
             if not block.not_run:
                 reader.read(block)

@@ -22,6 +22,7 @@ TOPICS = {
     "integrator": ("docs/integrator.md", "from a sorter to a program"),
     "parcels": ("docs/parcels.md", "many parcels: programs, traffic, routes"),
     "cells": ("docs/cells.md", "cells that steer by themselves"),
+    "right-of-way": ("docs/right-of-way.md", "rules by which cells keep parcels apart"),
     "motion": ("docs/motion.md", "how the host finds and moves parcels"),
     "faults": ("docs/faults.md", "every fault: reaction, delay, way back, message"),
     "emergency-stop": ("docs/emergency-stop.md", "two forms that brake, with parts and distances"),

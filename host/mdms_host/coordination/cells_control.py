@@ -35,7 +35,7 @@ class CellsControl:
             self._program.on_estimate(cell.number, estimate, now_s)
 
     def frames(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> Iterator[Frame]:
-        """What to send in this cycle, given what is believed."""
+        """Frames to send in this cycle, given the beliefs."""
         return map(_frame, self._program.step(beliefs, now_s, step_s))
 
     def begin_again(self) -> None:
@@ -43,7 +43,7 @@ class CellsControl:
         self._program.begin_again()
 
     def ends(self) -> Iterator[Frame]:
-        """What ends all programs."""
+        """Frames that end all programs."""
         return map(_frame, self._program.ends())
 
 

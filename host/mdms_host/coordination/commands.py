@@ -16,9 +16,9 @@ _LED_ON = (*BRING_UP, *_ENDING)
 
 
 class Commands:
-    """What goes to which cell in the phase of the run; a cell that is out has a phase of its own.
+    """The commands to each cell in the phase of the run; a cell that is out has its own phase.
 
-    Sending to all of them at every answer would crowd setpoints off the bus.
+    Sending to all cells at every answer would crowd setpoints off the bus.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out."""
+"""Joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -71,7 +71,7 @@ class ControlCycle:
     def frames(
         self, phase: Phase, now_s: float, sync_s: float
     ) -> Iterator[tuple[int | None, Frame]]:
-        """What to send for the SYNC at `sync_s`, each frame with its bus, None for all buses."""
+        """Frames to send for the SYNC at `sync_s`, each with its bus, None for all buses."""
         self._track(phase, now_s)
         if self._by_cells is not None:
             yield from self._pages(self._by_cells, phase, now_s, sync_s)
@@ -115,7 +115,7 @@ class ControlCycle:
         return references_m_s
 
     def _rest(self, program: Program, now_s: float, sync_s: float) -> None:
-        """Bring to rest what the program commands: it gets no belief that it may steer by."""
+        """Bring the program's parcels to rest: it gets no belief that it may steer by."""
         beliefs = self._tracker.beliefs(sync_s, now_s)
         doubtful = {
             name: replace(belief, standing=Standing.DOUBTFUL) for name, belief in beliefs.items()
@@ -137,7 +137,7 @@ class ControlCycle:
     def _pages(
         self, by_cells: CellsControl, phase: Phase, now_s: float, sync_s: float
     ) -> Iterator[tuple[None, Frame]]:
-        """Send what cells that steer still need, and follow what they do."""
+        """Send the frames that cells that steer still need, and follow their reports."""
         self.references_m_s = by_cells.references_m_s
         self._odometry.on_references(self.references_m_s)
         if phase == Phase.RUNNING and not self._odometry.silent:
@@ -160,15 +160,15 @@ class ControlCycle:
         commanded_m_s = np.where(speeds.known, self._commanded_m_s, 0.0)
         for text in self.watch.wheels(commanded_m_s, speeds.speed_m_s, self._step_s):
             self._journal.warn(now_s, text)
-        # What does not follow its reference, or has none, shows nothing of the parcel on it.
+        # A wheel that does not follow its reference, or has none, shows nothing of its parcel.
         known = speeds.known & ~self.watch.standing & ~self._roster.wheels_out
         self._tracker.on_speeds(speeds.time_s, speeds.speed_m_s, known, speeds.standing)
         self._report_standings(speeds.time_s, now_s)
 
-    # What a person is to know
+    # Reports to a person
 
     def _report(self, found: Mapping[str, Belief], now_s: float) -> None:
-        """Report what the program has noticed, and what becomes of the parcels that are found."""
+        """Report the program's notices, and the progress of the parcels that are found."""
         for text in self._program.take_notices():
             self._journal.warn(now_s, text)
         for text in self.watch.arrivals(found, now_s):

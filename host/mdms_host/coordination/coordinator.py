@@ -1,4 +1,4 @@
-"""Joins what a run of the array consists of: supervision and bring-up, belief, plan, setpoints.
+"""Joins the parts of a run of the array: supervision and bring-up, belief, plan, setpoints.
 
 Frames and time are passed in: the simulation and a real bus drive it alike.
 """
@@ -46,15 +46,14 @@ _UNSEEN_M = 0.008
 class Coordinator:
     """A participant of the buses that runs a program on all cells of a layout.
 
-    `fault` is what has ended the run, None as long as nothing has; `events` is what happened, as
-    (time [s], text); `troubles` are those of the events that a person should look after, though
-    the run goes on. `settings` are written to every cell, `own_settings` to the cell of that number
-    besides; all other stored settings must be at their defaults. The cell of a number in `serials`
-    must have that serial number, or the run ends before any wheel is driven. Cells that steer (the
-    program is a `ByCells`) are written their places, too; others may have any. `policy` is what is
-    done about cells that fall out of action; `centres_of_mass_m` are those of parcels that have
-    them beside their origins, in their frames. Raises ValueError for cells of more wheels than the
-    wire has axes.
+    `fault` is the cause of the run's end, None as long as it goes on. `events` are pairs of time
+    [s] and text; `troubles` are the events that need a person, though the run goes on. `settings`
+    are written to every cell, `own_settings` to the cell of that number besides. All other stored
+    settings must be at their defaults. The cell of a number in `serials` must have that serial
+    number, or the run ends before any wheel is driven. Cells that steer (the program is a
+    `ByCells`) are written their places, too; others may have any. `policy` is the reaction to cells
+    that fall out of action. `centres_of_mass_m` are those of parcels that have them beside their
+    origins, in their frames. Raises ValueError for cells of more wheels than the wire has axes.
     """
 
     def __init__(
@@ -143,11 +142,11 @@ class Coordinator:
         self._now_s = 0.0
         self._schedule.set("heartbeat", 0.0)
 
-    # What has become of the run
+    # State of the run
 
     @property
     def phase(self) -> Phase:
-        """What the run is at."""
+        """The phase of the run."""
         return self._course.phase
 
     @property
@@ -172,7 +171,10 @@ class Coordinator:
 
     @property
     def lost(self) -> str | None:
-        """Which parcels are lost now, and since when; None without one. Who never was is not."""
+        """The parcels that are lost now, and since when; None without one.
+
+        Parcels that were never found are not listed.
+        """
         return self._cycle.standings.lost
 
     @property
@@ -192,7 +194,7 @@ class Coordinator:
 
     @property
     def finished(self) -> bool:
-        """Whether the program has reached what it is for."""
+        """Whether the program has reached its aim."""
         return self._program.finished
 
     @property
@@ -217,7 +219,7 @@ class Coordinator:
 
     @property
     def speeds_m_s(self) -> Floats:
-        """The speeds that the cells reported last, shape (W,); NaN for one that has not."""
+        """The last reported speeds of all wheels, shape (W,); NaN for a cell without a report."""
         frames = [cell.speeds_data for cell in self.cells]
         heard = [data is not None for data in frames]
         speeds = np.full((len(frames), len(self.references_m_s) // len(frames)), np.nan)
@@ -248,9 +250,9 @@ class Coordinator:
     def set_goal(self, parcel: str, goal: Goal) -> None:
         """Steer a parcel to another goal from the next setpoints on.
 
-        Raises TippingError for a goal at which the parcel would tip, or on the straight way to it
-        if it goes that way; ValueError where the program steers no parcels, and KeyError for one it
-        has not. The parcel keeps the goal that it has then.
+        The parcel keeps its goal if this raises. Raises TippingError if the parcel would tip at the
+        goal, or on a straight way that it takes there. Raises ValueError if the program steers no
+        parcels, and KeyError for an unknown parcel.
         """
         known = self.tracker.parcels.get(parcel)
         if known is not None:
@@ -261,22 +263,25 @@ class Coordinator:
             self._safe_goals.check(known, start, goal, straight=straight)
         self._program.set_goal(parcel, goal)
 
-    # What drives it
+    # Inputs
 
     def stop(self) -> None:
         """Request an orderly end; the next poll begins it."""
         self._course.stop()
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
-        """Take in a frame from a bus; what is no cell's, or cannot be decoded, does nothing."""
+        """Take in a frame from a bus.
+
+        Frames of other nodes, and frames that cannot be decoded, do nothing.
+        """
         self._reception.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> list[Frame]:
-        """What to send now, where there is one bus."""
+        """Frames to send now, where there is one bus."""
         return [frame for _, frame in self.poll_buses(now_s)]
 
     def poll_buses(self, now_s: float) -> list[tuple[int, Frame]]:
-        """What to send now, each frame with its bus."""
+        """Frames to send now, each with its bus."""
         self._now_s = now_s
         self._course.step(now_s)
         return [
@@ -286,7 +291,7 @@ class Coordinator:
         ]
 
     def _frames(self, now_s: float) -> Iterator[tuple[int | None, Frame]]:
-        """What to send now, each frame with its bus, None for all buses."""
+        """Frames to send now, each with its bus, None for all buses."""
         sync_period_s = self._timing.sync_period_s
         if self._schedule.take("heartbeat", now_s, self._heartbeat_period_s):
             yield None, self._alive
@@ -297,7 +302,7 @@ class Coordinator:
         if self._schedule.take("setpoint", now_s, sync_period_s):
             yield from self._cycle.frames(self._course.phase, now_s, self._schedule.next_s("sync"))
 
-    # What follows from it
+    # Consequences
 
     def _on_phase(self, before: Phase, phase: Phase, now_s: float) -> None:
         """A phase of the run begins."""

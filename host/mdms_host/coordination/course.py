@@ -15,9 +15,9 @@ _OVER = (Phase.FAILING, *STOPPED)
 
 
 class Course:
-    """`phase` is what a run is at, `fault` what has ended it, None as long as nothing has.
+    """`phase` is the phase of a run, `fault` the cause of its end, None as long as it goes on.
 
-    `on_phase(before, phase, now_s)` is called when a phase begins, and `unsure()` says whether a
+    `on_phase(before, phase, now_s)` is called when a phase begins, and `unsure()` returns whether a
     parcel is doubtful.
     """
 
@@ -58,7 +58,7 @@ class Course:
         self._advance(now_s)
 
     def _check(self, now_s: float) -> None:
-        """Act on what is wrong with cells, on another host, or on a request to stop."""
+        """Act on troubles of cells, on another host, or on a request to stop."""
         if self.phase in _OVER:
             return
         if self._reception.other_host:

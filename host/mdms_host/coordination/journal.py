@@ -1,8 +1,8 @@
-"""What has happened in a run, in words and with its times."""
+"""The events of a run, in words and with their times."""
 
 
 class Journal:
-    """`events` has everything, `troubles` what a person should look after, as (time [s], text)."""
+    """`events` has everything, `troubles` the events that need a person, as (time [s], text)."""
 
     def __init__(self) -> None:
         self.events: list[tuple[float, str]] = []

@@ -30,10 +30,10 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """A run that has ended: how, after how long [s], with which fault, and what its bus was like.
+    """A run that has ended: how, after how long [s], with which fault and which counts of its bus.
 
-    A fault names what was held up at that time, if anything was. `interrupt` is what ended it
-    early, if anybody did.
+    A fault names the parts that were held up at that time. `interrupt` is the cause of an early
+    end, None without one.
     """
 
     ending: Ending
@@ -57,10 +57,12 @@ def operate(
 
     `participant` is on the bus in the coordinator's place, if given, and drives it: a recorder.
     `on_event(time_s, text)` is called for events, and for incidents of the link, as they happen.
-    `interrupted` is asked between two cycles for what ends the run early (Ctrl-C), which it does in
-    order; so does any error, which is raised when the array is off. A KeyboardInterrupt that is
-    raised may leave a cycle half done: all cells are taken out of 'operational', and nothing else
-    is done. Where one device of several is gone, the cells on the others are stopped in order.
+    `interrupted` is polled between two cycles. It returns the interrupt (Ctrl-C) that ends the run
+    early, but in order. Any error ends the run in order, too, and is raised when the array is off.
+    A KeyboardInterrupt that is raised may leave a cycle half done. Then all cells are taken out of
+    'operational', and nothing else is done. If one device of several is gone, the cells on the
+    others are stopped in order.
+
     Raises DeviceGoneError.
     """
     with punctual(clock):
@@ -114,7 +116,7 @@ def _operate(
 
 
 class _Watch:
-    """Reports what happens in a run, and finds what was held up when it fails."""
+    """Reports the events of a run, and finds the part that was held up when it fails."""
 
     def __init__(
         self,
@@ -133,7 +135,7 @@ class _Watch:
         self._held = False
 
     def look(self) -> None:
-        """Report what is new."""
+        """Report new events."""
         if self._coordinator.fault and self.fault is None:
             self.fault = self._coordinator.fault + self._delay()
         self._steered |= self._coordinator.phase in _STEERED
@@ -144,13 +146,16 @@ class _Watch:
                 self._on_event(time_s, text)
 
     def _look_at_hold(self) -> None:
-        """Report what was held up when all parcels begin to be held, if anything was."""
+        """Report the part that was held up when all parcels begin to be held, if any."""
         before, self._held = self._held, self._coordinator.phase in HELD
         if self._held and not before and (delay := self._delay()):
             self._on_event(self._clock.now_s(), f"held up{delay}")
 
     def _delay(self) -> str:
-        """What was held up, in brackets; by heartbeats alone before setpoints are to be in time."""
+        """The part that was held up, in brackets.
+
+        Before setpoints are due in time, heartbeats alone decide.
+        """
         delays, now_s = self._link.delays, self._clock.now_s()
         reason = delays.reason(now_s) if self._steered else delays.slow_reason(now_s)
         return f" ({reason})" if reason else ""

@@ -31,7 +31,7 @@ class OtherHost:
             self._last_s = now_s
 
     def speaks(self, now_s: float) -> bool:
-        """Whether one has been there lately; one that has missed three heartbeats is gone."""
+        """Whether a host is there; a host that has missed three heartbeats is gone."""
         return now_s - self._last_s < _LISTEN_S
 
 

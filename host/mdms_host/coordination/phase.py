@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Phase(StrEnum):
-    """What the coordinator is doing; a cell that is brought back has a phase of its own."""
+    """Phase of the coordinator; a cell that is brought back has its own phase."""
 
     WAITING = "waiting for the cells"
     IDENTIFYING = "identifying the cells"
@@ -21,7 +21,7 @@ class Phase(StrEnum):
 
 
 class Signal(StrEnum):
-    """What may end a phase."""
+    """Cause for the end of a phase."""
 
     DONE = "done"
     #: Cells are out of action, but may come back.

@@ -1,4 +1,4 @@
-"""What comes in on each bus, by its identifiers: for the cells, and for whom else it concerns."""
+"""Incoming frames of each bus, by their identifiers: for cells and for other receivers."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -20,10 +20,11 @@ _SWITCHING_OFF = (nmt.ENTER_PRE_OPERATIONAL, nmt.STOP)
 
 
 class Reception:
-    """Takes in the frames of all buses; what is no cell's, or cannot be decoded, does nothing.
+    """Takes in the frames of all buses.
 
-    `other_host` is whether somebody else sends heartbeats as the host, and `switched_off` whether
-    somebody else has taken cells out of 'operational'.
+    Frames of other nodes, and frames that cannot be decoded, do nothing. `other_host` is whether
+    another node sends heartbeats as the host. `switched_off` is whether another node has taken
+    cells out of 'operational'.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What a coordinator sees of a run, sampled for the record: on hardware the truth is unknown."""
+"""The coordinator's view of a run, sampled for the record: on hardware the truth is unknown."""
 
 from collections.abc import Callable, Iterable
 
@@ -59,23 +59,23 @@ class Recorder:
         self._coordinator.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
-        """What the coordinator sends now, where there is one bus."""
+        """Frames that the coordinator sends now, where there is one bus."""
         return [frame for _, frame in self.poll_buses(now_s)]
 
     def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
-        """What the coordinator sends now; samples are taken after it, when one is due."""
+        """Frames that the coordinator sends now; a sample is taken afterwards, if one is due."""
         frames = self._coordinator.poll_buses(now_s)
         for bus, frame in frames:
             self._log_frame(frame, now_s, bus)
         if now_s >= self._due_s:
-            # What a busy machine has missed is not made up for.
+            # Samples that a busy machine has missed are not made up for.
             self._due_s = max(self._due_s + SAMPLE_S, now_s)
             self._look(now_s)
             self._sample(now_s)
         return frames
 
     def record(self, incidents: Iterable[tuple[float, str]] = ()) -> Record:
-        """What was recorded so far, with the coordinator's events and the link's incidents."""
+        """The record so far, with the coordinator's events and the link's incidents."""
         events = [Event(time_s, "coordinator", text) for time_s, text in self._coordinator.events]
         events += [Event(time_s, "link", text) for time_s, text in incidents]
         history = self._history.copy()

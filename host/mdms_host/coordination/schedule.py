@@ -1,4 +1,4 @@
-"""Due times of what the coordinator repeats."""
+"""Due times of the coordinator's repeated frames."""
 
 from dataclasses import dataclass
 from math import inf
@@ -31,7 +31,7 @@ class Timing:
 
 
 class Schedule:
-    """Times at which named things are due next [s]; what was never set is never due.
+    """Times at which named things are due next [s]; a name that was never set is never due.
 
     `wake_s` is the next time at which anything is due; infinity when nothing is.
     """

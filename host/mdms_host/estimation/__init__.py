@@ -1,1 +1,1 @@
-"""What is believed of the parcels, from presence bits and wheel speeds."""
+"""Belief of the parcels, from presence bits and wheel speeds."""

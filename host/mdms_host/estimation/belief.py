@@ -1,4 +1,4 @@
-"""What is believed of one parcel at one instant, as a value."""
+"""The belief of one parcel at one instant, as a value."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,7 +15,7 @@ _PLANE_DEVIATIONS, _TURN_DEVIATIONS = 2.45, 1.96
 
 
 class Kind(StrEnum):
-    """What a belief is of: a parcel with a name, something unknown, or several that touch."""
+    """Subject of a belief: a named parcel, an unknown thing, or several things that touch."""
 
     PARCEL = "parcel"
     UNKNOWN = "unknown"
@@ -24,15 +24,15 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """A parcel that is found, or doubtful; what is lost has no belief [table frame; SI].
+    """A parcel that is found or doubtful [table frame; SI]; a lost parcel has no belief.
 
-    `pose` is (x, y, yaw), `twist` its rate, shape (3,), `covariance` that of the pose, (3, 3), and
+    `pose` is (x, y, yaw), `twist` its rate, shape (3,), `covariance` that of the pose, (3, 3).
     `outline` is as large as edges have shown it to be. `corrected` is whether a sensor has
     corrected the pose since the last belief. `feel` is the move (x, y, yaw) from here that would
-    make the place sure enough, where that was asked for; None where it is.
+    make the place sure enough, if it was asked for. It is None where the place is sure.
 
-    What is not of the kind PARCEL is an obstacle, and never steered: its outline contains whatever
-    lies there, as far as sensors show, and it rests.
+    A belief of another kind than PARCEL is an obstacle, and never steered. It rests, and its
+    outline contains everything that may lie there, as far as sensors show.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What has become of a parcel, or of something unknown, as a person should learn it."""
+"""Changes of a parcel, or of an unknown thing, as a report to a person."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,7 +7,7 @@ from mdms_model.arrays import Floats
 
 
 class Event(StrEnum):
-    """What has happened; the first three are standings of a parcel's belief."""
+    """Kind of a change; the first three are standings of a parcel's belief."""
 
     FOUND = "found"
     DOUBTFUL = "doubtful"
@@ -18,13 +18,13 @@ class Event(StrEnum):
     APPEARED = "appeared"
     #: The same, and it is more than one parcel, which cannot be told apart.
     HEAPED = "heaped"
-    #: What was unknown is there no more.
+    #: An unknown thing is there no more.
     CLEARED = "cleared"
-    #: What was unknown is a parcel that has been found.
+    #: An unknown thing is a parcel that has been found.
     EXPLAINED = "explained"
-    #: What was taken for a parcel that was to come is something else.
+    #: Another thing was taken for a parcel that was to come.
     WITHDRAWN = "withdrawn"
-    #: What was to be a parcel does not have its outline.
+    #: A thing that was named as a parcel does not have its outline.
     MISFIT = "misfit"
 
 

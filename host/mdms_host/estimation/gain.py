@@ -1,4 +1,4 @@
-"""What the wheels under a parcel have gained, and how much of that they did not push it to."""
+"""Gain of the twist by the wheels under a parcel, and the part that pushes do not explain."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ from mdms_model.arrays import Floats
 class Gain:
     """Rates of twists [table frame; m/s2, rad/s2], shape (3,).
 
-    `gained` is by what the wheels have become faster, `missing` what of it their pushes do not
-    explain: where that lasts all wheels slip.
+    `gained` is the rate at which the wheels have become faster. `missing` is the part that their
+    pushes do not explain: while it lasts, all wheels slip.
     """
 
     gained: Floats

@@ -21,22 +21,21 @@ from mdms_model.arrays import Bools, Floats
 #: [m].
 _LEARNED_M = 0.002
 _DEVIATIONS = 3.0
-#: One that came and is lost so soon after it was found first was none: something else was taken for
-#: it [s].
-_PROVEN_S = 2.0
-#: What it was taken for is looked at again for so long after it was found, by sensors up to so far
-#: beside it [s, m].
-_REOPENED_S = 0.4
-_OUTSIDE_M = 0.15
 #: A parcel that sensors still show has left where its centre is so far past its gate [m].
 _OUT_M = 0.02
+#: A parcel that came and is lost so soon after it was found was another thing [s].
+_PROVEN_S = 2.0
+#: The outline of a parcel that came is judged again for so long after it was found, by sensors up
+#: to so far beside it [s, m].
+_REOPENED_S = 0.4
+_OUTSIDE_M = 0.15
 
 
 class Known:
-    """One parcel. `region` is where alone it may be found, `gate` the exit that it is to leave by.
+    """One parcel. `region` is the only place where it may be found, `gate` the exit to leave by.
 
-    `place` is the pose it was found at last, or that it is expected at; None where it may be
-    anywhere. `unknown` is the name of what it was before it was given an outline.
+    `place` is the pose of its last finding, or the expected pose; None where it may be anywhere.
+    `unknown` is the name that it had as an unknown thing, before it was given an outline.
     """
 
     def __init__(
@@ -65,12 +64,12 @@ class Known:
 
     @property
     def standing(self) -> Standing:
-        """What the belief of it is worth."""
+        """The standing of its belief."""
         return self.estimator.standing
 
     @property
     def sought(self) -> Sought:
-        """What to look for, where it is not found."""
+        """The target of a search for it, while it is not found."""
         place = self.place
         yaw_rad = self.parcel.yaw_hint_rad if place is None else float(place[2])
         return Sought(self.parcel.name, self.estimator.bottom, yaw_rad, place, self.region)
@@ -95,9 +94,9 @@ class Known:
         return self.parcel.shape == "rectangle" and self.parcel.spread_m > _LEARNED_M
 
     def of_any_size(self, found: Location, poses: Floats, sides_m: Floats) -> Location:
-        """A place where it has been found, by the poses and sides that the sensors allow.
+        """The place where it has been found, by the poses and sides that the sensors allow.
 
-        Those that are farther from what was told than can be do not count, all others alike.
+        Sides too far from the given size do not count. All others count alike.
         """
         off_m = (sides_m - (self.parcel.length_m, self.parcel.width_m)) / 2
         may_be = (abs(off_m) < _DEVIATIONS * self.parcel.spread_m).all(axis=1)
@@ -112,9 +111,9 @@ class Known:
         )
 
     def belief(self, at_s: float, usable: Bools | None) -> Belief | None:
-        """What is believed of it at a time near now; None without a pose.
+        """The belief of it at a time near now; None without a pose.
 
-        Where `usable` sensors (S,) are given, with the move that would make the place sure enough.
+        With `usable` sensors (S,), the belief has the move that would make the place sure enough.
         """
         one = self.estimator
         corrected, one.corrected = one.corrected, False
@@ -146,7 +145,7 @@ class Known:
         return lost and now_s < (self._found_s or 0.0) + _PROVEN_S
 
     def judged_early(self, now_s: float, view: View, covered: Bools, late_s: Floats) -> bool:
-        """Whether one that has just come has another outline than it was taken for.
+        """Whether a parcel that has just come has another outline than it was taken for.
 
         `covered` and `late_s` are of the sensors of the view, (N,): a change that is learned late
         was there when the parcel was found, and contradicts it.
@@ -161,7 +160,7 @@ class Known:
     def has_left(self, shown: bool) -> bool:
         """Whether it is past its gate, or was on its way through when sensors lost it.
 
-        `shown` is whether any sensor is covered where it is believed to be. Then one that is
+        `shown` is whether any sensor is covered at its believed place. Then a parcel that is
         doubtful, or that stands at the edge, is still there: its place is not known to the mm.
         """
         if self.gate is None or self.place is None or self.expected:

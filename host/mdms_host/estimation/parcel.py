@@ -19,11 +19,11 @@ _DISC_CORNERS = 48
 class Parcel:
     """A parcel as given to the host: its outline, and roughly where it was put.
 
-    Of several that have not been found each is sought first where it is nearest to `near_m`; the
-    yaw starts as the one that looks the same and is nearest to `yaw_hint_rad`. `corners_m` are
-    those of the shape 'polygon', in its own frame, and `length_m` is the diameter of a 'disc'.
-    `spread_m` is how exact the outline is, on either side (one standard deviation): of a size that
-    is to be learned it is some millimetres, and edges show the rest.
+    Of several parcels that have not been found each is sought first where it is nearest to
+    `near_m`. The yaw starts as the one that looks the same and is nearest to `yaw_hint_rad`.
+    `corners_m` are those of the shape 'polygon', in its own frame, and `length_m` is the diameter
+    of a 'disc'. `spread_m` is how exact the outline is, on either side (one standard deviation).
+    For a size that is to be learned it is some millimetres, and edges show the rest.
     """
 
     name: str

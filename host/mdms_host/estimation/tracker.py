@@ -41,8 +41,8 @@ class Estimate:
 class Tracker:
     """Estimates of all parcels on the array, fed with presence bits and wheel speeds.
 
-    What a cell has not repeated for three of the periods in which it does shows nothing any more.
-    `debounce_s` is how long each cell waits before it reports a change (none: not at all).
+    Bits that a cell has not repeated for three of its periods count no more. `debounce_s` is how
+    long each cell waits before it reports a change (none: not at all).
     """
 
     def __init__(
@@ -101,10 +101,10 @@ class Tracker:
         return withdrawn
 
     def name(self, unknown: str, parcel: Parcel) -> None:
-        """Take what is unknown for a parcel, which is then found there, if it has that outline.
+        """Take an unknown thing for a parcel, which is then found there, if it has that outline.
 
-        Raises KeyError where nothing of that name is there, ValueError for a name that is taken or
-        that no parcel can have.
+        Raises KeyError if there is nothing of that name. Raises ValueError for a name that is taken
+        or that no parcel can have.
         """
         corners_m = self._unknowns.all[unknown].corners_m
         low_m, high_m = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
@@ -112,10 +112,10 @@ class Tracker:
         self._add(Known(parcel, self._surroundings, region=region, unknown=unknown))
 
     def size(self, name: str) -> Size | None:
-        """How large a rectangular parcel is as far as sensors show, or something unknown at rest.
+        """Size of a rectangular parcel as far as sensors show, or of an unknown thing at rest.
 
-        None for what is no rectangle. Of a parcel that was given this size when it was named edges
-        show it better as it moves. Raises KeyError for a name that there is not.
+        None for another shape. If a parcel was given this size when it was named, edges show it
+        better as it moves. Raises KeyError for an unknown name.
         """
         if name in self._known:
             return self._known[name].size
@@ -131,7 +131,7 @@ class Tracker:
             raise ValueError(f"there is a parcel {name!r} already; give each a name of its own")
         self._known[name] = known
 
-    # What comes in
+    # Inputs
 
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
@@ -163,7 +163,7 @@ class Tracker:
     ) -> list[str]:
         """Wheels, shape (W,), had these speeds at that time; returns parcels found by that.
 
-        The speeds of all wheels are `known` if that is None; `standing` are wheels that are to
+        The speeds of all wheels are `known` if that is None. `standing` are wheels that are to
         stand, and do but for the noise of their encoders.
         """
         self._now_s = now_s
@@ -177,7 +177,7 @@ class Tracker:
         groups = self._groups(now_s, valid, coverage)
         found = self._seeking.step(now_s, valid, self._known, groups, coverage.taken)
         if found:
-            # What contradicts them is not believed any more.
+            # Sensors that contradict them are not believed any more.
             valid = self._presence.valid(now_s)
             views = self._views(now_s)
             coverage = self._coverage(views)
@@ -196,12 +196,12 @@ class Tracker:
         return found
 
     def on_pushes(self, gains: Mapping[str, Gain], step_s: float) -> None:
-        """What the wheels under parcels have gained in the last step, and pushed them to."""
+        """Take in the gains of the wheels under parcels in the last step, and their pushes."""
         for name, gain in gains.items():
             if name in self._known:
                 self._known[name].estimator.slide(gain.missing, gain.gained, step_s)
 
-    # What goes out
+    # Outputs
 
     def take_faulty(self) -> list[tuple[int, list[int]]]:
         """Cells (from 1) with sensors (from 0) that contradict all others, since the last call."""
@@ -210,16 +210,17 @@ class Tracker:
         return faulty
 
     def take_changes(self) -> list[Change]:
-        """What has become of parcels, and of what is unknown, since the last call."""
+        """Changes of parcels and of unknown things since the last call."""
         standings = (each.take_change() for each in self._known.values())
         changes = [*self._changes, *(each for each in standings if each)]
         self._changes = []
         return changes + self._unknowns.take_changes()
 
     def beliefs(self, at_s: float, now_s: float, near: Collection[str] = ()) -> dict[str, Belief]:
-        """What is believed, at a time near now, of all that is there, by name, unknown or not.
+        """Beliefs at a time near now, by name, of parcels and of unknown things.
 
-        `near` are parcels about to arrive: theirs say by which turn they would be known better.
+        `near` are parcels about to arrive: their beliefs have the turn that would make them better
+        known.
         """
         believed = {}
         valid = self._presence.valid(now_s)
@@ -236,7 +237,7 @@ class Tracker:
 
     @property
     def unknown(self) -> Mapping[str, Unknown]:
-        """What is there and was not given, by name."""
+        """The unknown things that are there, by name."""
         return self._unknowns.all
 
     def estimate(self, name: str, now_s: float) -> Estimate | None:
@@ -309,7 +310,7 @@ class Tracker:
     def _watch_unknown(
         self, now_s: float, valid: Bools, coverage: Coverage, groups: tuple[Ints, ...]
     ) -> None:
-        """Take in what no parcel explains, but what may be a parcel that is in doubt."""
+        """Take in groups that no parcel explains, but for those that may be a doubtful parcel."""
         if not self._presence.complete:
             return
         claimed = coverage.disputed & ~self._strangers.foreign & ~self._unknowns.sensors

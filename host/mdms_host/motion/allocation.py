@@ -12,7 +12,7 @@ from mdms_model.arrays import Floats, Ints
 FREE = -1
 #: Wheels this far outside a parcel that moves already run as if they were under it.
 AHEAD_M = 0.05
-#: Wheels this far outside one that is parked still hold it: a belief may be wrong by as much.
+#: Wheels this far outside a parked parcel still hold it: a belief may be wrong by as much.
 _HOLD_M = 0.01
 
 
@@ -26,9 +26,9 @@ class Claim:
 
 
 def allocate(wheels_m: Floats, claims: Sequence[Claim]) -> Ints:
-    """Number of the claim that each wheel serves, or FREE, shape (W,); wheels of shape (W, 2).
+    """The claim that each wheel serves, by number, or FREE, (W,); wheels of shape (W, 2).
 
-    A wheel serves one parcel at most: one that is parked before one that moves, else the nearer.
+    A wheel serves one parcel at most: a parked one before one that moves, else the nearer.
     """
     serves = np.full(len(wheels_m), FREE, dtype=np.intp)
     nearest_m = np.full(len(wheels_m), np.inf)

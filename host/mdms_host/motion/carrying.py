@@ -16,9 +16,9 @@ from mdms_model.arrays import Floats
 class Carrying:
     """The wheels of a layout with their drives, as they carry parcels, by name.
 
-    `speeds_m_s` (W,) is how fast each is to run for its parcel's way under the references that
-    were returned last; what these hold besides is push, under which a wheel may well stand. `gains`
-    are what the wheels under each parcel gained before, by its name.
+    `speeds_m_s` (W,) is how fast each is to run for its parcel's way under the references that were
+    returned last. The rest of a reference is push, under which a wheel may well stand. `gains` are
+    the earlier gains of the wheels under each parcel, by its name.
     """
 
     def __init__(self, layout: Layout, drives: WheelDrives) -> None:

@@ -30,7 +30,7 @@ _PRESSING_S = 0.05
 class Body:
     """A parcel's outline, believed pose, commanded twist, and the time it takes to stop [s].
 
-    `way` is what is left of its way, which begins where it is; None where it only comes to rest.
+    `way` is the rest of its way, which begins at its place; None where it only comes to rest.
     """
 
     outline: Bottom

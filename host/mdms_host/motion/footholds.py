@@ -1,9 +1,9 @@
-"""How far a parcel's centre of mass is inside what supports it, at many poses at once.
+"""Distance of a parcel's centre of mass inside its support polygon, at many poses at once.
 
-The same as `mdms_model.statics.support_margin`, which is compiled: at 40 poses that takes 0.05 to
-0.08 ms, and 2.5 to 6 ms without numba, a cycle's time; this takes 0.25 to 0.5 ms, always. So the
-planner asks that, and what may be asked within a cycle is here. The first and the last wheel that
-is covered in each row span what all of them do.
+The same as `mdms_model.statics.support_margin`, which is compiled. At 40 poses that takes 0.05 to
+0.08 ms. Without numba it takes 2.5 to 6 ms, a cycle's time; this takes 0.25 to 0.5 ms, always. So
+the planner uses that, and checks within a cycle are here. The first and the last covered wheel of
+each row have the same hull as all covered wheels.
 """
 
 from math import sqrt
@@ -132,10 +132,10 @@ def _between_m(ends_m: Floats, along: Floats) -> Floats:
 
 
 def _inside_m(points_m: Floats) -> Floats:
-    """How far 0 is inside the hull of points (K, n, 2) to its nearest side, (K,); NaN are none.
+    """How far 0 is inside the hull of points (K, n, 2) to its nearest side, (K,).
 
-    Of all directions, what the points reach is least across one of the hull's sides, and a side
-    joins two points: what all of them reach across any two is looked at, to either side.
+    NaN are no points. The extent of the points is least across one of the hull's sides, and a side
+    joins two points. So the extent of all points across any two is taken, to either side.
     """
     one, other = np.triu_indices(points_m.shape[1], k=1)
     along_m = points_m[:, other] - points_m[:, one]
@@ -146,7 +146,7 @@ def _inside_m(points_m: Floats) -> Floats:
     nothing = np.isnan(reached_m)
     most_m = np.where(nothing, -np.inf, reached_m).max(axis=2)
     least_m = np.where(nothing, np.inf, reached_m).min(axis=2)
-    # Two points at one place have nothing across, and reach -inf; so does what is none.
+    # Two points at one place have nothing across, and reach -inf; so do points that are NaN.
     inside_m = np.minimum(most_m, -least_m)
     margins_m: Floats = np.where(np.isinf(inside_m), np.inf, inside_m).min(axis=1)
     return np.where(np.isinf(margins_m), -np.inf, margins_m)

@@ -20,7 +20,7 @@ _STEP_M = 0.002
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What a parcel puts on its wheels: its outline, and its centre of mass in its own frame."""
+    """Load of a parcel on its wheels: its outline, and its centre of mass in its own frame."""
 
     outline: Outline
     centre_of_mass_m: tuple[float, float]
@@ -48,8 +48,8 @@ class Footing:
 def least_footing(wheel_m: Floats, load: Load, start: Floats, goal: Goal | None) -> Footing:
     """The worst place of the straight way from a pose (x, y, yaw) to a goal; None: of the start.
 
-    `wheel_m` (W, 2) are all wheels [m; table frame]. A start or goal that is not safe comes before
-    the way between, for that is what a person chose.
+    `wheel_m` (W, 2) are all wheels [m; table frame]. An unsafe start or goal comes before the way
+    between, because a person has chosen it.
     """
     poses = straight_way(start, goal, load.outline.radius_m)
     outline = _inset(load.outline)

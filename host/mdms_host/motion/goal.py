@@ -24,7 +24,7 @@ _MOVES = 3
 _SAME_M = 1e-6
 #: A parcel that is farther from where it was a step before has been put there by hand [m].
 PUT_M = 0.02
-#: At the end of its way a parcel is drawn to the goal by what is left, so much at most [m].
+#: At the end of its way a parcel is drawn to the goal by the rest of the way, so much at most [m].
 _CREEP_M = 0.006
 
 
@@ -67,13 +67,14 @@ class GoalController:
     """Takes one parcel to a goal, straight where it can; `arrived` once it is there.
 
     Translation and rotation are one motion, so that both end together. A parcel that has arrived is
-    held until a sensor shows it outside twice the tolerance; one that is `stopped` is brought to
-    rest and not steered any more, and one that is `paused` is brought to rest meanwhile. One that
-    has left its way comes to rest, and takes another from there. A place is not sure enough while a
-    move by `feel` would show it better: a parcel there moves so first, three times at most, and
-    back; `leg` counts these ways, and where the parcel has been put elsewhere. Where it might tip
-    on the straight way it stands until another has been found; `has_room` is whether one may lead
-    around, given the pose to go to.
+    held until a sensor shows it outside twice the tolerance. A parcel that is `stopped` is brought
+    to rest and not steered any more. A parcel that is `paused` is brought to rest meanwhile. A
+    parcel that has left its way comes to rest, and takes another from there.
+
+    A place is not sure enough while a move by `feel` would show it better. A parcel there moves so
+    first, three times at most, and back. `leg` counts these ways, and each time that the parcel has
+    been put elsewhere. If it might tip on the straight way, it stands until another has been found.
+    `has_room` is whether one may lead around, given the pose to go to.
     """
 
     def __init__(
@@ -107,13 +108,13 @@ class GoalController:
 
     @property
     def follower(self) -> Follower | None:
-        """What follows the parcel's way, for records and pictures; None where it is to stand."""
+        """The follower of the parcel's way, for records and pictures; None where it is to stand."""
         follower = self._follower
         return None if follower is None or follower.finished else follower
 
     @property
     def left_m(self) -> float:
-        """What was left to go at the last step, a corner's way included [m]; inf before it."""
+        """The way left at the last step, a corner's way included [m]; inf before it."""
         return self._left_m
 
     @property
@@ -158,13 +159,13 @@ class GoalController:
         self._put_elsewhere()
 
     def _put_elsewhere(self) -> None:
-        """What was taken for slip may have been the parcel's leaving; its way begins anew."""
+        """Forget the slip, which may have been the parcel's leaving; its way begins anew."""
         self.grip = Grip()
         self._search = None
         self.leg += 1
 
     def step(self, belief: Belief, step_s: float) -> Carried | None:
-        """What the parcel's wheels are to do in the next step; None: stand still."""
+        """The motion of the parcel's wheels in the next step; None: stand still."""
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
             self._put_elsewhere()
         self._pose = belief.pose
@@ -179,7 +180,7 @@ class GoalController:
         return follower.step(belief, step_s)
 
     def way_from(self, belief: Belief) -> Path:
-        """What is left of the way; straight to the goal as long as none has been found."""
+        """The rest of the way; straight to the goal as long as none has been found."""
         ends, follower = [self._target(belief.pose)], self.follower
         if follower is not None:
             pieces = [one for one in follower.path.pieces if one.end_s_m > follower.s_m]
@@ -187,7 +188,7 @@ class GoalController:
         return Path(np.array([belief.pose, *ends]), belief.outline.reach_m)
 
     def _left_along_m(self, off: Floats, belief: Belief) -> float:
-        """What is left to go straight to the target, or on a way with corners along that."""
+        """The way left straight to the target, or on a way with corners along that."""
         follower = self.follower
         if follower is None or len(follower.path.pieces) < 2:
             return hypot(off[0], off[1], off[2] * belief.outline.reach_m)
@@ -195,7 +196,7 @@ class GoalController:
         return path.length_m - s_m + path.distance_m(path.off(belief.pose, s_m))
 
     def _following(self, belief: Belief) -> Follower | None:
-        """What follows the way to where the parcel is to be now; None where it is to stand."""
+        """The follower of the way to the present target; None where the parcel is to stand."""
         follower = self._follower
         if follower is not None and not follower.at_rest:
             return follower
@@ -209,7 +210,7 @@ class GoalController:
         return self._follower
 
     def _found(self, belief: Belief) -> Follower | None:
-        """What follows the way from here; None while it is looked for."""
+        """The follower of the way from here; None while a way is sought."""
         if self._search is None:
             footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
             target = self._target(belief.pose)

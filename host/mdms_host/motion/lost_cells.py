@@ -1,13 +1,13 @@
-"""Cells that a run does without: what plans ways and carries parcels may want to go around them."""
+"""Cells that a run does without: planners and carriers of parcels may go around them."""
 
 from typing import Protocol, runtime_checkable
 
 
 @runtime_checkable
 class MindsLostCells(Protocol):
-    """A program that is to know which cells are lost.
+    """A program that must know which cells are lost.
 
-    Their wheels get no reference whatever a program commands: a parcel on them drags them along,
+    Their wheels get no reference, whatever a program commands. A parcel on them drags them along,
     against the friction of motors without power. Their sensors show nothing.
     """
 

@@ -1,4 +1,4 @@
-"""What lies on the table and is no parcel of a program: its parcels keep clear of it, and wait."""
+"""Unknown things on the table: the parcels of a program keep clear of them, and wait."""
 
 from collections.abc import Iterator, Mapping
 from math import hypot
@@ -19,7 +19,7 @@ _STEP_M = 0.02
 
 
 class Obstacles:
-    """Holds parcels before what is unknown, until it is gone; `all` are the beliefs of it."""
+    """Holds parcels before unknown things, until these are gone; `all` are their beliefs."""
 
     def __init__(self) -> None:
         self.all: dict[str, Belief] = {}
@@ -27,7 +27,7 @@ class Obstacles:
         self._notices: list[str] = []
 
     def see(self, beliefs: Mapping[str, Belief], given: Mapping[str, object]) -> None:
-        """Take in what is believed of all that is not among the `given` parcels."""
+        """Take in the beliefs of all things that are not among the `given` parcels."""
         self.all = {name: belief for name, belief in beliefs.items() if name not in given}
 
     def take_notices(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Whether parcels have come to their goals, and what is left where they have not."""
+"""Whether parcels have come to their goals, and how far off the others are."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ from math import degrees, hypot
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import shorter_turn_rad
 
-#: A parcel within this of its goal has reached it. The coordinator steers to within 2 mm of what it
-#: believes; the rest is what a belief may be off after the last edge of the way.
+#: A parcel within this of its goal has reached it. The coordinator steers to within 2 mm by its
+#: belief. The rest is the error of a belief after the last edge of the way.
 REACHED_M = 0.005
 REACHED_RAD = 0.03
 
@@ -28,7 +28,7 @@ class GoalOutcome:
 
     @property
     def text(self) -> str:
-        """What is left, in words."""
+        """The distance left, in words."""
         if self.position_error_m is None or self.yaw_error_rad is None:
             return f"{self.parcel} has not been found"
         return (

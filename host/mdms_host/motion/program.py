@@ -1,4 +1,4 @@
-"""What the array is to do: from the parcels' estimated poses to every wheel's reference."""
+"""Aims of the array: from the parcels' estimated poses to every wheel's reference."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from mdms_host.motion.trajectory.mass import Mass, uniform_mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats
 
-#: A parcel that stands is pressed by one that is believed to be so near.
+#: A standing parcel is pressed by another one that is believed to be so near.
 _NEAR_M = 0.015
 #: Two that would press each other are stopped for good once neither could go for so long [s].
 _PATIENCE_S = 5.0
@@ -42,10 +42,10 @@ class Steered(Protocol):
 
 
 class AnyProgram(Protocol):
-    """What a run needs of a program, whoever steers by it."""
+    """The interface of a program to a run, whichever side steers by it."""
 
     def take_notices(self) -> list[str]:
-        """What has happened to parcels since the last call."""
+        """Notices about parcels since the last call."""
         ...
 
     @property
@@ -55,7 +55,7 @@ class AnyProgram(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether what the program is for has been reached."""
+        """Whether the aim of the program has been reached."""
         ...
 
     @property
@@ -70,12 +70,12 @@ class AnyProgram(Protocol):
 
     @property
     def near(self) -> Collection[str]:
-        """Parcels about to arrive, of which it matters how well their places are known."""
+        """Parcels about to arrive, whose places must be well known."""
         ...
 
     @property
     def controllers(self) -> Mapping[str, Steered]:
-        """What steers each parcel that has a goal, by the parcel's name."""
+        """The controller of each parcel that has a goal, by the parcel's name."""
         ...
 
     def set_goal(self, name: str, goal: Goal) -> None:
@@ -91,7 +91,7 @@ class Program(AnyProgram, Protocol):
     """Sets all wheels' references [m/s] (the paper's r), step by step."""
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
-        """References of shape (W,) for the next step, given what is believed at its beginning."""
+        """References of shape (W,) for the next step, given the beliefs at its beginning."""
         ...
 
     @property
@@ -101,7 +101,7 @@ class Program(AnyProgram, Protocol):
 
     @property
     def gains(self) -> Mapping[str, Gain]:
-        """What the wheels under parcels gained in the step before these, and pushed them to."""
+        """Gains of the wheels under parcels in the step before these, and their pushes."""
         ...
 
 
@@ -179,12 +179,12 @@ class _Pair:
 class GoalProgram:
     """Steers each parcel that has a goal to it; wheels under any other, or near none, stand still.
 
-    What is believed to be there and is none of the parcels is an obstacle: those wait before it.
+    A believed thing that is none of the parcels is an obstacle: parcels wait before it.
 
-    A parcel that is not found holds the wheels where it was last, or where it was put. Two that
-    would press each other wait, and go on one after the other; where neither can go for a while,
-    both are stopped for good. So is one that does not get on after some tries. A parcel whose mass
-    is not among `masses` is taken for an even plate.
+    A parcel that is not found holds the wheels at its last place, or at the place where it was put.
+    Two parcels that would press each other wait, and go on one after the other. If neither can go
+    for a while, both are stopped for good. A parcel that does not get on after some tries is
+    stopped, too. A parcel whose mass is not among `masses` is taken for an even plate.
     """
 
     def __init__(
@@ -223,8 +223,8 @@ class GoalProgram:
     def set_goal(self, name: str, goal: Goal) -> None:
         """Steer a parcel to this goal from now on, stopped or not.
 
-        One that moves is brought to rest on its way first. What was unknown is steered once it has
-        been named and found. KeyError for anything else that is no parcel of the program.
+        A moving parcel is brought to rest on its way first. An unknown thing is steered once it has
+        been named and found. Raises KeyError for anything else that is no parcel of the program.
         """
         if name not in self._given:
             self._take_in(name)
@@ -326,7 +326,7 @@ class GoalProgram:
         return self._carrying.gains
 
     def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
-        """What is no parcel of this program is parked where it lies, as long as it is there."""
+        """Park things that are no parcels of this program at their places, while they are there."""
         for name in self._obstacles.all:
             del self._bottoms[name], self._places[name]
         self._obstacles.see(beliefs, self._given)
@@ -359,11 +359,11 @@ class GoalProgram:
             self._report_slip(name, controller.grip)
 
     def _report_slip(self, name: str, grip: Grip) -> None:
-        """Report the first time that a parcel's wheels slip; what follows is more of the same."""
+        """Report the first time that a parcel's wheels slip, and no later time."""
         if grip.slips and not self._slips.get(name):
             self._notices.append(
-                f"wheels slip under {name}: they push with {100 * grip.share:.0f} % of what was "
-                "planned, and slowly with more again"
+                f"wheels slip under {name}: they push with {100 * grip.share:.0f} % of the plan, "
+                "and slowly with more again"
             )
         self._slips[name] = grip.slips
 
@@ -391,7 +391,7 @@ class GoalProgram:
             if name not in carried or done:
                 standstill.clear()
             elif controller.paused:
-                # One that is doubtful time and again gets on no better for it.
+                # A parcel that is doubtful time and again gets on no better for it.
                 continue
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
                 self._stand(name, self._near(name, bodies))

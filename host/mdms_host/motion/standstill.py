@@ -12,8 +12,8 @@ _LEAST_M = 0.0015
 #: However slowly it is to go, it stands when it has made less than this way in so long.
 _LONG_S = 1.6
 _CREEP_M = 0.0005
-#: One that does not get on is tried so often, each time after so long [s], unless it has got on by
-#: so much since the first time [m].
+#: A parcel that does not get on is tried so often, each time after so long [s], unless it has got
+#: on by so much since the first time [m].
 TRIES = 5
 _REST_S = 0.5
 _GOT_ON_M = 0.05
@@ -28,9 +28,9 @@ class Standstill:
         self._leg = 0
 
     def step(self, left_m: float, speed_m_s: float, step_s: float, leg: int = 0) -> bool:
-        """Take in what is left to go and the commanded speed; whether the parcel stands.
+        """Take in the way left and the commanded speed; whether the parcel stands.
 
-        Where it is on another `leg` of its way, which leads elsewhere, that begins anew.
+        On another `leg` of its way, which leads elsewhere, the comparison begins anew.
         """
         if leg != self._leg:
             self._leg = leg

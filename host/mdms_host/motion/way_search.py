@@ -13,7 +13,7 @@ from mdms_model.arrays import Bools, Floats
 #: A parcel may be so far beside its way [m], where its wheels slip and as its belief is off; a box
 #: with sides of 0.28 m does not tip so far beside any.
 _BESIDE_M = 0.006
-#: What is kept at the ends of a way is found in so many steps.
+#: The margin at the ends of a way is found in so many steps.
 _STEPS = 6
 #: A corner moves so far from one pose that is looked at to the next, at most [m].
 _STEP_M = 0.006
@@ -27,13 +27,13 @@ _SAFE = 0.2
 
 
 class WaySearch:
-    """Looks for a way of a parcel from where it is believed to rest to another pose.
+    """Looks for a way of a parcel from the pose where it is believed to rest to another pose.
 
-    The straight way does where nothing on it is less safe than its ends, and to an end that is not
-    safe itself; without `room` beside it, it also does where a parcel that kept to it would not
-    tip. Else ways are looked at that turn first, turn last or lead around, one a step, so that no
-    cycle is held up: the first safe one is taken, or where there is none that which is safe for
-    most of its length.
+    The straight way does if nothing on it is less safe than its ends. It also does to an end that
+    is not safe itself. Without `room` beside it, it also does if a parcel that kept to it would not
+    tip. Otherwise ways are tried that turn first, turn last or lead around, one a step, so no cycle
+    is held up. The first safe one is taken. If there is none, the way that is safe for most of its
+    length is taken.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class WaySearch:
         """Whether a parcel so far beside each of these poses (K, 3) does not tip, (K,).
 
         Wheels that deep inside the outline support it there, and its centre of mass is that much
-        nearer to the edge of what they span.
+        nearer to the edge of their hull.
         """
         return self._footholds.margins_m(poses, within_m) >= within_m
 

@@ -1,4 +1,4 @@
-"""What a program needs of whoever carries parcels for it."""
+"""The interface of a program to its carrier of parcels."""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Protocol
@@ -13,7 +13,7 @@ from mdms_model.arrays import Floats
 
 
 class Orders(Protocol):
-    """Whoever has parcels do what they are ordered to."""
+    """Carries out orders for parcels."""
 
     def give(self, order: Order) -> None:
         """Take an order in place of any other for its parcel."""
@@ -25,7 +25,7 @@ class Orders(Protocol):
 
 
 class Traffic(Orders, Protocol):
-    """Has parcels do what they are ordered to, without any getting into another's way."""
+    """Carries out orders for parcels, and keeps the parcels out of each other's way."""
 
     def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of all wheels (W,) [m/s] for the next cycle."""
@@ -38,7 +38,7 @@ class Traffic(Orders, Protocol):
 
     @property
     def gains(self) -> Mapping[str, Gain]:
-        """What the wheels under parcels gained in the step before these, and pushed them to."""
+        """Gains of the wheels under parcels in the step before these, and their pushes."""
         ...
 
     def take_left(self) -> list[str]:
@@ -67,7 +67,7 @@ class Traffic(Orders, Protocol):
         ...
 
     def take_notices(self) -> list[str]:
-        """What a person should learn, since the last call."""
+        """Notices for a person, since the last call."""
         ...
 
     @property
@@ -82,7 +82,7 @@ class Traffic(Orders, Protocol):
 
     @property
     def steered(self) -> Mapping[str, Steered]:
-        """What follows each parcel that has been ordered to a place; the same mapping always."""
+        """The follower of each parcel that has been ordered to a place; the same mapping always."""
         ...
 
     def forget(self, name: str) -> None:

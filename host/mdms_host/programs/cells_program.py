@@ -32,7 +32,7 @@ class CellsTableProgram(TableProgram):
         self._cells.on_estimate(cell, estimate, now_s)
 
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
-        """The pages to send now, given what is believed; once a cycle."""
+        """The pages to send now, given the beliefs; once a cycle."""
         self.references_m_s(beliefs, step_s)
         return self._cells.step(beliefs, now_s, step_s)
 

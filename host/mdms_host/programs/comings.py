@@ -1,4 +1,4 @@
-"""What may come onto the table, announced to the tracker, and what is to leave it."""
+"""Parcels that may come onto the table, announced to the tracker, and parcels that leave it."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -63,7 +63,7 @@ class Comings:
 
     def __init__(self, infeeds: Sequence[Infeed]) -> None:
         self._infeeds = infeeds
-        #: Who is expected next, by infeed and kind.
+        #: The parcel that is expected next, by infeed and kind.
         self._expected: dict[tuple[str, str], str] = {}
 
     def brings(self, name: str) -> bool:
@@ -72,7 +72,7 @@ class Comings:
         return any(name == parcel.name for parcels in stocks for parcel in parcels)
 
     def step(self, register: Register, there: Collection[str]) -> None:
-        """Announce what may come next; `there` are all that are believed to be on the table."""
+        """Announce the parcels that may come next; `there` are all believed on the table."""
         expected = {key: name for key, name in self._expected.items() if name not in there}
         self._expected = expected
         for infeed in self._infeeds:

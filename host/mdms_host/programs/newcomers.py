@@ -16,7 +16,7 @@ class NamingRegister(Register, Protocol):
     """Where parcels are announced, named and taken off: the tracker."""
 
     def name(self, unknown: str, parcel: Parcel) -> None:
-        """Take what is unknown for a parcel. Raises KeyError, ValueError."""
+        """Take an unknown thing for a parcel. Raises KeyError, ValueError."""
         ...
 
     def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
@@ -24,7 +24,7 @@ class NamingRegister(Register, Protocol):
         ...
 
     def size(self, name: str) -> Size | None:
-        """How large something unknown is; None for what is no rectangle. Raises KeyError."""
+        """Size of an unknown thing; None for another shape than a rectangle. Raises KeyError."""
         ...
 
 

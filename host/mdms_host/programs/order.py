@@ -1,4 +1,4 @@
-"""What is asked of one parcel, and how far that has come."""
+"""The order of one parcel, and its progress."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ from mdms_host.motion.goal import Goal
 class Gate:
     """A stretch of one edge of the table over which parcels leave [table frame].
 
-    `outward` is along which axis, 0 for x and 1 for y, and with which sign; `last_m` is where the
-    last support is, in that direction; `from_m` to `to_m` is the stretch along the other axis.
+    `outward` is the axis, 0 for x and 1 for y, and the sign of the way out. `last_m` is the place
+    of the last support in that direction. `from_m` to `to_m` is the stretch along the other axis.
     """
 
     name: str
@@ -41,8 +41,9 @@ class Gate:
 class Order:
     """A parcel is to be at a goal, or to leave through a gate; `done` once it is, or has.
 
-    `refused` is why it never will be: there is no way, or the parcel is lost or stands. One that is
-    `replaced` by another order for the parcel counts as done: that one says what is wanted now.
+    `refused` is why it never will be: there is no way, or the parcel is lost or stands. An order
+    that is `replaced` by another order for the parcel counts as done, because the other one is in
+    force.
     """
 
     def __init__(self, parcel: str, goal: Goal | Gate) -> None:

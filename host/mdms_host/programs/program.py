@@ -22,7 +22,7 @@ from mdms_model.arrays import Floats
 
 #: A program that has been broken off is over once all parcels have been at rest for so long [s].
 _RESTED_S = 0.2
-#: What a program does, from beginning to end.
+#: The coroutine of a program, from beginning to end.
 Main = Callable[[Table], Coroutine[Any, Any, None]]
 
 
@@ -74,7 +74,7 @@ class TableProgram:
         self._notices: list[str] = []
 
     def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
-        """Announce what may come, and what leaves, from now on; nothing heavier may come."""
+        """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
         self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
 
@@ -118,7 +118,7 @@ class TableProgram:
 
     @property
     def endless(self) -> bool:
-        """Whether it waits for what comes, and would do so for ever."""
+        """Whether it waits for events from outside, and would do so for ever."""
         return self._failure is None and self.driver.waits_for_outside
 
     @property
@@ -138,7 +138,7 @@ class TableProgram:
 
     @property
     def controllers(self) -> Mapping[str, Steered]:
-        """What follows each parcel that has been ordered to a place."""
+        """The follower of each parcel that has been ordered to a place."""
         return self._traffic.steered
 
     @property
@@ -162,9 +162,9 @@ class TableProgram:
         return self._traffic.reserved
 
     def set_goal(self, name: str, goal: Goal) -> None:
-        """Order a parcel to a place, whatever the program has ordered it to.
+        """Order a parcel to a place, whatever the program has ordered.
 
-        Raises KeyError for one that is not on the table.
+        Raises KeyError for a parcel that is not on the table.
         """
         if name not in {parcel.name for parcel in self.table.parcels}:
             raise KeyError(name)
@@ -172,12 +172,12 @@ class TableProgram:
         self._traffic.give(order)
 
     def take_notices(self) -> list[str]:
-        """What has happened to parcels since the last call."""
+        """Notices about parcels since the last call."""
         notices, self._notices = self._notices, []
         return notices + self._traffic.take_notices()
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
-        """References of shape (W,) for the next step, given what is believed at its beginning."""
+        """References of shape (W,) for the next step, given the beliefs at its beginning."""
         self._withdraw()
         self._take_out(beliefs)
         self._take_in(beliefs)
@@ -203,7 +203,7 @@ class TableProgram:
 
     @property
     def gains(self) -> Mapping[str, Gain]:
-        """What the wheels under parcels gained in the step before these, and pushed them to."""
+        """Gains of the wheels under parcels in the step before these, and their pushes."""
         return self._traffic.gains
 
     def _withdraw(self) -> None:

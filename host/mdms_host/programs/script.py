@@ -1,7 +1,7 @@
-"""Coroutines that go on from cycle to cycle, each when what it waits for has come.
+"""Coroutines that go on from cycle to cycle, each when its condition holds.
 
-No clock and no thread: who drives the script says when a cycle is, in virtual time as in real time,
-and the order in which coroutines go on is that in which they were started.
+There is no clock and no thread. The driver of the script decides when a cycle is, in virtual time
+as in real time. Coroutines go on in the order in which they were started.
 
 >>> script, ready = Script(), []
 >>> async def waiting():
@@ -34,7 +34,7 @@ _MOST_ROUNDS = 1000
 
 
 class ScriptError(Error):
-    """A program that does not keep to what a table can wait for."""
+    """A program waits for something that a table cannot wait for."""
 
 
 @coroutine
@@ -45,7 +45,7 @@ def until(condition: Condition) -> Generator[Condition, None, None]:
 
 
 class Task(Generic[Result]):
-    """A coroutine that goes on by itself; to await it is to wait for what it returns or raises."""
+    """A coroutine that goes on by itself; its `await` returns its result or raises its error."""
 
     def __init__(self, routine: Coroutine[Any, Any, Result]) -> None:
         self._routine = routine
@@ -70,18 +70,18 @@ class Task(Generic[Result]):
         return place(code.co_name, code.co_filename, line)
 
     def result(self) -> Result:
-        """What it has returned, once it is done. Raises what it has raised."""
+        """Its result, once it is done. Raises its error."""
         if self.error is not None:
             raise self.error
         return self._result  # type: ignore[return-value]
 
     def heed(self) -> None:
-        """Somebody is going to await it: what it raises waits for that."""
+        """Note that another coroutine will await it, so its error waits for that."""
         self._is_awaited = True
 
     @property
     def unheeded(self) -> BaseException | None:
-        """What it has raised, if nobody awaits it."""
+        """Its error, if no coroutine awaits it."""
         return None if self._is_awaited else self.error
 
     def cancel(self) -> None:
@@ -91,7 +91,7 @@ class Task(Generic[Result]):
             self.done = True
 
     def go_on(self) -> bool:
-        """Go on to where it waits next; returns False if what it waits for has not come."""
+        """Go on to its next condition; returns False while its condition does not hold."""
         if self.done or not self._condition():
             return False
         try:
@@ -104,8 +104,8 @@ class Task(Generic[Result]):
             if not callable(condition):
                 self.cancel()
                 self.error = ScriptError(
-                    f"awaits {type(condition).__name__}, but a program waits only for what its "
-                    "table offers: sleep, move, leave, arrival, and tasks"
+                    f"awaits {type(condition).__name__}, but a program waits only for "
+                    "its table: sleep, move, leave, arrival, and tasks"
                 )
             else:
                 self._condition = condition

@@ -20,7 +20,7 @@ from mdms_model.arrays import Floats
 __all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
 
 Result = TypeVar("Result")
-#: What has been named is found within this, or is not what it was taken for [s].
+#: A thing that was named is found within this, or is another thing [s].
 _FOUND_S = 3.0
 #: Values under a name that wait to be taken: bounded, since anybody outside sends them.
 _MOST_SIGNALS = 1000
@@ -71,11 +71,11 @@ class Table:
         self._signals: dict[str, deque[Any]] = {}
         self._takes_signals = True
 
-    # What there is -------------------------------------------------------------------------------
+    # Parcels and places --------------------------------------------------------------------------
 
     @property
     def parcels(self) -> tuple[TableParcel, ...]:
-        """All parcels on the table, the one that came first first."""
+        """All parcels on the table, in the order of their coming."""
         return tuple(self._parcels.values())
 
     def __getitem__(self, name: str) -> TableParcel:
@@ -91,7 +91,7 @@ class Table:
         return {name: _place(pose) for name, (pose, _) in self._unknown.items()}
 
     def unknown_at(self, x_m: float, y_m: float) -> str | None:
-        """What is unknown and may lie over a place; None without any."""
+        """The unknown thing that may lie over a place; None without any."""
         point = np.array([[x_m, y_m]])
         away_m = (
             (float(outline.distance_m(point, pose)[0]), name)
@@ -107,7 +107,7 @@ class Table:
                 return gate.name
         raise ProgramError(f"no exit is for parcels of the kind {parcel.kind!r}, as {parcel.name}")
 
-    # What a program asks for ---------------------------------------------------------------------
+    # Requests of a program -----------------------------------------------------------------------
 
     async def arrival(self) -> TableParcel:
         """The next parcel that comes onto the table; each is returned once.
@@ -139,9 +139,9 @@ class Table:
         self.expects = True
 
     async def name(self, newcomer: Newcomer, x_m: float, y_m: float) -> TableParcel:
-        """Give a name to what is unknown and lies at a place; returns it as a parcel, once found.
+        """Give a name to the unknown thing at a place; returns it as a parcel, once found.
 
-        Raises ProgramError where nothing unknown lies, or nothing of that size.
+        Raises ProgramError if no unknown thing lies there, or none of that size.
         """
         unknown = self.unknown_at(x_m, y_m)
         if unknown is None:
@@ -166,16 +166,16 @@ class Table:
         await until(lambda: self.now_s > begun_s and self.now_s >= begun_s + seconds - 1e-9)
 
     def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
-        """Have something go on beside all else; what it returns is awaited, or not at all.
+        """Have a coroutine go on beside all else; its result may be awaited.
 
-        An error in it ends the program if nobody awaits it.
+        An error in it ends the program if no coroutine awaits it.
         """
         return self._script.start(routine)
 
     async def together(self, *routines: Coroutine[Any, Any, Any]) -> None:
         """Have all of these go on beside each other; returns when the last is done.
 
-        Raises, then too, what the first of them that failed has raised.
+        Then it raises the error of the first of them that failed.
         """
         tasks = [self.start(routine) for routine in routines]
         for task in tasks:
@@ -218,7 +218,7 @@ class Table:
         queue.append(value)
 
     async def _outside(self, condition: Condition) -> None:
-        """Wait for what comes from outside: a program that does has no end of its own."""
+        """Wait for an event from outside: a program that does has no end of its own."""
         self._waiting += 1
         try:
             await until(condition)
@@ -251,7 +251,7 @@ class Table:
 
 
 class TableDriver:
-    """Drives a table cycle by cycle: what the cycle sees goes in, and the program goes on."""
+    """Drives a table cycle by cycle: the cycle's beliefs go in, and the program goes on."""
 
     def __init__(self, table: Table) -> None:
         self.table = table
@@ -283,7 +283,7 @@ class TableDriver:
             self.table._arrived.remove(parcel)
 
     def see(self, beliefs: Mapping[str, Belief]) -> None:
-        """Take in what is believed of all parcels now, and of what is unknown."""
+        """Take in the present beliefs of all parcels and of unknown things."""
         self.table._unknown = {
             name: (belief.pose, belief.outline)
             for name, belief in beliefs.items()
@@ -312,7 +312,7 @@ class TableDriver:
 
 
 def _check_numbers(name: str, **values: object) -> None:
-    """Raises ProgramError for what is no number: it would break the cycle of the whole table."""
+    """Raises ProgramError for values that are no numbers: they would break the table's cycle."""
     for key, value in values.items():
         if not (isinstance(value, Real) and isfinite(value)):
             raise ProgramError(f"{key} of {name} is {value!r}, but must be a number")

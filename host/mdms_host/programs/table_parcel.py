@@ -17,7 +17,7 @@ SHAPES = ("rectangle", "disc")
 
 
 class ProgramError(Error):
-    """What a program asks for cannot be, or has not come to be: one line for a person."""
+    """A program's order is impossible, or has not been carried out: one line for a person."""
 
 
 class TableParcel:
@@ -77,16 +77,16 @@ class TableParcel:
         self._orders = orders
 
     def _see(self, belief: Belief | None) -> None:
-        """Take in what is believed of it now."""
+        """Take in the present belief of it."""
         self._belief = belief
 
 
 @dataclass(frozen=True, slots=True)
 class Newcomer:
-    """A parcel that nobody has drawn before, by the name that it is to be called by.
+    """A parcel that was not in the scenario, and the `name` that it gets.
 
-    Without a size that of what sensors show is taken. `shape` is 'rectangle' or 'disc'. `mass_kg`
-    None is one that is not known. Raises ProgramError for sizes and masses that are none.
+    Without a size the size that sensors show is taken. `shape` is 'rectangle' or 'disc'. A
+    `mass_kg` of None is an unknown mass. Raises ProgramError for impossible sizes and masses.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Newcomer:
 
 
 class Newcomers(Protocol):
-    """Whoever finds parcels that a program announces or names; see `newcomers`."""
+    """Finds parcels that a program announces or names; see `newcomers`."""
 
     def announce(self, newcomer: Newcomer, near_m: tuple[float, float] | None) -> None:
         """Expect a parcel, near a place or anywhere. Raises ProgramError."""

@@ -32,7 +32,7 @@ def _groups(listed: Sequence[Task]) -> Iterator[list[Task]]:
 
 
 def _routine(table: Table, task: Task) -> Coroutine[Any, Any, None]:
-    """What a task does; its keys have been checked by `mdms_model.scenario.rules.task`."""
+    """The coroutine of a task; its keys have been checked by `mdms_model.scenario.rules.task`."""
     return _ROUTINES[task.do](table, task)
 
 

@@ -1,4 +1,4 @@
-"""What people have such tables do: one coroutine a task, for programs and for program files."""
+"""The usual jobs of a table: one coroutine a task, for programs and for program files."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ async def transport(
 
 
 async def name(table: Table, newcomer: Newcomer, x_m: float, y_m: float) -> None:
-    """Give a name to what is unknown and lies at a place, as soon as something does."""
+    """Give a name to the unknown thing at a place, as soon as one lies there."""
     await until(lambda: table.unknown_at(x_m, y_m) is not None)
     await table.name(newcomer, x_m, y_m)
 
@@ -40,9 +40,9 @@ async def sort(table: Table, count: int | None = None) -> None:
 
 
 async def merge(table: Table, exit: str, count: int | None = None) -> None:
-    """Parcels that come, wherever that is, leave by one exit; so many, or without end.
+    """Parcels that come, at any place, leave by one exit; so many, or without end.
 
-    Who goes first where their ways meet is settled as for all parcels, by the plan.
+    The plan settles the order where their ways meet, as for all parcels.
     """
     await _all_leave(table, exit, count)
 
@@ -80,7 +80,7 @@ async def singulate(
 
 
 class Buffer:
-    """Places at which parcels wait until they are asked for; the one that came first is first.
+    """Places at which parcels wait until they are asked for; first in, first out.
 
     Raises ProgramError for no places.
     """
@@ -134,7 +134,7 @@ async def buffer(
     order: Sequence[str] = (),
     count: int | None = None,
 ) -> None:
-    """Parcels that come wait at places, and leave by an exit.
+    """Parcels that come wait at places [m; table frame], and leave by an exit.
 
     First in, first out: the first leaves when all places are taken, and at the end all that are
     left. With an `order` they leave in that order of names or kinds instead, and it ends with it.

@@ -30,7 +30,7 @@ class Aside(Enum):
 
 @dataclass(frozen=True)
 class Terms:
-    """What all attempts have in common: `efforts` are weights of a search, with moves at most."""
+    """Data that all attempts share: `efforts` are weights of a search, with moves at most."""
 
     ground: Ground
     gap_s: float
@@ -39,7 +39,7 @@ class Terms:
 
 @dataclass
 class Table:
-    """Who holds which tile, while routes are planned one by one."""
+    """Holders of the tiles, while routes are planned one by one."""
 
     tiles: int
     closed: Bools
@@ -198,7 +198,7 @@ class Attempt:
         return False
 
     def _went(self, name: str, aside: Errand) -> bool:
-        """Whether a parcel has a way aside, from the end of which it then goes on."""
+        """Whether a parcel has a way aside, and goes on from its end."""
         route = self._planned(name, aside)
         if route is not None:
             self._errands[name] = self._errands[name].onward(route)
@@ -238,7 +238,7 @@ class Attempt:
                 yield pose
 
     def _lets_go(self, held: Sequence[str], blocked: Bools, aside: Ints) -> bool:
-        """Whether one of these has a way when another, who is not in `blocked`, stands aside."""
+        """Whether one of these has a way when another, not in `blocked`, stands aside."""
         for name in held:
             others = blocked.copy()
             others[self._errands[name].stand] = False
@@ -261,7 +261,7 @@ def is_free(errand: Errand, closed: Bools) -> bool:
 
 
 def guide_of(errand: Errand, blocked: Bools) -> Guide:
-    """What is open to a parcel past these tiles."""
+    """The parts of the graph that are open to a parcel past these tiles."""
     roadmap = errand.roadmap
     runs = free_runs(roadmap.graph, errand.ways.open_lines, blocked)
     barred = barred_joins(roadmap.graph, blocked)

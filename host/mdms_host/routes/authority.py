@@ -11,9 +11,9 @@ from mdms_host.routes.reservations import Reservations
 class Authority:
     """Movement authorities by the order over tiles: no parcel enters one before those ahead left.
 
-    Whoever follows this is expected to come to rest before the path coordinate that it is given,
-    but by no more than the way that the plan's `gap_s` takes from rest, and at poses of its route
-    within `reservations.REST_M`.
+    A follower is expected to come to rest before the path coordinate that it is given, at poses of
+    its route within `reservations.REST_M`. It rests before that by no more than the way that it
+    makes from rest in the plan's `gap_s`.
     """
 
     reservations: Reservations
@@ -21,8 +21,8 @@ class Authority:
     def limits_m(self, progress_m: Mapping[str, float]) -> dict[str, float]:
         """The path coordinate up to which each way is free [m]; the route's end for all of it.
 
-        `progress_m` is the path coordinate at which each parcel is believed to be; one that is left
-        out is no longer on the table.
+        `progress_m` is the path coordinate at which each parcel is believed to be. A parcel that is
+        left out is no longer on the table.
         """
         limits_m: dict[str, float] = {}
         for name in progress_m.keys() & self.reservations.routes.keys():
@@ -38,7 +38,7 @@ class Authority:
     def held(self, progress_m: Mapping[str, float], still: Collection[str]) -> frozenset[str]:
         """The parcels that never come to the end of their routes while those of `still` stay.
 
-        They wait for these, or for one that does; of `still` itself none is among them.
+        They wait for these, or for another parcel that does. Parcels of `still` are not among them.
         """
         routes = self.reservations.routes
         come_m, before_m = dict(progress_m), None

@@ -23,9 +23,9 @@ class Blocker:
 class Blocked:
     """A parcel without a route. `by` are the fewest parcels, without which it would have one.
 
-    Where there are none, `closed` is whether closed cells are what is in the way, and `passing`
-    whether parcels that are under way are; else its start or goal cannot be left or come to on this
-    table at all.
+    If there are none, `closed` is whether closed cells are in the way, and `passing` whether
+    parcels that are under way are. If neither is, its start or goal cannot be left or reached on
+    this table at all.
     """
 
     parcel: str
@@ -37,7 +37,7 @@ class Blocked:
 
     @property
     def may_pass(self) -> bool:
-        """Whether what is in the way may go away."""
+        """Whether the obstacle may go away."""
         return bool(self.by) or self.closed or self.passing
 
     @property
@@ -50,7 +50,7 @@ class Blocked:
         way = self.way
         if self.by:
             names = " and ".join(map(str, self.by))
-            return f"{way}: blocked by {names}; move what stands there, or give another goal"
+            return f"{way}: blocked by {names}; clear the way, or give another goal"
         if self.closed:
             return f"{way}: blocked by closed cells; give a goal that is reached around them"
         if self.passing:
@@ -69,9 +69,10 @@ def place(pose: Floats) -> str:
 def blockers(
     places: Sequence[tuple[Blocker, Ints]], closed: Bools, free: Callable[[Bools], bool]
 ) -> tuple[tuple[Blocker, ...], bool, bool]:
-    """What bars the way: places, none of them in vain, or closed tiles, or none of these for good.
+    """The bars of a way: places, none of them in vain, or closed tiles, or nothing for good.
 
-    `free` is whether there is a way past these tiles.
+    The result is the places, whether closed tiles bar the way, and whether nothing does for good.
+    `free` returns whether there is a way past these tiles.
     """
     if not free(closed):
         return (), bool(closed.any()) and free(closed & False), False

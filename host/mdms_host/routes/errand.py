@@ -1,4 +1,4 @@
-"""What one parcel is to do, and what planning it takes: its way map, the tiles that it is on."""
+"""The errand of one parcel, and the data for its plan: its way map, the tiles that it is on."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,17 +19,18 @@ from mdms_model.arrays import Floats, Ints
 
 #: Poses that are this near are one [m, m, rad].
 _SAME = 1e-7
-#: What is this little less than a whole number of turns is that [turns].
+#: A turn this little less than a whole number of turns counts as that number [turns].
 _WHOLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A parcel on the table, and where it is to go; without a goal it stays where it is.
+    """A parcel on the table, and its goal; without a goal it stays at its place.
 
-    `ahead` (K, 3) are poses that it goes along whatever is planned, from where it is now to where
-    it can stop: of one at rest its pose alone. Goals are (x, y, yaw); a disc's yaw does not
-    matter. One that `leaves` is taken off the table at its goal, `leaves_s` after it has come.
+    `ahead` (K, 3) are poses that it passes whatever the plan, from its present place to the place
+    where it can stop; of a parcel at rest its pose alone. Goals are (x, y, yaw); a disc's yaw does
+    not matter. A parcel that `leaves` is taken off the table at its goal, `leaves_s` after it has
+    come.
     """
 
     parcel: str
@@ -48,7 +49,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What all errands of a table have in common."""
+    """Data that all errands of a table share."""
 
     tiles: Tiles
     pace: Pace
@@ -70,7 +71,7 @@ class Errand:
     turned_rad: float
     now_s: float
     so_far: Route | None = None
-    """What is planned of it already: a way aside, from the end of which it goes on."""
+    """The part that is planned already: a way aside, from the end of which it goes on."""
     stand: Ints = field(init=False)
     """Tiles it is on where its route begins to be planned."""
 
@@ -92,7 +93,7 @@ class Errand:
 
     @cached_property
     def prefix(self) -> Route:
-        """What it does until it can be planned anew; it stays there."""
+        """Its route until it can be planned anew; it stays at the end."""
         if self.so_far is not None:
             return self.so_far
         return self._route(self.task.ahead, self.now_s, np.zeros(0), np.inf)
@@ -108,7 +109,7 @@ class Errand:
         return self.now_s if self.is_at_rest else max(self.prefix.end_s, self.now_s)
 
     def route(self, found: Found) -> Route:
-        """The route along what a search has found."""
+        """The route along the result of a search."""
         poses = [self.roadmap.pose(node) for node in found.nodes[1:].tolist()]
         turned = np.array(poses).reshape(-1, 3) + np.array([0.0, 0.0, self.turned_rad])
         ahead = np.concatenate([self.task.ahead, turned])
@@ -183,7 +184,7 @@ class Errand:
         return replace(self, task=replace(self.task, goal=None, leaves=False))
 
     def onward(self, route: Route) -> "Errand":
-        """The same errand from the end of what is planned of it."""
+        """The same errand from the end of its planned part."""
         return replace(self, task=replace(self.task, ahead=route.poses), so_far=route)
 
 

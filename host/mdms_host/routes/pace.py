@@ -15,7 +15,7 @@ class Pace(Protocol):
     def times_s(self, lengths_m: Floats, turns_m: Floats, shares: Floats) -> Floats:
         """When a share of a move is done, after its begin [s]; all arrays alike, as is the result.
 
-        `turns_m` is what the farthest point of the outline goes as it turns about the centre, and
+        `turns_m` is the way of the farthest point of the outline as it turns about the centre, and
         `shares` are from 0 to 1. The time of share 1 is the duration; times rise with shares.
         """
         ...

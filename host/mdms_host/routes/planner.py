@@ -1,9 +1,9 @@
 """Routes for all parcels of a table: one after another, each around those before it.
 
-Prioritised planning with safe intervals (M. Cap, P. Novak, A. Kleiner, M. Selecky, 2015): a parcel
-that is yet to be planned stands where it is for all time, and one that is planned keeps its route.
-Where each can go on its own past the starts of those after it and the goals of those before it,
-a route is found for all: at worst it waits until those before it have come to their goals.
+Prioritised planning with safe intervals (M. Cap, P. Novak, A. Kleiner, M. Selecky, 2015): an
+unplanned parcel stands at its place for all time, and a planned one keeps its route. If each can go
+on its own past the starts of those after it and the goals of those before it, a route is found for
+all: at worst it waits until those before it have come to their goals.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -47,13 +47,13 @@ class Plan:
 
 
 class Planner:
-    """Plans for one table. It keeps what it works out of a shape, so that the second plan is quick.
+    """Plans for one table. It keeps its data of a shape, so that the second plan is quick.
 
     `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
-    parcels, `step` how many tiles lattice places are apart; `tries` is how many orders of the
-    parcels are tried where one does not do. `efforts` are weights of the search (`search`), and
-    after how many moves the next effort is made. A route that has more than `legs` straight ones is
-    given as few as it can have past the others (`straightening`).
+    parcels, `step` how many tiles lattice places are apart. `tries` is how many orders of the
+    parcels are tried if the first fails. `efforts` are weights of the search (`search`), and after
+    how many moves the next effort is made. A route with more than `legs` straight ones gets as few
+    as possible past the others (`straightening`).
     """
 
     def __init__(
@@ -100,13 +100,16 @@ class Planner:
         kept: Mapping[str, Route] | None = None,
         seed: int = 1,
     ) -> Plan:
-        """Routes for all these parcels, first ones first where that does.
+        """Routes for all these parcels, first ones first if that works.
 
-        Tiles that are `closed` are not crossed, but those under a parcel are left. Routes that
-        are `kept` are those of other parcels, with their times from now on (`retiming`); they are
-        planned around, and part of the plan. One of a parcel that is planned anew is not kept.
-        Where a parcel stays that one of these was to pass after it, because it is blocked or has no
-        goal any more, that one is held (`Authority.held`): it is to be stopped and planned anew.
+        Tiles that are `closed` are not crossed, but those under a parcel are left. Routes that are
+        `kept` are those of other parcels, with their times from now on (`retiming`); they are
+        planned around, and part of the plan. The route of a parcel that is planned anew is not
+        kept.
+
+        A parcel may stay where a kept route was to pass after it, because it is blocked or has no
+        goal any more. Then the parcel of that route is held (`Authority.held`): it is to be stopped
+        and planned anew.
         """
         closed = self._nothing() if closed is None else closed
         named = {task.parcel for task in tasks}
@@ -142,9 +145,9 @@ class Planner:
     ) -> Iterator[tuple[Mapping[str, Errand], Sequence[str], bool, Aside]]:
         """Orders of planning: one that the layout is well-formed by, as given, and by chance.
 
-        With each whether to keep to ways that are sure, as `Attempt` has it, and when others go
-        aside for one that has no way. Where there is none at first, those that cannot come to their
-        goals at all stay where they are.
+        Each comes with whether to keep to ways that are sure, as `Attempt` has it, and when others
+        go aside for a parcel without a way. If no order works at first, parcels that cannot come to
+        their goals at all stay at their places.
         """
         moving = _moving(errands)
         if len(moving) == 1:
@@ -195,10 +198,10 @@ class Planner:
         return Straightening(errand, routes[name], tiles.taken, closed).route()
 
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
-        """The routes of a plan from where these parcels are now, for others to be planned around.
+        """The routes of a plan from the parcels' present places, for others to be planned around.
 
-        `progress_m` is without those that are gone. Where one that is to be planned anew is with
-        them, those that waited for it leave it time for its way as it was, so that it may find one.
+        `progress_m` is without those that are gone. If it has a parcel that is to be planned anew,
+        those that waited for it leave it time for its old way, so that it may find one.
         """
         return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._gap_s)
 

@@ -1,4 +1,4 @@
-"""The order in which parcels are on each tile: what a plan promises, whatever the clock says."""
+"""The order of parcels on each tile: the promise of a plan, whatever the clock says."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from mdms_model.compiled import compiled
 #: A parcel that is this near to a pose of its route may have come to rest there [m].
 REST_M = 0.005
 
-#: What `Wait` has, with both parcels by number, the one that waits first.
+#: The fields of `Wait`, with both parcels by number, the one that waits first.
 Row = tuple[int, int, float, float]
 
 
@@ -43,7 +43,7 @@ class Reservations:
 
     The order is acyclic: of two visits of a tile the former ends before the latter begins, by the
     plan's times, and along each route times rise too. So among the moves that are not yet made the
-    one planned first never waits for another of them, whoever is late.
+    one planned first never waits for another of them, whichever parcel is late.
     """
 
     routes: Mapping[str, Route]
@@ -64,7 +64,7 @@ class Reservations:
 
     @cached_property
     def waits(self) -> dict[str, tuple[Wait, ...]]:
-        """What each parcel waits for, by path coordinate; what follows from another is left out."""
+        """The waits of each parcel, by path coordinate, without those that follow from another."""
         names = list(self.routes)
         waits: dict[str, list[Wait]] = {name: [] for name in names}
         if not names:
@@ -95,7 +95,7 @@ def _left_m(route: Route) -> Floats:
 
 @compiled
 def stairs(owners: int, tile: Ints, owner: Ints, enters_m: Floats, leaves_m: Floats) -> list[Row]:
-    """What owners of visits wait for, these by tile and time; what follows from another left out.
+    """Waits of the owners of visits, these by tile and time; a wait that follows is left out.
 
     One wait follows from another of the same two that has an earlier `before` and a later `leaves`.
     """

@@ -36,9 +36,9 @@ def retimed(
     pace: Pace,
     gap_s: float,
 ) -> dict[str, Route]:
-    """What is left of the routes of parcels at these path coordinates, each as soon as it can be.
+    """The rest of the routes of parcels at these path coordinates, each as soon as it can be.
 
-    The order over every tile stays, and so do poses and path coordinates; tiles that are left are
+    The order over every tile stays, and so do poses and path coordinates. Tiles that are left are
     left out. Parcels without progress are no longer on the table. The soonest times are the least
     that no order contradicts: each route is free at its own among all others at theirs.
     """
@@ -63,7 +63,7 @@ def _numbers(routes: Mapping[str, Route]) -> dict[str, Ints]:
 
 @compiled
 def settle(begins_s: Floats, after: After) -> None:
-    """Make the begins of moves as much later as what they come after asks for."""
+    """Delay the begins of moves as much as the moves before them ask for."""
     # Each pass settles the next move in the order at least, and the order has no circle.
     for _ in range(begins_s.size + 1):
         changed = False
@@ -78,10 +78,11 @@ def settle(begins_s: Floats, after: After) -> None:
 def _places(
     waits: Mapping[str, Sequence[Wait]], moves: Mapping[str, Ints], progress_m: Mapping[str, float]
 ) -> tuple[list[Place], list[Place]]:
-    """Where parcels wait for others, and where these are by the time they need not.
+    """Places where parcels wait for others, and places of the others that end these waits.
 
-    A tile is really left up to `REST_M` farther on than those who wait for it are to see it left.
-    Who stays has no move to wait with, though it may have been set down where another stands.
+    A tile is really left up to `REST_M` farther on than those who wait for it are to see it left. A
+    parcel that stays has no move to wait with, though it may have been set down where another
+    stands.
     """
     enters: list[Place] = []
     leaves: list[Place] = []
@@ -119,7 +120,7 @@ def _all_within(
     pace: Pace,
     side: Literal["left", "right"],
 ) -> tuple[Ints, Floats]:
-    """What `_within` gives for path coordinates of several parcels, by numbers over all routes."""
+    """The result of `_within` for several parcels, by numbers over all routes."""
     rows: dict[str, list[int]] = defaultdict(list)
     for row, (name, _) in enumerate(places):
         rows[name].append(row)

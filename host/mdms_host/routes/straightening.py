@@ -65,8 +65,8 @@ def _legs_of(poses: Floats, reach_m: float) -> int:
 class Straightening:
     """One parcel's route among all others, which take their tiles as `taken` says.
 
-    No leg that is new begins before what it takes the place of, nor ends after that, so that all
-    else may stay as it is planned. Tiles that are `closed` are crossed only where they were.
+    No new leg begins before the legs that it replaces, nor ends after them, so that all other
+    routes may stay as planned. Tiles that are `closed` are crossed only where they were.
     """
 
     def __init__(self, errand: Errand, route: Route, taken: Taken, closed: Bools) -> None:

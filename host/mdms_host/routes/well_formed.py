@@ -1,8 +1,8 @@
 """Whether a layout is well-formed, so that there is a plan for it.
 
-It is when there is an order in which each parcel has a way past the tiles under the goals of those
-before it and the starts of those after it: planned in this order each finds a route, for at worst
-it waits until those before it have come to their goals.
+It is if there is an order in which each parcel has a way past the tiles under the goals of those
+before it and the starts of those after it. Planned in this order each finds a route: at worst it
+waits until those before it have come to their goals.
 """
 
 from collections import Counter
@@ -21,7 +21,7 @@ _TRIES, _BEGINNINGS = 60, 2
 
 
 class Precedence:
-    """Who must go before whom, of so many parcels, and all that follows from it, as bits."""
+    """Known precedences between so many parcels, and all that follows from them, as bits."""
 
     def __init__(self, count: int) -> None:
         self.before, self.after = [0] * count, [0] * count
@@ -39,11 +39,12 @@ class Precedence:
 class Orders:
     """A search for an order in which parcels with goals could go one after another.
 
-    Depth first: who can go next is tried in the sequence that is given, and goes on from after who
-    went before. What comes after some that have gone does not depend on the order they went in
-    (R. Wang, K. Gao, D. Nakhimovich, J. Yu, K. Bekris, 2021), and is in vain where one that is left
-    has no way past their goals even if it were alone. Of ways that were found is kept whose places
-    they meet, and of parcels who barred them from any: most questions are answered by that.
+    It is depth first. The next parcel is tried in the given sequence, from after the parcel that
+    went before. The rest of an order does not depend on the sequence of those that have gone (R.
+    Wang, K. Gao, D. Nakhimovich, J. Yu, K. Bekris, 2021). It is in vain if a parcel that is left
+    has no way past their goals, even alone. For each way that was found the places that it meets
+    are kept. For each parcel without any the parcels that barred it are kept. Most questions are
+    answered by these.
 
     Parcels are numbers, and some of them the bits of one. Of places those at goals are the lowest
     bits, and those at starts the next.
@@ -63,7 +64,7 @@ class Orders:
             others[errand.stand] = False
             self._alone.append(ways_alone(errand, others | standing, under))
         self._ways: list[list[int]] = [[] for _ in moving]
-        #: Of each bar who is part of it at its goal, and who at its start.
+        #: Of each bar the parcels that are part of it at their goals, and at their starts.
         self._bars: list[list[tuple[int, int]]] = [[] for _ in moving]
         self._in_vain: set[int] = set()
         self._left = 0
@@ -121,9 +122,9 @@ class Orders:
         return harm
 
     def _precedence(self, at_goals: int, rest: Sequence[int]) -> Precedence | None:
-        """Who of the rest must go before whom, as far as is known; None: there is no such order.
+        """Known precedences between the rest of the parcels; None: there is no such order.
 
-        Of a bar one has to be elsewhere: where it can be only one any more, it must.
+        Of each bar at least one parcel must be elsewhere. If only one still can be, it must.
         """
         found, more = Precedence(len(self._names)), True
         while more:
@@ -152,7 +153,7 @@ class Orders:
         bar = self._bar(each, at_goals | at_starts << len(self._names))
         if bar is None:
             return True
-        # Without those who bar it in vain.
+        # Without parcels that bar it in vain.
         for other in numbers(bar):
             if bar >> other & 1:
                 without = self._bar(each, bar & ~(1 << other))

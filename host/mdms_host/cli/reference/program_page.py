@@ -1,10 +1,6 @@
-"""`docs/programs.md`: tasks of a file and what a program in Python has, from the code."""
+"""`docs/programs.md`: tasks of a file, from the code that checks them, and programs in Python."""
 
-from collections.abc import Iterable
-
-from mdms_host.cli.reference.api_page import row_of
 from mdms_host.cli.reference.keys import list_in, table_of
-from mdms_host.cli.reference.names import Name, names_of
 from mdms_model.scenario.rules.task import ALLOWED, NEEDED
 from mdms_model.scenario.task import Task
 
@@ -52,26 +48,15 @@ async def main(table):
 An `await` takes as long as the table takes for it. A started routine goes on beside all else. There
 is no clock and no thread in a program: use `table.sleep` and `table.now_s`. An impossible order is
 a `ProgramError`: catch it, or the program ends with it and all parcels are brought to rest.
+
+[Many parcels](parcels.md#programs) has what a table and a parcel offer. `mdms_array.tasks` has the
+tasks above as coroutines. [The reference](python.rst) has all of it with types and errors.
 """
-#: Methods for the driver of a table, and not for programs.
-_DRIVEN: set[str] = set()
 
 
 def text() -> str:
     """The whole page; the same code gives the same text."""
-    table = names_of("mdms_host.programs.table")
-    tasks = names_of("mdms_host.programs.tasks")
-    return "\n".join(
-        (
-            _HEAD,
-            list_in(Task),
-            _needs(),
-            table_of(Task),
-            _PYTHON,
-            *(_names(f"`{each.name}`", each.words, each.members) for each in table if each.members),
-            _names("`mdms_host.programs.tasks`", "Coroutines for the usual jobs.", tasks),
-        )
-    )
+    return "\n".join((_HEAD, list_in(Task), _needs(), table_of(Task), _PYTHON))
 
 
 def _needs() -> str:
@@ -81,9 +66,3 @@ def _needs() -> str:
 
 def _keys(names: tuple[str, ...]) -> str:
     return ", ".join(f"`{name}`" for name in names) or "-"
-
-
-def _names(title: str, words: str, names: Iterable[Name]) -> str:
-    rows = [row_of(name) for name in names if name.name not in _DRIVEN]
-    head = (f"### {title}", "", words, "", "| name | meaning |", "| --- | --- |")
-    return "\n".join((*head, *rows, ""))

@@ -1,1 +1,1 @@
-"""Cells that fall out of action, and what is done about them."""
+"""Cells that fall out of action, and the reaction of the run."""

@@ -1,4 +1,4 @@
-"""What becomes of a run whose cells fall out of action: held, going on without them, or ended."""
+"""Reaction of a run to cells out of action: hold the parcels, go on without the cells, or end."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +25,7 @@ _LISTED = 3
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the run is to do, and why, in words."""
+    """The next step of the run, and the reason in words."""
 
     signal: Signal
     text: str = ""
@@ -70,7 +70,7 @@ class Care:
         return {cell.number: way.refused or way.text for cell, way in ways}
 
     def step(self, phase: Phase, now_s: float, unsure: bool) -> Decision | None:
-        """What the run is to do now; None to go on. `unsure` is whether a parcel is doubtful."""
+        """The decision of the run now; None to go on. `unsure` is whether a parcel is doubtful."""
         if asleep := self._asleep(now_s):
             return Decision(Signal.FAULT, asleep)
         troubles = self._troubles(now_s)
@@ -88,7 +88,7 @@ class Care:
         return decision
 
     def _asleep(self, now_s: float) -> str | None:
-        """What there is to say of a host that was itself away for longer than a pause may last."""
+        """A message if the host itself was away for longer than a pause may last."""
         away_s, self._stepped_s = now_s - self._stepped_s, now_s
         if away_s <= self._policy.limit_s:
             return None
@@ -114,7 +114,7 @@ class Care:
         return True
 
     def _troubles(self, now_s: float) -> list[Trouble]:
-        """What is wrong with cells that take part, one for each."""
+        """Troubles of cells that take part, one for each cell."""
         limit_s, late = self._odometry.late()
         silence = f"has fallen silent: no speeds for {limit_s:.3g} s"
         troubles = self._supervision.troubles(self._roster.taking_part, now_s)
@@ -231,7 +231,7 @@ class Care:
 
 
 def _told(texts: Iterable[str]) -> str:
-    """What is wrong with several cells, in one line."""
+    """The texts in one line, the first few of them and the number of the rest."""
     listed = list(dict.fromkeys(texts))
     more = len(listed) - _LISTED
     return "; ".join(listed[:_LISTED]) + (f"; and {more} more" if more > 0 else "")

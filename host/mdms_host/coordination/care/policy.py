@@ -1,13 +1,13 @@
-"""What a run does about cells that fall out of action, as a person has set it."""
+"""The user's policy for cells that fall out of action."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 
 
 class OnLostCell(StrEnum):
-    """What becomes of a run whose cell does not come back.
+    """Reaction to a cell that does not come back.
 
-    It goes on without the cell, holds all parcels for it, or stops.
+    The run goes on without the cell, holds all parcels for it, or stops.
     """
 
     GO_ON = "go_on"
@@ -17,7 +17,7 @@ class OnLostCell(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """How often and how long trouble may hold the array, and what becomes of lost cells.
+    """How often and how long trouble may hold the array, and the reaction to lost cells.
 
     Where cells are out of action all parcels are held for `pause_s` at most [s], until the cells
     are back; at most `pauses` times in a minute (0: no trouble passes). With 'hold' it is `hold_s`

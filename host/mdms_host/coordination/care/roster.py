@@ -13,8 +13,8 @@ from mdms_model.arrays import Bools
 class Roster:
     """The cells of `axes` wheels each; a cell is `taking_part`, or `out` with its way back.
 
-    `wheels_out` are the wheels of those that are out, shape (W,): no reference moves them, and what
-    they report shows nothing of a parcel. `given_up` are those that the run does not wait for.
+    `wheels_out` are the wheels of cells that are out, shape (W,). No reference moves them, and
+    their reports show nothing of a parcel. The run does not wait for the cells in `given_up`.
     """
 
     def __init__(self, cells: Sequence[BringUpCell], axes: int) -> None:

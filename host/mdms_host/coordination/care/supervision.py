@@ -11,7 +11,7 @@ from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.schedule import Timing
 from mdms_protocol.codecs import cob
 
-#: What is wrong where a second host sends heartbeats.
+#: The trouble of a second host that sends heartbeats.
 OTHER_HOST = (
     f"another host runs on this bus (a heartbeat of node {cob.NODE_MAX}); "
     "let it come to its end, or end it, first"
@@ -20,8 +20,8 @@ OTHER_HOST = (
 #: The cells of one supply report that it is low within this time [s].
 _GATHER_S = 0.05
 
-#: What is wrong where another program has taken cells out of 'operational': a stop is a stop.
-SWITCHED_OFF = "somebody else has switched cells off on this bus (network management)"
+#: The trouble of cells that another program took out of 'operational': a stop is a stop.
+SWITCHED_OFF = "another program has switched cells off on this bus (network management)"
 
 #: Of more cells with another serial number than they are to have, the others are counted.
 _MOST_NAMED = 3
@@ -53,9 +53,10 @@ class Supervision:
     def without_supply(
         self, taking_part: Collection[BringUpCell], now_s: float
     ) -> list[BringUpCell]:
-        """The cells whose motors' supply has been low since they come up; none until all are known.
+        """Cells whose supply has been low since the bring-up; none until all such cells are known.
 
-        One that is back counts, too: somebody has pressed an emergency stop since the start.
+        A cell whose supply is back counts, too: a person has pressed an emergency stop since the
+        start.
         """
         self._low.update(dict.fromkeys(cell for cell in taking_part if cell.lacks_supply))
         low = [cell for cell in taking_part if cell in self._low]
@@ -64,7 +65,7 @@ class Supervision:
         return low if now_s >= self._low_since_s + _GATHER_S else []
 
     def low_supply_text(self, low: Sequence[BringUpCell]) -> str:
-        """What is wrong with the supply of these cells."""
+        """The message about the low supply of these cells."""
         where = f"all {len(low)} cells" if len(low) == self._count > 1 else names(low)
         return (
             f"the motors' supply is below its limit on {where} (0x{LOW_SUPPLY:04X}): "
@@ -72,7 +73,7 @@ class Supervision:
         )
 
     def troubles(self, taking_part: Collection[BringUpCell], now_s: float) -> list[Trouble]:
-        """What is wrong with cells that are up and take part in the run."""
+        """Troubles of cells that are up and take part in the run."""
         if now_s < self._valid_until_s:
             return []
         found = (self._trouble_of(cell, now_s) for cell in taking_part)

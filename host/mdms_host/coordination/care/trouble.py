@@ -1,4 +1,4 @@
-"""What is wrong with a cell that has been up, and whether that may pass by itself."""
+"""Troubles of a cell that has been up, and whether a trouble may pass by itself."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -19,13 +19,13 @@ class Nature(StrEnum):
     PASSING = "passing"
     #: The cell needs a person: its drives have shut off for a reason of their own.
     LASTING = "lasting"
-    #: Somebody has switched the cell off, who is to be obeyed.
+    #: Another program has switched the cell off, and is to be obeyed.
     DELIBERATE = "deliberate"
 
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """What is wrong with a cell, in words that name it."""
+    """A trouble of a cell, in words that name the cell."""
 
     cell: BringUpCell
     text: str
@@ -33,11 +33,11 @@ class Trouble:
 
 
 def nature_of(cell: BringUpCell) -> Nature:
-    """Of what kind it is that a cell is not operational, or that its drives are not enabled.
+    """The nature of the event that ended 'operational', or that disabled the drives.
 
-    A cell leaves 'operational' by itself for a restart, which it announces, and where it steers for
-    the host's silence; its drives are off by themselves in 'fault' only. Everything else was
-    commanded by somebody.
+    A cell leaves 'operational' by itself for a restart, which it announces. A cell that steers also
+    leaves it when the host is silent. Drives are off by themselves in 'fault' only. Everything else
+    was commanded from outside.
     """
     codes = _OF_DRIVES.intersection(cell.errors.values())
     if codes - PASSING_CODES:

@@ -25,13 +25,13 @@ _LED = frozenset((cia402.SWITCHED_ON, cia402.OPERATION_ENABLED))
 
 
 class BringUpCell(RemoteCell):
-    """A cell of which the first `axes` are used, and which gets these settings when it comes up.
+    """A cell that gets these settings when it comes up, and whose first `axes` are used.
 
-    Then all of its stored settings must be what the run expects: the table's defaults, and these.
-    One that differs is a trouble, whatever it is: a stored polarity turns a wheel the wrong way, a
-    stored time-out lets it drive on alone. Only those of `spare` do not matter (`Configuration`),
-    and those of `steering_settings` are set back where a run has left them behind. With `steers`
-    the cell leads its drives by itself, and these settings are taken back at the end.
+    Then all of its stored settings must be as the run expects: the table's defaults, and these. Any
+    difference is a trouble: a stored polarity turns a wheel the wrong way, and a stored time-out
+    lets it drive on alone. Only those of `spare` do not matter (`Configuration`), and those of
+    `steering_settings` are set back where a run has left them behind. With `steers` the cell
+    enables its drives by itself, and these settings are taken back at the end.
     """
 
     def __init__(
@@ -86,27 +86,27 @@ class BringUpCell(RemoteCell):
 
     @property
     def other_protocol(self) -> str | None:
-        """What there is to say of a cell that speaks another revision of the protocol."""
+        """The message about a cell of another protocol revision; None if the revision fits."""
         return self._identification.other_protocol
 
     @property
     def other_board(self) -> str | None:
-        """What there is to say of a cell that has another serial number than it is to have."""
+        """The message about a cell with an unexpected serial number; None if the number fits."""
         return self._identification.other_board
 
     @property
     def refusal(self) -> str | None:
-        """Why a cell that comes back is not to be taken, by who it is and its errors, or None."""
+        """Reason to refuse a cell that comes back: its identity or its errors; None to take it."""
         return self._identification.refusal
 
     @property
     def mismatch(self) -> str | None:
-        """How its stored settings are not what the run expects; None as long as they may be."""
+        """The unexpected stored settings, in words; None if there is none so far."""
         mismatch = self._set_up.mismatch
         return mismatch and f"not set up as this run expects: {mismatch}"
 
     def begin_again(self) -> None:
-        """Come up anew, from nothing but what the cell reports from now on."""
+        """Come up anew, by reports that the cell sends from now on alone."""
         self.nmt_state, self.drive_states, self.restarted = None, None, False
         self._identification.begin_again()
         self._set_up = SetUp(self.node_id, self._settings, self._configuration)
@@ -117,20 +117,20 @@ class BringUpCell(RemoteCell):
         if self.nmt_state in (nmt.INITIALISING, nmt.OPERATIONAL):
             self.restarted = self.nmt_state == nmt.INITIALISING
         if self.nmt_state != nmt.OPERATIONAL:
-            # All drives are off, and what was reported of them before counts for nothing.
+            # All drives are off, and earlier reports of them are void.
             self.drive_states = None
 
     def on_answer(self, data: bytes, now_s: float) -> None:
-        """An answer to a setting, or to the question who it is."""
+        """Take in an answer to a setting or to a read of the identity."""
         self._identification.on_response(data)
         if self._ending:
-            # What the bring-up was still waiting for is of no interest any more.
+            # Answers that the bring-up still waits for are of no interest any more.
             self._set_back.on_response(data)
         else:
             self._set_up.on_response(data)
 
     def has_reached(self, phase: Phase) -> bool:
-        """Whether the cell has reached what a phase is for."""
+        """Whether the cell has reached the aim of a phase."""
         match phase:
             case Phase.WAITING:
                 return self.nmt_state == nmt.PRE_OPERATIONAL

@@ -60,7 +60,7 @@ def _placing(layout: Layout, number: int) -> Iterator[Setting]:
 
 
 def _spare(layout: Layout, number: int) -> dict[Place, int]:
-    """What a cell may have of its place; nothing where it does not fit the wire."""
+    """Settings of its place that a cell may have; none if the place does not fit the wire."""
     try:
         return all_values(layout, number)
     except OutOfRangeError:

@@ -1,4 +1,4 @@
-"""Who a cell is: asked when it comes up, and whether it still is that when it comes back."""
+"""Identity of a cell: read at its bring-up, and compared when it comes back."""
 
 from collections.abc import Iterator, Mapping
 
@@ -22,9 +22,9 @@ PASSING_CODES = frozenset((0, 0x8130, 0x8140, 0x8250))
 class Identification:
     """Reads a cell's revision and serial number; after `begin_again` its errors besides.
 
-    `done` is whether all answers are there, `failure` why they do not come, None as long as they
-    may. `refusal` is why a cell that comes back is not to be taken, None for one that is. `serial`
-    is the serial number that it is to have, None where any will do.
+    `done` is whether all answers are there. `failure` is why they do not come, None as long as they
+    may. `refusal` is the reason to refuse a cell that comes back, None to take it. `serial` is the
+    expected serial number, None for any.
     """
 
     def __init__(self, node_id: int, axes: int, serial: int | None = None) -> None:
@@ -48,13 +48,13 @@ class Identification:
 
     @property
     def other_protocol(self) -> str | None:
-        """What there is to say of a cell that speaks another revision of the protocol."""
+        """The message about another protocol revision; None if the revision fits."""
         revision = self._client.answers.get((REVISION.index, REVISION.sub))
         return None if revision is None else other_protocol(revision)
 
     @property
     def other_board(self) -> str | None:
-        """What there is to say of a cell that has another serial number than it is to have."""
+        """The message about an unexpected serial number; None if the number fits."""
         serial = self._client.answers.get((SERIAL.index, SERIAL.sub))
         if None in (serial, self._serial) or serial == self._serial:
             return None
@@ -79,7 +79,7 @@ class Identification:
         return None
 
     def begin_again(self) -> None:
-        """Ask anew; who the cell was when it was asked first is kept."""
+        """Read anew; the answers to the first read are kept for comparison."""
         if self._client.done and not self._first:
             self._first = dict(self._client.answers)
         self._client = SdoClient(self._node_id, (*_IDENTITY, *self._errors), attempts=PATIENT)

@@ -9,11 +9,12 @@ from mdms_protocol.codecs.frame import Frame
 
 
 class SetUp:
-    """Writes settings, then compares the signature of all that are stored; once a bring-up.
+    """Writes settings, then compares the signature of all stored settings; once a bring-up.
 
-    Where it differs, what differs is read, and what a run of cells that steer has left behind is
-    set back. `verified` is whether all is as expected, `failure` why a transfer cannot be done, and
-    `mismatch` what else is stored otherwise; None as long as there is nothing.
+    If it differs, all stored settings are read. Settings that an earlier run of cells that steer
+    left behind are set back. `verified` is whether all settings are as expected. `failure` is why a
+    transfer cannot be done, and `mismatch` the other differences. Both are None as long as there is
+    nothing.
     """
 
     def __init__(
@@ -41,7 +42,7 @@ class SetUp:
             self._verify()
 
     def _verify(self) -> None:
-        """Compare the signature; where it differs, read what does."""
+        """Compare the signature; if it differs, read all stored settings."""
         answers = self._client.answers
         values = self._configuration.values
         if self._configuration.accepts(answers[SIGNATURE.index, SIGNATURE.sub]):
@@ -57,7 +58,7 @@ class SetUp:
             self.verified = self.mismatch is None
 
     def _left_by_cells(self) -> list[Setting]:
-        """What sets back the settings of a run in which cells steered, and which came to no end."""
+        """Settings that undo an unfinished run in which cells steered."""
         answers, values = self._client.answers, self._configuration.values
         return [
             Setting(*place, values[place]) for place in PLACES if answers[place] != values[place]

@@ -1,8 +1,8 @@
-"""What cells are set to for a run in which they steer, and what takes it back.
+"""Settings of cells for a run in which they steer, and their defaults for its end.
 
-They are to steer by themselves, to give the beat where SYNC is missing, and to end the motion when
-the host's heartbeat is. At the end all of that is taken back: else they would go on giving the
-beat, and report the host's silence.
+Cells are to steer by themselves, to give the beat where SYNC is missing, and to end the motion when
+the host's heartbeat is missing. At the end all of that is taken back. Otherwise cells would go on
+giving the beat, and report the host's silence.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ PLACES = (_CONSUMED, _CONTROL, _TAKEOVER)
 
 
 def steering_settings(host_node_id: int) -> tuple[Setting, ...]:
-    """What a cell is set to when it has its place; with the last one it steers."""
+    """Settings of a cell that has its place; after the last one the cell steers."""
     return (
         Setting(*_CONSUMED, host_node_id << 16 | HEARTBEAT_LIMIT_MS),
         Setting(*_TAKEOVER, 1),
@@ -32,5 +32,5 @@ def steering_settings(host_node_id: int) -> tuple[Setting, ...]:
 
 
 def taken_back() -> Iterator[Setting]:
-    """What takes these settings back."""
+    """Settings that undo these."""
     return (Setting(*place, ENTRIES[place].default) for place in PLACES)

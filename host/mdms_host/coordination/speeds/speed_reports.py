@@ -51,8 +51,8 @@ class SpeedReports:
     def take(self) -> Sync | None:
         """The newest SYNC whose answers can be used, each SYNC once; None if there is none.
 
-        The last one sent counts when it is complete, an older one with what it has: a cell that is
-        late, or has missed a SYNC, delays its neighbours' speeds by one SYNC at most.
+        The last SYNC counts when it is complete, an older one with the answers that came. So a cell
+        that is late, or has missed a SYNC, delays its neighbours' speeds by one SYNC at most.
         """
         awaited = {cell for cell, missed in enumerate(self.missed) if missed < MISSED_SYNCS}
         for sync in reversed(self._syncs):

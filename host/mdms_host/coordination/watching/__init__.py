@@ -1,1 +1,1 @@
-"""What a person should learn of a run: wheels that do not follow, parcels that do not get on."""
+"""Reports of a run for a person: wheels that do not follow, parcels that do not get on."""

@@ -20,9 +20,9 @@ _STARTING_S = 0.05
 
 
 class Following:
-    """Watches all wheels, shape (W,), and reports one that stands once, until it follows again.
+    """Watches all wheels, shape (W,), and reports a standing wheel once, until it follows again.
 
-    `standing` are those that stand now, of which the speed shows nothing of the parcel on them.
+    `standing` are the wheels that stand now. Their speeds show nothing of the parcels on them.
     """
 
     def __init__(self, wheels: int) -> None:

@@ -24,21 +24,24 @@ _TROUBLES = (Event.LOST, Event.MISFIT)
 
 
 class Standings:
-    """What becomes of the beliefs of a run; `troubles` are what a person should look after."""
+    """Changes of the beliefs of a run; `troubles` are the changes that need a person."""
 
     def __init__(self) -> None:
         self._lost_s: dict[str, float] = {}
 
     @property
     def lost(self) -> str | None:
-        """Which parcels are lost now, and since when; None without one. Who never was is not."""
+        """The parcels that are lost now, and since when; None without one.
+
+        Parcels that were never found are not listed.
+        """
         lost = ", ".join(f"{name} since {time_s:.2f} s" for name, time_s in self._lost_s.items())
         return f"lost: {lost}; no sensor shows it" if lost else None
 
     def step(
         self, time_s: float, changes: Iterable[Change], poses: Mapping[str, Floats]
     ) -> Iterator[tuple[str, bool]]:
-        """What changes of the standings are to a person, each with whether it is a trouble."""
+        """Texts about changes of the standings, each with whether it is a trouble."""
         for change in changes:
             name = change.name
             if change.event is Event.LOST:

@@ -1,4 +1,4 @@
-"""What a person should know of a run: arrivals, and what does not move as it is to."""
+"""Reports of a run for a person: arrivals, and parcels that do not move as they should."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import degrees, radians

@@ -1,1 +1,1 @@
-"""What parcels look like from above, and what is asked of an outline."""
+"""Outlines of parcels from above."""

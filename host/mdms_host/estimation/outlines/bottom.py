@@ -1,4 +1,4 @@
-"""A parcel's bottom seen from above: what the estimator and the controller ask of any outline."""
+"""A parcel's bottom from above: the interface of any outline to estimator and controller."""
 
 from math import cos, sin
 from typing import Protocol

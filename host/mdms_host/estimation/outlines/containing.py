@@ -1,9 +1,9 @@
-"""The outline that contains whatever covers some sensors and leaves others free.
+"""The outline that contains every convex parcel over some sensors and beside others.
 
 A convex parcel over the sensors C reaches a point q only if the hull of C and q holds no sensor
-that is free: each free sensor f keeps it out of a shadow, the cone with its apex at f that the hull
-of C throws if light comes from there. What is left is the union of all convex parcels that the
-sensors allow.
+that is free. So each free sensor f keeps the parcel out of a shadow: the cone with its apex at f
+that the hull of C throws if light comes from there. The rest is the union of all convex parcels
+that the sensors allow.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from mdms_model.outline import polygon_outline
 
 _ANGLES = np.arange(256) * (2 * np.pi / 256)
 _DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
-#: What lies between two of the directions, and how exact sensors are in their places [m].
+#: For the gap between two directions, and for inexact places of sensors [m].
 _SPARE_M = 0.005
 #: A free sensor so far inside the hull of the covered ones shows that no convex parcel lies there.
 _INSIDE_M = 0.002

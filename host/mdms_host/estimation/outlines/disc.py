@@ -35,9 +35,9 @@ class Disc:
         return 2 * pi
 
     def grown(self, along_m: float, across_m: float) -> "Disc":
-        """The same, but larger by so much on either side, along its own x and y [m].
+        """The same disc, larger by so much on either side, along its own x and y [m].
 
-        It stays round: what it grows by is the mean of both.
+        It stays round: it grows by the mean of both.
         """
         return Disc(self.diameter_m + along_m + across_m)
 

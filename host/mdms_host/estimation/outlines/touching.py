@@ -1,6 +1,6 @@
 """Two parcels that touch, and cover one group of sensors: told apart where that is no guess.
 
-All places of either outline that cover no free sensor are tried; two of them explain the group if
+All places of either outline that cover no free sensor are tried. Two places explain the group if
 each of its sensors is under one of them, and none under both.
 """
 
@@ -57,7 +57,7 @@ def tell_apart(
     most = [max((each.counts.max() for each in found), default=0.0) for found in places]
     sets = []
     for found, bottom, others in zip(places, (one, other), reversed(most), strict=True):
-        # What the other cannot cover must be under this one.
+        # Sensors that the other cannot cover must be under this one.
         yield None
         sets.append(_sets(bottom, found, len(covered_m) - others - _SPARE, len(covered_m)))
     yield _likely(sets[0], sets[1], covered_m, alike=alike)
@@ -110,7 +110,7 @@ def _sets(
 def _likely(
     ones: tuple[Floats, Floats], others: tuple[Floats, Floats], covered_m: Floats, *, alike: bool
 ) -> tuple[Bools, Bools] | None:
-    """What the ways to divide the sensors have in common, if there is any and that is enough."""
+    """Sensors that all likely divisions of the group give to either parcel; None if too few."""
     (sets, weights), (other_sets, other_weights) = ones, others
     if not len(sets) or not len(other_sets):
         return None

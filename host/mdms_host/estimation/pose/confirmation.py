@@ -9,7 +9,10 @@ _LOST_S = 0.8
 
 
 class Standing(StrEnum):
-    """What a belief is worth. What is doubtful is not steered on, what is lost has no pose."""
+    """Standing of a belief.
+
+    A doubtful parcel is not steered on, a lost one has no pose.
+    """
 
     FOUND = "found"
     DOUBTFUL = "doubtful"
@@ -33,7 +36,7 @@ class Confirmation:
     def step(self, now_s: float, shown: bool) -> Standing:
         """Take in whether the sensors show it now.
 
-        What is doubtful or lost stays so until a search finds it: it may be back, but elsewhere.
+        A doubtful or lost parcel stays so until a search finds it: it may be back, but elsewhere.
         """
         if self.standing is Standing.FOUND and shown:
             self._shown_s = now_s

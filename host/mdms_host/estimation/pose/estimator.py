@@ -28,8 +28,8 @@ _LATENCY_S = 0.002
 _OBSERVER_LAG_S = 0.002
 #: A parcel rests that moves no faster, its corners' turning included [m/s].
 _RESTING_M_S = 0.005
-#: What a sensor shows is judged from this far inside the outline on, or from so many standard
-#: deviations of the distance.
+#: A sensor is judged from this far inside the outline on, or from so many standard deviations of
+#: the distance.
 _DEEP_M = 0.015
 _DEEP_DEVIATIONS = 3.0
 #: A sensor that is covered farther beside a parcel shows something else.
@@ -37,7 +37,7 @@ BESIDE_M = 0.06
 #: Cells so far beyond a parcel are looked at, and so many times farther than it reaches.
 _AROUND_M = 0.1
 _AROUND = 1.35
-#: What an edge may be off, however well a parcel's place is known [m].
+#: Least error of an edge that is believed, however well a parcel's place is known [m].
 _NEAR_M = 0.012
 #: An edge that is farther off, in standard deviations, is none of this parcel's.
 _GATE = 5.0
@@ -76,9 +76,9 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What the sensors of a view show, (N,): whether each is `covered`, and whether it is `mine`.
+    """Bits of the sensors of a view, (N,): whether each is `covered`, and whether it is `mine`.
 
-    It is so as of `silent_s` ago, when its cell reported last, and has not changed for `same_s`.
+    They are as of `silent_s` ago, when the cell reported last, and have not changed for `same_s`.
     """
 
     covered: Bools
@@ -90,7 +90,7 @@ class Shown:
 class ParcelEstimator:
     """Estimate of one parcel's pose and twist [table frame; SI].
 
-    `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost;
+    `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost.
     `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
     sensor that is believed. `bottom` is as large as edges have shown it to be, and `spread_m` how
     exact its drawing is. A twist divided by `corner_m` has a corner's speed instead of the rate.
@@ -106,8 +106,8 @@ class ParcelEstimator:
         self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
         self._drawn = bottom
         self._growth: Floats = np.zeros(2)
-        # That of a while ago, and of one more before: what a parcel seems to grow by while it is
-        # lifted off is not to be kept.
+        # The growth of a while ago, and of one more before: an apparent growth while the parcel is
+        # lifted off must not be kept.
         self._kept_growths = (self._growth, self._growth)
         self._kept_s = 0.0
         self._begun_rad = 0.0
@@ -123,7 +123,7 @@ class ParcelEstimator:
 
     @property
     def standing(self) -> Standing:
-        """What the belief is worth."""
+        """The standing of the belief."""
         return self._confirmation.standing
 
     @property
@@ -168,7 +168,7 @@ class ParcelEstimator:
         return pose
 
     def resume(self, now_s: float) -> None:
-        """What is doubtful is where it was after all: what contradicts is something else."""
+        """The doubtful parcel is where it was after all: another thing contradicts it."""
         if self._filter is not None:
             self._confirmation.find(now_s)
 
@@ -191,7 +191,7 @@ class ParcelEstimator:
 
     @property
     def unsure_m(self) -> float:
-        """What a sensor shows within this distance of the edge may be the parcel's or not [m]."""
+        """Distance from the edge within which a sensor may show the parcel or not [m]."""
         return max(_NEAR_M, _DEEP_DEVIATIONS * self._deviation_m)
 
     def edge_misfit(self, now_s: float, point_m: Floats) -> float | None:
@@ -209,7 +209,7 @@ class ParcelEstimator:
         return off_m**2 / variance_m2 + log(variance_m2)
 
     def comes_up(self, now_s: float, point_m: Floats) -> bool:
-        """Whether what has just covered a sensor must be something else: the parcel rests."""
+        """Whether a sensor that has just been covered shows another thing: the parcel rests."""
         pose = self.pose_at(now_s)
         if self._filter is None or pose is None or self.twist.any():
             return False
@@ -219,7 +219,7 @@ class ParcelEstimator:
 
     @property
     def growth_deviation_m(self) -> tuple[float, float]:
-        """What the outline may be off on either side, along and across [m]."""
+        """Standard deviation of the outline on either side, along and across [m]."""
         if self._filter is None:
             return self._spread_m, self._spread_m
         along_m2, across_m2 = self._filter.covariance.diagonal()[3:].tolist()
@@ -305,10 +305,10 @@ class ParcelEstimator:
             self._corrected()
 
     def agree(self, now_s: float, view: View, seen: Shown) -> Standing:
-        """Correct the estimate by every sensor that contradicts it, as far as that can be.
+        """Correct the estimate by every sensor that contradicts it, as far as possible.
 
-        The view is that of now. Nothing corrects an estimate that is not `FOUND`; what is lost has
-        no pose any more.
+        The view is that of now. Nothing corrects an estimate that is not `FOUND`, and a lost parcel
+        has no pose any more.
         """
         covered, mine = seen.covered, seen.mine
         shown = self._shown(covered, mine, view.distance_m)
@@ -340,7 +340,7 @@ class ParcelEstimator:
 
     @property
     def _deep_m(self) -> float:
-        """What a sensor shows from so far inside the edge on is no question of the edge [m]."""
+        """Distance inside the edge from which on a sensor says nothing about the edge [m]."""
         return max(_DEEP_M, _DEEP_DEVIATIONS * self._deviation_m)
 
     def _confirm(self, now_s: float, shown: bool) -> None:

@@ -1,4 +1,4 @@
-"""The move that has an edge pass a sensor which shows what is not known well enough of a place."""
+"""The move after which an edge passes a sensor, and makes an unsure place surer."""
 
 from collections.abc import Iterator
 from math import cos, sin, sqrt
@@ -69,7 +69,7 @@ def move_to_feel(
 
 
 class _Unsure(NamedTuple):
-    """What is not known well enough: along `axis` (5,), sure from `sure` on; `shifts` may help."""
+    """An unsure direction `axis` (5,), sure from the deviation `sure` on; `shifts` may help."""
 
     axis: Floats
     sure: float

@@ -1,8 +1,8 @@
 """The poses that the sensors still allow, while these are too far apart for a Kalman filter.
 
-Before edges have passed, what the bits allow is no ellipsoid: a rectangle may lie this way or that,
-and the mean of both is often a pose that no sensor allows. So the poses themselves are carried
-along with the wheels, and each counts as much as the sensors agree with it.
+Before edges have passed, the poses that the bits allow form no ellipsoid: a rectangle may lie this
+way or that, and the mean of both is often a pose that no sensor allows. So the poses themselves are
+carried along with the wheels, and each counts as much as the sensors agree with it.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from mdms_model.arrays import Bools, Floats, Ints
 #: So many poses are kept.
 _POSES = 400
 #: How well a sensor's distance from an edge is known: sizes are told a millimetre or two wrong, and
-#: what a sensor shows is some milliseconds old [m].
+#: the bits of a sensor are some milliseconds old [m].
 _EDGE_M = 0.002
 #: No pose is ruled out by one sensor: it may be wrong with this chance.
 _WRONG = 1e-3
@@ -26,7 +26,7 @@ _KERNEL = 0.2
 _SMALL_M = 0.003
 #: Poses differ about no sensor that is farther from the edge, in deviations of a corner.
 _DEVIATIONS = 3.0
-#: Keeps a covariance without spread one that has a root.
+#: Added to a covariance without spread, so that it has a root.
 _LEAST = 1e-15
 #: A sensor that contradicts all poses by more is not believed [m].
 _NEAR_M = 0.012
@@ -35,9 +35,9 @@ _NEAR_M = 0.012
 class PoseCloud:
     """Poses [m, m, rad; table frame] with weights, of a parcel with this bottom.
 
-    What it is given are those that a search has found, (N, 3), `grid` (3,) apart. Where the size is
-    to be learned each has its `growths` (N, 2), too: how much larger than the bottom the parcel is
-    then, on either side, along its own x and y [m]. `mean` is of the pose, and of the growth where
+    The given poses are those that a search has found, (N, 3), `grid` (3,) apart. If the size is to
+    be learned, each has its `growths` (N, 2), too: how much larger than the bottom the parcel is
+    then, on either side, along its own x and y [m]. `mean` is of the pose, and of the growth if
     there is one, shape (3,) or (5,); `covariance` is of shape (3, 3) or (5, 5).
     """
 
@@ -54,7 +54,7 @@ class PoseCloud:
         self._bottom = bottom
         extent_m = bottom.reach_m
         self._extents_m = np.array([1.0, 1.0, extent_m, 1.0, 1.0])[: 3 if growths is None else 5]
-        # Of a disc no sensor shows the yaw: it stays what it was taken for.
+        # No sensor shows the yaw of a disc: it stays as it was assumed.
         shown = np.array([True, True, np.ptp(poses[:, 2]) > 0.0])
         self._hidden = np.zeros((len(self._extents_m),) * 2)
         np.fill_diagonal(self._hidden[:3, :3], np.where(shown, 0.0, grid**2 / 3))
@@ -64,8 +64,8 @@ class PoseCloud:
         if growths is not None:
             self._states = np.concatenate((self._states, growths[drawn]), axis=1)
         self._weights: Floats = np.full(_POSES, 1.0 / _POSES)
-        # How far a corner has moved since sensors were asked, what they showed, and whether that
-        # could be.
+        # How far a corner has moved since sensors were asked, their bits then, and whether these
+        # were believable.
         self._moved_m = np.inf
         self._covered: Bools = np.empty(0, dtype=bool)
         self._believable = True
@@ -91,7 +91,7 @@ class PoseCloud:
 
     @property
     def spread_m(self) -> float:
-        """What a sensor shows farther from the edge of the mean pose is the same at all poses."""
+        """Distance from the mean pose's edge beyond which a sensor is alike at all poses [m]."""
         return _DEVIATIONS * (self._deviation_m + _EDGE_M)
 
     @property
@@ -106,7 +106,7 @@ class PoseCloud:
         self._moved_m += float(np.hypot(*moved[:2]) + abs(moved[2]) * self._extents_m[2])
 
     def on_edge(self, point_m: Floats, late_m: float) -> None:
-        """A point (2,) is on the outline, give or take what the parcel moves on meanwhile."""
+        """A point (2,) is on the outline, within the parcel's own motion meanwhile."""
         off_m = self._distances_m(point_m[None])[:, 0]
         variance_m2 = _EDGE_M**2 + late_m**2
         self._weigh(np.log(np.exp(-(off_m**2) / (2 * variance_m2)) + _WRONG))
@@ -132,7 +132,7 @@ class PoseCloud:
         cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
         x_m, y_m = points_m.T[:, None] - self._states.T[:2, :, None]
         own_m = np.stack((cosine * x_m + sine * y_m, cosine * y_m - sine * x_m), axis=-1)
-        # A larger parcel is to a point as one that is not, and a point that is so much nearer.
+        # A larger parcel has the same distance as the drawn one from a point that much nearer.
         own_m -= np.sign(own_m) * self._states[:, None, 3:] if len(self._extents_m) > 3 else 0.0
         off_m = self._bottom.distance_m(own_m.reshape(-1, 2), np.zeros(3))
         return off_m.reshape(x_m.shape)

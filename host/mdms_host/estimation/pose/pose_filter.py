@@ -1,7 +1,7 @@
 """A Kalman filter over a parcel's pose, and over how much larger it is than its drawing.
 
 It is corrected by edges ('this point is on the outline') and by bounds ('this point is on the other
-side of the outline'), and is as sure of itself as both have been right.
+side of the outline'). It is as sure of itself as both have been right.
 """
 
 from math import erfc, exp, hypot, pi, sqrt
@@ -20,8 +20,8 @@ _GATE = 5.0
 _SURPRISE = 2.0
 #: An error of so little is believed however sure the filter is [m].
 _NEAR_M = 0.012
-#: Bounds do not make the filter surer of a distance than this: one that is met again a moment later
-#: is the same measurement [m].
+#: Bounds do not make the filter surer of a distance than this: a bound that is met again a moment
+#: later is the same measurement [m].
 _BOUND_M = 0.003
 #: A size is told no better than this, when edges surprise [m].
 _LEAST_SPREAD_M = 0.001
@@ -34,7 +34,7 @@ _UNSURE_M, _UNSURE_RAD = 1.0, pi
 class PoseFilter:
     """Pose (x, y, yaw) [m, m, rad], and growth along the parcel's own x and y [m].
 
-    `mean` is of shape (5,), `covariance` of shape (5, 5); `extent_m` is how far the parcel reaches
+    `mean` is of shape (5,), `covariance` of shape (5, 5). `extent_m` is how far the parcel reaches
     from its centre, `spread_m` how exact its drawing is on either side (one standard deviation).
     """
 
@@ -58,7 +58,7 @@ class PoseFilter:
     def move(self, moved: Floats, step_s: float, slip_m2_s: float = 0.0) -> None:
         """The wheels have carried the parcel by so much, shape (3,), and slipped.
 
-        What that makes the place unsure by in a second is given.
+        `slip_m2_s` is the variance of the place that slip adds in a second.
         """
         x_m, y_m, yaw_rad = moved.tolist()
         way_m = hypot(x_m, y_m) + abs(yaw_rad) * self._extent_m
@@ -68,7 +68,7 @@ class PoseFilter:
         self.covariance.reshape(-1)[:18:6] += variance_m2 * self._walk
 
     def place(self, mean: Floats, covariance: Floats) -> None:
-        """The pose, or pose and growth, are these, (3,) or (5,), whatever they were before."""
+        """Set the pose, or pose and growth, (3,) or (5,), regardless of the state before."""
         count = len(mean)
         self.mean[:count] = mean
         self.covariance[:count, count:] = self.covariance[count:, :count] = 0.0
@@ -92,14 +92,14 @@ class PoseFilter:
     def on_bound(self, off_m: float, slope: Floats, sigma_m: float) -> bool:
         """A point is beyond the outline by `off_m`, on the wrong side; False if unbelievable.
 
-        The distance becomes what a normal distribution has left on the right side of zero.
+        The distance becomes the part of a normal distribution on the right side of zero.
         """
         variance_m2 = self._admit(off_m, slope, sigma_m)
         if variance_m2 is None:
             return False
         deviation_m = sqrt(variance_m2)
         beyond = abs(off_m) / deviation_m
-        # The mean of what is left, and how much narrower it is.
+        # The mean of that part, and how much narrower it is.
         shift = exp(-(beyond**2) / 2) / sqrt(2 * pi) / (0.5 * erfc(beyond / sqrt(2)))
         narrower = 1 - shift * (shift - beyond)
         narrower = max(narrower, min(1.0, _BOUND_M**2 / variance_m2))
@@ -119,20 +119,20 @@ class PoseFilter:
         if off_m**2 > _SURPRISE**2 * variance_m2:
             variance_m2 = off_m**2 / _SURPRISE**2
             larger = (variance_m2 - sigma_m**2) / believed_m2
-            # What rounding has made unlike its mirror image would grow with every surprise.
+            # Asymmetry by rounding would grow with every surprise.
             self.covariance = (self.covariance + self.covariance.T) * (larger / 2)
             self._limit()
-            # Without what went with growth, the distance may be less sure than by the surprise.
+            # Without its tie to growth, the distance may be less sure than by the surprise.
             believed_m2 = float(slope @ self.covariance @ slope)
             variance_m2 = max(variance_m2, believed_m2 + sigma_m**2)
         return variance_m2
 
     def _limit(self) -> None:
-        """A surprise makes nothing unsurer than it can be.
+        """Bound the variances after a surprise.
 
-        It is sooner the wheels' slip than another size, so that a size stays as sure as told: of
-        one that is told far too well each edge shows a little more. And what no edge shows, as
-        how a disc is turned, would grow with every surprise.
+        The surprise is sooner the wheels' slip than another size, so a size stays as sure as told.
+        If a size is told far too well, each edge shows a little more. And a variance that no edge
+        shows, such as the yaw of a disc, would grow with every surprise.
         """
         deviations = np.sqrt(self.covariance.diagonal())
         scale = np.minimum(1.0, self._most / np.maximum(deviations, 1e-9))

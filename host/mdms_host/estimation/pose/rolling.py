@@ -44,7 +44,7 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
             moving.append((one, pose, near, under))
     if not moving:
         return
-    # Columns in metres per second alike, so that what no wheel shows comes out as zero.
+    # Columns in metres per second alike, so that a motion that no wheel shows comes out as zero.
     twists = fit_twists(
         [near.surface_jacobian(pose)[under] * one.corner_m for one, pose, near, under in moving],
         [speeds.speed_m_s[near.wheels[under]] for _, _, near, under in moving],

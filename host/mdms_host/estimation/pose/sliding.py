@@ -1,7 +1,7 @@
 """How much faster the wheels under a parcel may be than it is, where all of them slip alike.
 
-No speed of a wheel shows that. What they push with does: a parcel gains what its wheels push it to,
-and wheels that gain more than that slip. What they have gained more is how much faster they are.
+No speed of a wheel shows that, but their pushes do. A parcel gains what its wheels push it to, and
+wheels that gain more than that slip. The surplus of their gain is how much faster they are.
 """
 
 from math import exp
@@ -17,11 +17,11 @@ _ROLLING_M_S2 = 0.05
 _SLIPPING_M_S = 0.018
 #: They roll again where they are no faster than this [m/s].
 _ROLLING_M_S = 0.005
-#: They roll, too, where they push with less than this share of what they slipped with, as a mean
+#: They roll, too, where they push with less than this share of their push at the slip, as a mean
 #: over so long [s].
 _ROLLING_PUSH = 0.5
 _MEAN_S = 0.03
-#: What is not confirmed any more is over after such a time [s].
+#: A slip that is not confirmed any more is over after such a time [s].
 _OVER_S = 0.2
 #: How much faster they are is about the same for so long [s].
 _SAME_S = 0.1
@@ -36,9 +36,9 @@ class Sliding:
     def __init__(self, corner_m: Floats) -> None:
         self._corner_m = corner_m
         self._faster: Floats = np.zeros(3)
-        # Of that what rolling does not explain [m/s].
+        # The part of that which rolling does not explain [m/s].
         self._unexplained_m_s = 0.0
-        # What they push the parcel to, and did when they were found to slip [m/s2].
+        # Their push on the parcel, and that at which they were found to slip [m/s2].
         self._pushed: Floats = np.zeros(3)
         self._most_m_s2 = 0.0
         # Whether they do, or have done so, and whether the parcel catches up with them.
@@ -51,7 +51,7 @@ class Sliding:
 
     @property
     def variance_m2_s(self) -> float:
-        """What that makes a place unsure by in a second [m2/s].
+        """Variance of the place that the slip adds in a second [m2/s].
 
         It is no correction: a parcel that is lighter than believed looks the same.
         """
@@ -76,7 +76,7 @@ class Sliding:
         if self._slipped and (slow or caught_up or rolls):
             self.begin_again()
         if self._catching_up:
-            # What they lose now is none of a slip the other way.
+            # Speed that they lose now is no slip the other way.
             return
         same_way = float(before @ missing) >= 0.0
         unexplained_m_s2 = (missing_m_s2 if same_way else -missing_m_s2) - rolling_m_s2

@@ -9,7 +9,7 @@ from mdms_model.arrays import Floats
 #: Wheels this far from the fit are taken to slip.
 _SLIPPING_M_S = 0.003
 _ROUNDS = 5
-#: Keeps a fit solvable, and at zero, along what no wheel shows (a row shows neither y nor yaw).
+#: Keeps a fit solvable, and at zero, where no wheel shows a motion (a row: neither y nor yaw).
 _RIDGE = 1e-10
 #: The nine sums of a round are of products of two of the columns (u, v, w, speed).
 _LEFT = [0, 0, 0, 1, 1, 2, 3, 3, 3]

@@ -1,1 +1,1 @@
-"""What presence sensors show, and what each has been worth."""
+"""Bits of the presence sensors, and the worth of each sensor."""

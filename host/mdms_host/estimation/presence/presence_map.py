@@ -1,4 +1,4 @@
-"""What all presence sensors show: covered or free, how old that is, and what it has been worth."""
+"""State of all presence sensors: covered or free, how old that is, and the worth of each."""
 
 from collections.abc import Collection, Iterator, Sequence
 from math import inf
@@ -8,9 +8,9 @@ import numpy as np
 from mdms_host.estimation.presence.sensor_worth import SensorWorth
 from mdms_model.arrays import Bools, Floats
 
-#: What a cell shows is valid for so many of the periods in which it repeats it.
+#: The bits of a cell are valid for so many of the periods in which it repeats them.
 _PERIODS = 3.0
-#: A report that comes so long after it was due follows one that has got lost [s].
+#: A report that comes so long after it was due follows a lost one [s].
 _LATE_S = 0.02
 #: A sensor is judged from this far inside or outside all parcels on [m].
 _DEEP_M = 0.02
@@ -23,9 +23,9 @@ _AGREEING = 0.8
 class PresenceMap:
     """The presence sensors of so many cells, all in a row, shape (S,).
 
-    `covered` is what they show, `changed_s` (S,) when each of them changed last, and `late_s` (S,)
-    when a change was last learned after a report had got lost.
-    Cells repeat what they show every `status_period_s`, and report changes `debounce_s` late.
+    `covered` is the state of each, `changed_s` (S,) its last change, and `late_s` (S,) the last
+    time a change was learned after a lost report. Cells repeat their bits every `status_period_s`,
+    and report changes `debounce_s` late.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class PresenceMap:
         return self._current(now_s) & self._worth.believed
 
     def silent_s(self, now_s: float) -> Floats:
-        """How long ago the cell of each sensor saw what it has reported last [s], shape (S,)."""
+        """Age of the last reported state of each sensor [s], shape (S,)."""
         seen_s = self._reported_s - np.array(self._debounce_s)
         return np.repeat(now_s - seen_s, self._sensors)
 
@@ -96,10 +96,10 @@ class PresenceMap:
         return np.repeat(lately, self._sensors) & self._counted
 
     def judge(self, now_s: float, distance_m: Floats, other: Bools) -> list[tuple[int, list[int]]]:
-        """Compare with where all parcels are, all found: `distance_m` (S,) from the nearest edge.
+        """Compare with the places of all parcels: `distance_m` (S,) from the nearest edge.
 
-        Of those that show something `other` than parcels, (S,), nothing is expected, and what has
-        not been reported of late is not judged.
+        All parcels must be found. Nothing is expected of sensors that show something `other` than
+        parcels, (S,), and states that have not been reported of late are not judged.
 
         Returns cells (from 1) with their sensors (from 0) that are not believed from now on.
         """
@@ -129,7 +129,7 @@ class PresenceMap:
         return self._by_cell(sensors)
 
     def believe(self, sensors: Bools) -> None:
-        """Believe these sensors (S,) again: what they contradicted was not there."""
+        """Believe these sensors (S,) again: the parcel that they contradicted was not there."""
         self._worth.believe(sensors)
 
     def _by_cell(self, sensors: list[int]) -> list[tuple[int, list[int]]]:

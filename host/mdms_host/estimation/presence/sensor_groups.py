@@ -14,10 +14,10 @@ _CELLS = (-1, 0, 1)
 
 
 class SensorGroups:
-    """Which sensors of a layout are neighbours: those within `link_m` of each other.
+    """The neighbours among the sensors of a layout: those within `link_m` of each other.
 
-    That is the least distance at which all sensors hang together, some to spare: what is at least
-    1.5 times as wide covers no two groups.
+    That is the least distance at which all sensors hang together, with some to spare. A parcel at
+    least 1.5 times as wide covers no two groups.
     """
 
     def __init__(self, layout: Layout) -> None:

@@ -1,4 +1,4 @@
-"""What each presence sensor has been worth: one that contradicts all others is not believed."""
+"""The worth of each presence sensor: a sensor that contradicts all others is not believed."""
 
 import numpy as np
 

@@ -14,9 +14,9 @@ _KEPT = 512
 
 @dataclass(frozen=True, slots=True)
 class Near:
-    """Numbers and places of N sensors and of V wheels, and what a twist makes of these wheels.
+    """Numbers and places of N sensors and of V wheels, and the speeds that a twist gives them.
 
-    `jacobian` maps a twist about the table's origin to their speeds, shape (V, 3).
+    `jacobian` maps a twist about the table's origin to the speeds of these wheels, shape (V, 3).
     """
 
     sensors: Ints

@@ -1,4 +1,4 @@
-"""Who goes with what at the least total cost: exact, for few (Jonker and Volgenant's method).
+"""Assignment at the least total cost: exact, for few (Jonker and Volgenant's method).
 
 Rows are assigned one after the other, each along the shortest augmenting path over reduced costs.
 """

@@ -22,11 +22,11 @@ _HINT_RAD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Location:
-    """Mean pose (x, y, yaw) of what the sensors allow, its covariance, and how many disagree.
+    """Mean pose (x, y, yaw) that the sensors allow, its covariance, and how many disagree.
 
-    `poses` (N, 3) are those that they allow, `grid` (3,) apart, `weights` (N,) how likely each of
-    them is. Where the size is not known, `growths` (N, 2) are how much larger the parcel is then
-    than it was taken for, on either side, along its own x and y [m].
+    `poses` (N, 3) are the allowed ones, `grid` (3,) apart, `weights` (N,) how likely each of them
+    is. If the size is not known, `growths` (N, 2) are how much larger the parcel is then than it
+    was assumed, on either side, along its own x and y [m].
     """
 
     pose: Floats

@@ -1,8 +1,8 @@
-"""Which of the parcels that are looked for covers which group of sensors.
+"""Assignment of the parcels that are looked for to groups of sensors.
 
-Every pair costs what contradicts it, and the way from where the parcel is expected; parcels go to
-groups at the least total. A search takes some milliseconds, so that each step makes one: only those
-pairs are tried that the costs so far would choose, since what has not been tried costs least.
+The cost of a pair is the number of sensors that contradict it, and the way from the expected place.
+Parcels go to groups at the least total. A search takes some milliseconds, so each step makes one.
+Only those pairs are tried that the costs so far would choose, since an untried pair costs least.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,7 +29,7 @@ _MOST_WAY = 4.0
 #: A parcel that is to come is found in the place of a doubtful one where this contradicts so many
 #: sensors more.
 _COMING = 2.0
-#: What each sensor that is explained counts for.
+#: Bonus of each sensor that is explained.
 _EXPLAINED = 0.1
 #: Not to be found at all costs more than any place.
 _ABSENT = 1000.0
@@ -69,10 +69,10 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What sensors show, (S,) each, and the groups of those that no found parcel covers.
+    """State of the sensors, (S,) each, and the groups of those that no found parcel covers.
 
-    `taken` (S,) are for sure under parcels that are found, and `disputed` (S,) around where
-    doubtful ones were shown last.
+    `taken` (S,) are for sure under parcels that are found, and `disputed` (S,) around the last
+    places of doubtful ones.
     """
 
     covered: Bools
@@ -85,8 +85,8 @@ class Scene:
 class RollCall:
     """Looks for parcels, one search a step.
 
-    `settled` is whether all that could be tried has been, with `absent` the names of those that are
-    not there; `heaps` are groups, as bytes, that more than one of those looked for must cover, and
+    `settled` is whether everything has been tried, with `absent` the names of parcels that are not
+    there. `heaps` are groups, as bytes, that more than one of the sought parcels must cover, and
     that cannot be told apart.
     """
 
@@ -106,7 +106,7 @@ class RollCall:
         return {key for key, division in self._divisions.items() if division.is_heap}
 
     def step(self, sought: Sequence[Sought], scene: Scene) -> list[Found]:
-        """Try once more; who has been found by that, once it is sure who is where."""
+        """Try once more; the parcels that are found, once their assignment is sure."""
         self._keep(scene.groups)
         parts = [part for group in scene.groups for part in self._parts(group)]
         pairs = self._assigned(sought, parts, scene.disputed)
@@ -135,10 +135,10 @@ class RollCall:
     def _assigned(
         self, sought: Sequence[Sought], groups: Sequence[Ints], disputed: Bools
     ) -> list[tuple[Sought, Ints]]:
-        """Who goes with which group by the costs so far."""
+        """The assignment of parcels to groups by the costs so far."""
         if not sought or not groups:
             return []
-        # Who was given first is looked for first.
+        # The parcel that was given first is looked for first.
         cost = np.full((len(sought), len(groups) + len(sought)), _ABSENT)
         cost -= 1e-3 * np.arange(len(sought))[:, None]
         for row, one in enumerate(sought):
@@ -154,7 +154,7 @@ class RollCall:
         ]
 
     def _cost(self, one: Sought, group: Ints) -> float:
-        """What contradicts that a parcel covers a group, at least, counted in sensors."""
+        """The least contradiction if a parcel covers a group, counted in sensors."""
         middle_m, extent_m = self._spread(group)
         # One cell may be left out.
         most_m = 2 * one.bottom.reach_m + 1.5 * self._layout.pitch_m

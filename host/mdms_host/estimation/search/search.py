@@ -1,4 +1,4 @@
-"""The search for a parcel that is not found, by its sensors, one cell of which may be all wrong.
+"""The search for a parcel that is not found, by its sensors; those of one cell may all be wrong.
 
 A search takes some milliseconds, so each step makes one: first with all sensors, then, where some
 contradict, without one cell after another.

@@ -1,1 +1,1 @@
-"""What lies on the table and is no parcel that was given."""
+"""Things on the table that are no given parcels."""

@@ -16,9 +16,8 @@ NOBODY = -1
 class Coverage:
     """All sensors (S,): the number of the parcel nearest to each, and how far its edge is [m].
 
-    What is covered is `explained` where a parcel that is found is, or may be, and `taken` where it
-    is for sure. `disputed` is what lies around one that is doubtful. `number` is that of each
-    parcel, by name.
+    A covered sensor is `explained` where a found parcel is, or may be, and `taken` where it is for
+    sure. `disputed` are sensors around a doubtful parcel. `number` is that of each parcel, by name.
     """
 
     def __init__(self, sensors: int, known: Mapping[str, Known], views: Mapping[str, View]) -> None:

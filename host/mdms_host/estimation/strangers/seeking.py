@@ -18,9 +18,9 @@ from mdms_model.arrays import Bools, Ints
 
 
 class Seeking:
-    """Finds parcels in what is covered and not explained; one search a step, since it takes long.
+    """Finds parcels over covered sensors that nothing explains; one search a step.
 
-    `settled` is whether all that could be tried has been.
+    A search takes long. `settled` is whether everything has been tried.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Seeking:
         return faulty
 
     def take_misfits(self) -> list[Change]:
-        """What was to be a parcel, and does not have its outline."""
+        """Things that were named as parcels, and do not have their outlines."""
         misfits, self._misfits = self._misfits, []
         return misfits
 
@@ -62,9 +62,10 @@ class Seeking:
         groups: tuple[Ints, ...],
         taken: Bools,
     ) -> list[str]:
-        """Search on for those that are not found, once all cells have reported; who is now.
+        """Search on for parcels that are not found; the names of those found now.
 
-        None is found over sensors (S,) that are `taken` by those that are.
+        The search begins once all cells have reported. None is found over sensors (S,) that are
+        `taken` by found parcels.
         """
         missing = [each for each in known.values() if each.standing is not Standing.FOUND]
         sought = [each.sought for each in missing if each.estimator.rests]
@@ -152,7 +153,7 @@ class Seeking:
     def _settle(
         self, now_s: float, valid: Bools, known: dict[str, Known], still: tuple[Ints, ...]
     ) -> None:
-        """What has not been found anywhere is where it was, or does not fit what it was to be."""
+        """A parcel that was found nowhere is where it was, or does not fit its given outline."""
         shown = np.zeros(len(valid), dtype=bool)
         for group in still:
             shown[group] = True
@@ -165,7 +166,7 @@ class Seeking:
                 del known[name]
 
     def _stay(self, now_s: float, valid: Bools, known: Known, shown: Bools) -> None:
-        """What is covered all over is where it was: what contradicts is something beside it."""
+        """A parcel whose sensors are all covered is where it was: a thing beside it contradicts."""
         estimator = known.estimator
         view = estimator.view(now_s)
         if view is None:

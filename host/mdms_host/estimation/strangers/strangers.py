@@ -11,9 +11,9 @@ from mdms_host.estimation.strangers.coverage import Coverage
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
-#: What covers sensors must stand still this long before parcels are searched for there [s].
+#: Covered sensors must stay the same this long before parcels are searched for there [s].
 _STILL_S = 0.05
-#: What is over sensors after a parcel has left them is taken to be that parcel for so long [s].
+#: Sensors behind a parcel that has left them are taken to show that parcel for so long [s].
 _WAKE_S = 1.0
 #: A sensor so far inside a parcel is under nothing else [m].
 _INSIDE_M = 0.02
@@ -52,7 +52,7 @@ class Strangers:
         """
         self._under_s[coverage.explained] = now_s
         explained = coverage.explained | (self._under_s >= now_s - silent_s)
-        # What a parcel has moved over since then is its own.
+        # Sensors that a parcel has moved over since then are its own.
         self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
         strange = covered & valid & (~explained | self.foreign) & (self._wake_s < now_s)
         key = strange.tobytes() + valid.tobytes()

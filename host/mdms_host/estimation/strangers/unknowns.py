@@ -1,4 +1,4 @@
-"""What lies on the table and is no parcel that was given: found by the sensors that it covers."""
+"""Things on the table that are no given parcels, by the sensors that they cover."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Something is there once so many sensors, of so many cells, have been covered for so long [s].
-#: What stands on wheels covers more than one cell; of one that is broken all sensors may be wrong.
+#: A thing on wheels covers more than one cell; all sensors of a broken cell may be wrong.
 _SENSORS = 3
 _CELLS = 2
 _STEADY_S = 0.15
@@ -85,7 +85,7 @@ class Unknowns:
         return under
 
     def beliefs(self) -> Iterator[Belief]:
-        """What is believed of it: it rests, and is somewhere in its outline."""
+        """The beliefs of unknown things: each rests, and is somewhere in its outline."""
         for one in self._all.values():
             yield Belief(
                 one.name,
@@ -99,7 +99,7 @@ class Unknowns:
             one.corrected = False
 
     def take_changes(self) -> list[Change]:
-        """What has become of it since the last call."""
+        """Changes of unknown things since the last call."""
         changes, self._changes = self._changes, []
         return changes
 
@@ -160,7 +160,7 @@ class Unknowns:
                 self._drop(name, Event.EXPLAINED, parcel)
 
     def _matched(self, now_s: float, groups: Collection[Ints], free: Bools) -> list[Ints]:
-        """Take groups for what is known to be there, as far as they share sensors; what is left."""
+        """Take groups for known things, as far as they share sensors; the groups left over."""
         left = list(groups)
         for name, one in self._all.items():
             shared = [len(np.intersect1d(one.sensors, group)) for group in left]
@@ -176,7 +176,7 @@ class Unknowns:
         return left
 
     def _age(self, now_s: float, groups: Collection[Ints]) -> None:
-        """Since when sensors have been covered by what is not taken for anything yet."""
+        """Note since when sensors have been covered by groups that nothing explains yet."""
         since_s = np.full(len(self._since_s), inf)
         for group in groups:
             since_s[group] = np.minimum(self._since_s[group], now_s)

@@ -1,1 +1,1 @@
-"""Motions that the cells steer by themselves: what they are sent, and what they report of it."""
+"""Motions that the cells steer by themselves: the frames to them, and their reports."""

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from math import inf
 
-#: Cells at a border hold a parcel, let it go by a hair, and hold it again: one that has been held
+#: Cells at a border hold a parcel, let it go by a hair, and hold it again: a parcel that was held
 #: so lately still is [s].
 _AGAIN_S = 0.5
 #: A parcel that has made more way since gets on [m].
 _WAY_M = 0.01
-#: What lasts so long is reported [s].
+#: A hold that lasts so long is reported [s].
 _REPORTED_S = 1.0
 
 
@@ -23,9 +23,9 @@ class Blocked:
         self._reported = False
 
     def step(self, held: Mapping[int, set[int]], left_m: float, now_s: float) -> bool:
-        """Take in who holds it, and what is left to go; whether to report it, once each time.
+        """Take in the cells that hold it, and the way left; whether to report it, once each time.
 
-        `held` is empty where none does.
+        `held` is empty where no cell holds it.
         """
         if held:
             self.held, self._held_s = held, now_s

@@ -16,7 +16,7 @@ from mdms_model.arrays import Floats
 _OFF_M = 0.05
 #: One alone may be wrong about its own place, and is left out by the others.
 _CELLS = 2
-#: What does not last so long comes of frames that are late [s].
+#: A disagreement that does not last so long comes of late frames [s].
 _LASTS_S = 0.1
 
 Pose = tuple[float, float, float]

@@ -12,14 +12,14 @@ ARRIVED_M, ARRIVED_RAD = 0.003, radians(1.0)
 
 
 class Followed:
-    """Compares what is seen of a parcel with what its program asks of the cells.
+    """Compares the pose of a parcel with the aim that its program gives the cells.
 
-    `left_m` is what is left to go, a corner's way included, inf before it is known; `speed_m_s` is
-    how fast the program has the parcel go from there, 0 while it is not to move; both are of the
-    `place` that it is taken to now, which may be one on the way to its `goal`. `reported` is
-    whether the cells report it at that place, `there` whether the host's own estimate does not
-    contradict either, and `arrived` whether it is at its goal; `overtaken` is set when they have
-    gone on to the next leg.
+    `left_m` is the way that is left to go, a corner's way included, inf before it is known.
+    `speed_m_s` is how fast the program has the parcel go from there, 0 while it must not move. Both
+    are of the `place` to which the parcel goes now, which may be on the way to its `goal`.
+    `reported` is whether the cells report the parcel at that place, `there` whether the host's own
+    estimate does not contradict this, and `arrived` whether it is at its goal. `overtaken` is set
+    when the cells have gone on to the next leg.
     """
 
     def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
@@ -50,9 +50,9 @@ class Followed:
             self._standstill.clear()
 
     def see(self, pose: Floats, arrived: bool, may_move: bool, step_s: float) -> bool:
-        """Take in where the parcel is believed to be; returns whether it stands against the plan.
+        """Take in the believed pose of the parcel; returns whether it stands against the plan.
 
-        `arrived` is what the cells report of the place, `may_move` whether nothing holds them.
+        `arrived` is the cells' report of the place, `may_move` whether nothing holds them.
         """
         self.miss = miss_of(self.place, *pose.tolist())
         off_m, off_rad = self.miss

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from math import inf
 
-#: What lasts so long is reported [s].
+#: A state that lasts so long is reported [s].
 REPORTED_S = 1.0
 
 

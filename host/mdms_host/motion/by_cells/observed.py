@@ -20,10 +20,10 @@ _GIVEN_ANEW = 5
 
 
 class Observed:
-    """Compares what cells report of a parcel, by its identity, with what the host believes of it.
+    """Compares the cells' reports of a parcel, by its identity, with the host's belief of it.
 
-    What a person is to know is passed to `note`. `apart` is whether the cells are to be given the
-    parcel anew, for they take it for arrived and the host does not.
+    Reports to a person are passed to `note`. `apart` is whether the cells must get the parcel anew:
+    for them it has arrived, for the host it has not.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Observed:
         self.begin_again()
 
     def begin_again(self) -> None:
-        """It was at rest meanwhile: what has lasted so far counts no more."""
+        """It was at rest meanwhile: the times of lasting states begin anew."""
         self._blocked = Blocked()
         self._apart, self._apart_for_long = Lasting(_APART_S), Lasting()
         self._given_anew, self._told = 0, False

@@ -1,4 +1,4 @@
-"""The pages of a motion program, as cells get them: what a parcel is, where it is, and goes."""
+"""The pages of a motion program, as cells get them: the parcel, its place and its goal."""
 
 from math import pi
 

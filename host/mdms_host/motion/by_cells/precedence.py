@@ -39,11 +39,11 @@ class Precedences:
         self._orders = wanted
         for cell in changed:
             self._numbers[cell] = (self._numbers.get(cell, 0) + 1) % wire.NUMBERS
-        # What has changed goes first.
+        # Changed orders go first.
         self._queue = [*changed, *(cell for cell in self._queue if cell not in changed)]
 
     def pages(self, identities: Mapping[str, int], now_s: float) -> Iterator[Page]:
-        """What to send now, once a cycle: a page, if it is time. Parcels have these identities."""
+        """The page to send now, if it is time; once a cycle. Parcels have these identities."""
         if not self._queue or now_s < self._due_s:
             return
         self._due_s = now_s + _PAGE_S

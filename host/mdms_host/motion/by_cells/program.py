@@ -34,13 +34,13 @@ _NEAR_M = 0.01
 class CellsProgram:
     """The goals of parcels for cells that steer; identities count from 1 in the parcels' order.
 
-    A parcel without a goal gets an identity too, so that its cells keep others away. One that does
-    not get on although nothing holds it rests, and gets its program anew; after some tries it is
-    stopped for good: its identity is dropped. On a way that is the caller's, trying again is up to
-    the caller. Where all identities are taken, a parcel gets that of one that is on the table no
-    more. `goes_on` is whether the cells bring it to its goal without the host, `planned` whether
-    the caller plans ways around each other; else the cells also keep others from where a parcel may
-    lie that stands.
+    A parcel without a goal gets an identity too, so that its cells keep others away. A parcel that
+    does not get on although nothing holds it rests, and gets its program anew. After some tries it
+    is stopped for good: its identity is dropped. If the way is the caller's, new tries are up to
+    the caller. If all identities are taken, a parcel gets that of a parcel that has left the table.
+    `goes_on` is whether the cells bring a parcel to its goal without the host. `planned` is whether
+    the caller plans ways around each other. Without it, the cells also keep others away from all
+    places where a standing parcel may lie.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class CellsProgram:
 
     @property
     def controllers(self) -> Mapping[str, Followed]:
-        """What follows each parcel that has a goal, by the parcel's name."""
+        """The follower of each parcel that has a goal, by the parcel's name."""
         return self._followed
 
     @property
@@ -104,7 +104,7 @@ class CellsProgram:
 
     @property
     def near(self) -> Collection[str]:
-        """See `Program`: parcels of which the host leads their cells place by place."""
+        """See `Program`: parcels whose cells the host leads place by place."""
         return [
             name
             for name, stages in self._stages.items()
@@ -117,10 +117,11 @@ class CellsProgram:
         return False
 
     def set_goal(self, name: str, goal: Goal) -> None:
-        """Have a parcel steered to this goal from now on, stopped or not. KeyError for no parcel.
+        """Have a parcel steered to this goal from now on, stopped or not.
 
-        Its cells get a program of the next sequence number, which takes the place of the old one;
-        but not before they have that, for they tell apart no more than three.
+        Its cells get a program of the next sequence number, which takes the place of the old one.
+        They get it only once they have the old one, for they tell no more than three apart. Raises
+        KeyError for a parcel that is not the program's.
         """
         sending = self._sendings[name]
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
@@ -129,10 +130,10 @@ class CellsProgram:
         sending.want(None)
 
     def lead(self, name: str, goal: Goal, legs: Sequence[Goal] = ()) -> Followed:
-        """The same, on a way that is the caller's; returns what follows the parcel to this goal.
+        """The same, on a way that is the caller's; returns the follower of the parcel to this goal.
 
-        Where they are to go on without the host, the cells also get the first of the `legs` that
-        follow, and go along them while the host is gone; each leg needs another call until then.
+        If the cells are to go on without the host, they also get the first of the `legs` that
+        follow. They go along these while the host is gone; each leg needs another call until then.
         """
         self._stages.pop(name, None)
         self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
@@ -142,9 +143,10 @@ class CellsProgram:
         return self._followed[name]
 
     def set_orders(self, orders: Mapping[int, tuple[Turn, ...]]) -> None:
-        """Have parcels come over cells (from 1) in these orders, should the host be gone by then.
+        """Have parcels come over cells (from 1) in these orders while the host is gone.
 
-        Any order of before is over; where none is given, whoever comes first goes first.
+        Any earlier order is over. At a cell without an order the parcel that comes first goes
+        first.
         """
         self._precedences.set(orders)
 
@@ -169,7 +171,7 @@ class CellsProgram:
             self._sendings[name].end()
 
     def take_notices(self) -> list[str]:
-        """What has happened to parcels since the last call."""
+        """Notices about parcels since the last call."""
         notices = [*self._notices]
         self._notices.clear()
         return notices
@@ -179,8 +181,8 @@ class CellsProgram:
         self._reports.take(cell, estimate, now_s)
 
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
-        """The pages to send now, given what is believed; once a cycle."""
-        # A doubtful place is neither sent nor compared with what cells report.
+        """The pages to send now, given the beliefs; once a cycle."""
+        # A doubtful place is neither sent nor compared with reports of cells.
         sure = {name: each for name, each in beliefs.items() if not each.doubtful}
         self._poses = {name: each.pose for name, each in beliefs.items() if name in self._bottoms}
         self._take_in(beliefs)
@@ -263,7 +265,7 @@ class CellsProgram:
         return None
 
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:
-        """Note what is on the table; what had to give its identity away gets another."""
+        """Note the parcels on the table; a parcel that lost its identity gets a new one."""
         present = beliefs.keys() & self._parcels.keys()
         for name in sorted(present - self._sendings.keys()):
             self._give_identity(self._parcels[name])
@@ -342,7 +344,7 @@ def _stopped_text(name: str) -> str:
 
 
 def _felt(name: str, beliefs: Mapping[str, Belief]) -> Belief:
-    """What is believed of a parcel, without the wish to move it where that has no room."""
+    """The belief of a parcel, without the wish to move it where that has no room."""
     poses = {other: each.pose for other, each in beliefs.items()}
     outlines = {other: each.outline for other, each in beliefs.items()}
     belief = beliefs[name]

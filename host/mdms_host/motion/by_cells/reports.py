@@ -1,4 +1,4 @@
-"""What the cells report of the parcels that they steer: who has which, how it is, what it lacks."""
+"""The cells' reports of the parcels that they steer: identity, state, and missing programs."""
 
 from collections.abc import Iterator
 from math import pi
@@ -12,7 +12,7 @@ from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Estimate
 
-#: A cell at a parcel reports at every SYNC; what it reported so long ago [s] counts for nothing.
+#: A cell at a parcel reports at every SYNC; a report counts for nothing after so long [s].
 FRESH_S = 0.05
 #: A parcel lies on a cell when one of its sensors is so deep under it by the host's estimate [m].
 _DEEP_M = 0.01
@@ -39,7 +39,7 @@ class Reports:
         self._last[cell] = now_s, estimate
 
     def age(self, now_s: float) -> None:
-        """Drop what is too old."""
+        """Drop reports that are too old."""
         self._last = {
             cell: (time_s, estimate)
             for cell, (time_s, estimate) in self._last.items()
@@ -47,7 +47,7 @@ class Reports:
         }
 
     def drop(self, identity: int) -> None:
-        """What was reported of this identity counts no more: it was taken from the cells since."""
+        """Drop the reports of this identity: it was taken from the cells since."""
         self._last = {
             cell: (time_s, estimate)
             for cell, (time_s, estimate) in self._last.items()

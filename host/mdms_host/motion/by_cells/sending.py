@@ -1,4 +1,4 @@
-"""What the cells of one parcel are sent: its program, until they acknowledge it, or its end."""
+"""Frames to the cells of one parcel: its program, until they acknowledge it, or its end."""
 
 from collections.abc import Callable, Iterator
 from math import inf
@@ -33,9 +33,9 @@ ENDS = 3
 class Sending:
     """The program of one `parcel`, under the identity by which cells have the parcel.
 
-    `way` is what they get or have, None where the parcel is to stay; `done` is whether they have
-    all of it, but for single cells that go on reporting that they lack it: those get it repeated.
-    What a person is to know is passed to `note`.
+    `way` is the way that they get or have, None where the parcel is to stay. `done` is whether they
+    have all of it, but for single cells that go on reporting that they lack it: those get it
+    repeated. Reports to a person are passed to `note`.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Sending:
     def want(self, way: Way | None) -> None:
         """Have the cells get another way, once they have the one before: they tell three apart.
 
-        None: what was wanted last is not any more.
+        None withdraws the last wanted way.
         """
         self._wanted = way
 
@@ -108,7 +108,7 @@ class Sending:
         self._ends = ENDS
 
     def hand_on(self, parcel: Parcel) -> None:
-        """Send for another parcel from now on; cells lose what they have of the one before."""
+        """Send for another parcel from now on; cells lose their data of the one before."""
         self.parcel = parcel
         self.end()
         self.begin_again()
@@ -126,7 +126,7 @@ class Sending:
         return True
 
     def pages(self, pose: Floats | None, now_s: float) -> Iterator[Page]:
-        """What to send now; once a cycle. Without a pose [table frame] no program is sent."""
+        """The pages to send now; once a cycle. Without a pose [table frame] no program is sent."""
         self._change_way(now_s)
         if self._ends:
             yield self._last_page()
@@ -172,7 +172,7 @@ class Sending:
         if way is not None:
             yield way.page(self.identity, sequence)
 
-    # What has come of it
+    # Acknowledgements
 
     def _check_acknowledged(self, pose: Floats, now_s: float) -> None:
         """Send no more when all cells of the parcel have its program; again when none has it."""

@@ -1,8 +1,8 @@
-"""Where cells are to take a parcel that has a goal: around what it might tip on, and turned there.
+"""The next places of a parcel that has a goal: around places where it might tip, and turned there.
 
-Cells go straight at one place, and report a parcel at its goal by what they believe. So the host
-gives them the corners of a safe way one after another, and where the place at the goal is not sure
-enough, has them move the parcel until an edge has shown it, as `motion.goal` does.
+Cells go straight at one place, and report a parcel at its goal by their own belief. So the host
+gives them the corners of a safe way one after another. If the place at the goal is not sure enough,
+it has them move the parcel until an edge has shown it, as `motion.goal` does.
 """
 
 from collections.abc import Callable
@@ -26,9 +26,9 @@ _MOVES = 3
 class Stages:
     """The places that a parcel is still to be taken to; `places` is empty while they are sought.
 
-    The goal is the last of them; `felt` is whether it is moved there now to be felt. A belief that
-    says by which move it would be surer (`feel`) does so only where there is room for that;
-    `has_room` is whether a way may lead around, given the pose to go to.
+    The goal is the last of them; `felt` is whether it is moved there now to be felt. A belief has
+    the move that would make it surer (`feel`) only where there is room for that. `has_room` is
+    whether a way may lead around, given the pose to go to.
     """
 
     def __init__(

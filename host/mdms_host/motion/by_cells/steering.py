@@ -17,7 +17,7 @@ class ByCells(AnyProgram, Protocol):
         ...
 
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
-        """The pages to send now, given what is believed; once a cycle."""
+        """The pages to send now, given the beliefs; once a cycle."""
         ...
 
     def begin_again(self) -> None:

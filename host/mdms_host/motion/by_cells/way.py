@@ -10,10 +10,10 @@ from mdms_protocol.neighbours.messages import Page
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A goal, and where the legs that follow it end, in this order.
+    """A goal, and the ends of the legs that follow it, in this order.
 
-    `joins` is whether it is the rest of the way that the cells have already, so that they keep what
-    they have of it; else nothing of that counts any more.
+    `joins` is whether it is the rest of the way that the cells have already. Then they keep their
+    pages of it; otherwise these count no more.
     """
 
     places: tuple[Goal, ...]
@@ -42,7 +42,7 @@ class Way:
         return replace(self, joins=joins)
 
     def rest(self) -> "Way":
-        """What is left once the goal is reached; there have to be legs."""
+        """The way once the goal is reached; there have to be legs."""
         return Way(self.places[1:], joins=True)
 
     def page(self, identity: int, sequence: int, leg: int = 0) -> Page:
@@ -52,5 +52,5 @@ class Way:
 
 
 def _numbers(goal: Goal) -> Page:
-    """What cells get of a place."""
+    """The numbers that cells get of a place."""
     return goal_page(1, 1, goal)

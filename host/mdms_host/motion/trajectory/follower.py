@@ -1,13 +1,13 @@
-"""Takes a parcel along its path: a reference that friction lets it follow, and what is fed back.
+"""Takes a parcel along its path: a reference that friction lets it follow, and feedback to it.
 
-How late the parcel is harms nobody: the reference moves within a movement authority, not by the
-clock, and a parcel that has been held or pushed along its path takes the reference along.
+A late parcel harms nobody. The reference moves within a movement authority, not by the clock, and a
+parcel that has been held or pushed along its path takes the reference along.
 
-The parcel follows by the wheels' own law. A wheel that is to run at u* and to push with f* gets
-r = (b u* + f* + m u*')/a, and pushes with f* + b (u* - u): what the speed is off is fed back
-by the cell, a thousand times a second, and with it what the pose is off, for that is added to u*.
-The push is bounded with the speed u that is expected: f* + b (u* - u) stays within what friction
-gives at that wheel, so that however far off the parcel is no wheel is asked to slip.
+The parcel follows by the wheels' own law. A wheel that is to run at u* and to push with f* gets r =
+(b u* + f* + m u*')/a, and pushes with f* + b (u* - u). So the cell feeds the error of the speed
+back, a thousand times a second. The error of the pose is fed back with it, because it is added to
+u*. The push is bounded with the expected speed u: f* + b (u* - u) stays within friction at that
+wheel. So no wheel is asked to slip, however far off the parcel is.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from mdms_host.motion.trajectory.speed_profile import SpeedProfile
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats, Ints
 
-#: What the pose is off becomes a speed towards the path [1/s], so much at most [m/s].
+#: The error of the pose becomes a speed towards the path [1/s], so much at most [m/s].
 STIFFNESS_PER_S = 8.0
 _FED_BACK_M_S = 0.05
-#: What the speed is off is to vanish at this rate at least [1/s], if need be with so much more
+#: The error of the speed is to vanish at this rate at least [1/s], if need be with so much more
 #: feedback than by the wheels' own law.
 _HURRY_PER_S = 25.0
 _MOST_HURRY = 6.0
@@ -37,20 +37,20 @@ _REJOIN_M = 0.012
 _SEARCH_M = 0.3
 #: A parcel that is farther beside its path has left it [m].
 _OFF_PATH_M = 0.02
-#: Poses that records and pictures have of what is ahead.
+#: Number of poses of the way ahead in records and pictures.
 _SHOWN = 13
-#: A belief that differs by more from what its twist leads to has been set right by a sensor [m].
+#: A belief farther from where its twist leads has been corrected by a sensor [m].
 _SET_RIGHT_M = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """What the wheels under one parcel are to do in the next step [table frame; SI].
+    """Motion of the wheels under one parcel in the next step [table frame; SI].
 
-    `reference` (3,) is how the parcel is to move along its path, `twist` the same with what is fed
-    back, and `expected` how it is expected to move, all in the middle of the step; `acceleration`
-    is that of the reference. `wheels` (n,) carry the parcel, and at the expected twist are to push
-    with `force_n` (n,). `gain` is what they have gained before.
+    `reference` (3,) is how the parcel is to move along its path, `twist` the same with feedback,
+    and `expected` how it is expected to move, all in the middle of the step. `acceleration` is that
+    of the reference. `wheels` (n,) carry the parcel, and at the expected twist are to push with
+    `force_n` (n,). `gain` is their gain before.
     """
 
     pose: Floats
@@ -67,9 +67,9 @@ class Follower:
     """Follows one profile with one parcel; `step` once a cycle.
 
     `paused` brings it to rest on its path, for as long as it is set. `off_path` is whether the
-    parcel has left its path by so much that it is brought to rest, for somebody to plan anew.
-    `grip` is what is made of slip, and may be that which an earlier follower of the parcel had;
-    `gain` is what the wheels gained in the step before the last call, where that is known.
+    parcel has left its path by so much that it is brought to rest, for the caller to plan anew.
+    `grip` is the estimate of slip, and may be that of an earlier follower of the parcel. `gain` is
+    the gain of the wheels in the step before the last call, if it is known.
     """
 
     def __init__(self, traction: Traction, profile: SpeedProfile, grip: Grip | None = None) -> None:
@@ -84,7 +84,7 @@ class Follower:
         self._pose: Floats | None = None
         self._twist: Floats | None = None
         self._rate: Floats = np.zeros(3)
-        # What was given for the step that has just ended, and for the one that goes on.
+        # The plan of the step that has just ended, and of the one that goes on.
         self._ended: Given | None = None
         self._going: Given | None = None
 
@@ -140,7 +140,7 @@ class Follower:
         return poses, times_s - times_s[0]
 
     def step(self, belief: Belief, step_s: float, authority_s_m: float = inf) -> Carried:
-        """What the wheels do in the step that begins at the belief's time.
+        """Motion of the wheels in the step that begins at the belief's time.
 
         The parcel stops before the path coordinate of the authority, as far as it still can.
         """
@@ -155,10 +155,10 @@ class Follower:
         return self._carry(belief, before_s_m, before_m_s, step_s)
 
     def _check_grip(self, belief: Belief, step_s: float) -> None:
-        """Compare what the wheels have gained in the step that has just ended with their pushes.
+        """Compare the gain of the wheels in the step that has just ended with their pushes.
 
-        Not where the belief has just been set right: another place makes another twist of the same
-        speeds of wheels.
+        Not where the belief has just been corrected: at another place the same speeds of wheels
+        make another twist.
         """
         ended, before, last, twist = self._ended, self._twist, self._pose, belief.twist
         self._twist, self._pose = twist, belief.pose

@@ -1,8 +1,9 @@
-"""How much of the friction that is believed there seems to be: less where wheels slip.
+"""The share of the believed friction that seems to be there: less where wheels slip.
 
-What a wheel pushes with follows from its reference and its speed (eq 9), whether it slips or not.
-Wheels that roll gain what they push the parcel to. Wheels that all slip gain more than that: the
-parcel lags behind. One that is much lighter than believed looks the same, and is pushed less then.
+The push of a wheel follows from its reference and its speed (eq 9), whether it slips or not. Wheels
+that roll gain as much as they push the parcel to. Wheels that all slip gain more than that: the
+parcel lags behind. A parcel that is much lighter than believed looks the same, and is pushed less
+then.
 """
 
 from dataclasses import dataclass
@@ -13,14 +14,14 @@ from mdms_model.arrays import Floats
 #: Cells report the speed of a wheel so late [s].
 _LATE_S = 0.002
 #: Means are over so long [s]; slip is judged after so many cycles of pushing with at least this
-#: share of what is planned, and with as much at least [m/s2]: motors that differ make for a tenth.
+#: share of the plan, and with as much at least [m/s2]: motors that differ make for a tenth.
 _MEAN_S = 0.04
 _CYCLES = 6
 _PUSHING_SHARE = 0.4
 _PUSHING_M_S2 = 0.3
 _MISSING_SHARE = 0.22
 _MOST_MISSING = 0.6
-#: Wheels that slip are to push with so much of what they still did, but never less than the least.
+#: Wheels that slip are to push with so much of their last push, but never less than the least.
 _BACKED_OFF = 0.75
 _LEAST_SHARE = 0.15
 #: The share comes back by so much in a second.
@@ -29,13 +30,13 @@ _RESTORED_PER_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """What the wheels (n,) under a parcel were to do over a step.
+    """The plan for the wheels (n,) under a parcel over a step.
 
     Their `rows` (n, 3) map a twist to speeds, and at the twist `expected` (3,) they push with
-    `force_n` (n,), less by b (n,) times what they are faster. `along` (3,) is the direction of the
-    path, `inertia_kg` what is to be sped up along it, and `drag_n` the most that wheels which do
-    not push drag with against it: less where they turn easily. Their rims, of `rim_mass_kg` each,
-    take part of the push where they gain more than `planned_m_s2`.
+    `force_n` (n,). They push less by b (n,) times their surplus speed. `along` (3,) is the
+    direction of the path, and `inertia_kg` the mass to speed up along it. `drag_n` is the most that
+    wheels which do not push drag with against it: less where they turn easily. Their rims, of
+    `rim_mass_kg` each, take part of the push where they gain more than `planned_m_s2`.
     """
 
     rows: Floats
@@ -49,9 +50,10 @@ class Given:
     planned_m_s2: float = 0.0
 
     def acceleration_m_s2(self, twist: Floats, gained_m_s2: float) -> float:
-        """What the wheels have sped the parcel up by along its path, at this mean twist.
+        """Acceleration of the parcel along its path by the wheels, at this mean twist.
 
-        Drag may account for what it has `gained_m_s2` less than it was pushed to, as far as it can.
+        If it has `gained_m_s2` less than it was pushed to, drag may account for that, as far as it
+        can.
         """
         force_n = self.force_n + self.b_n_s_per_m * (self.rows @ (self.expected - twist))
         pushed_m_s2 = float((self.rows @ self.along) @ force_n) / self.inertia_kg
@@ -59,7 +61,7 @@ class Given:
         return pushed_m_s2 - dragged_m_s2
 
     def taken_m_s2(self, gained_m_s2: float) -> float:
-        """What of that does not get to the parcel where the wheels gain so much.
+        """The part of that acceleration which does not reach the parcel at such a gain.
 
         Speeds are reported late, and the wheels' own rims have to be sped up.
         """
@@ -71,7 +73,7 @@ class Given:
 
 
 class Grip:
-    """`share` is what is left of the pushes that were planned with: 1 until wheels slip.
+    """`share` is the usable part of the planned pushes: 1 until wheels slip.
 
     `slips` counts how often it has been reduced.
     """
@@ -83,15 +85,15 @@ class Grip:
         self._gained = self._pushed = 0.0
 
     def begin_again(self) -> None:
-        """What has been taken in of late counts for nothing."""
+        """Forget the gains and pushes of late."""
         self._cycles, self._gained, self._pushed = 0, 0.0, 0.0
 
     def step(
         self, gained_m_s2: float, pushed_m_s2: float, planned_m_s2: float, step_s: float
     ) -> None:
-        """Take in what the wheels gained in a step, and what they pushed the parcel to.
+        """Take in the gain of the wheels in a step, and the gain that their pushes explain.
 
-        `planned_m_s2` is what they can be asked for at most, the share left out.
+        `planned_m_s2` is the most that they can be asked for, without the share.
         """
         self.share = min(1.0, self.share + _RESTORED_PER_S * step_s)
         if gained_m_s2 * self._gained < 0.0:

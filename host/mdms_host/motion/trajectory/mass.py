@@ -8,7 +8,7 @@ from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_model.arrays import Floats
 from mdms_model.outline import area_and_moment, polygon_outline
 
-#: What is taken for the mass of a parcel of which none is known [kg].
+#: Assumed mass of a parcel of unknown mass [kg].
 UNKNOWN_KG = 1.0
 
 

@@ -1,4 +1,4 @@
-"""What each wheel carries of a parcel (eq 1 in the plane), for many poses at once.
+"""Normal force of each wheel under a parcel (eq 1 in the plane), for many poses at once.
 
 The same as `mdms_model.statics.supports.press`, which is for one pose and compiled.
 """

@@ -13,7 +13,7 @@ from mdms_model.arrays import Floats
 _STRAIGHT = 1e-6
 #: Poses nearer to each other than this are one [m].
 _SAME_M = 1e-9
-#: Who has a pose to go to turns the shorter way: that is the way of a path for as much of a turn.
+#: A parcel turns the shorter way to a pose: that is the way of a path up to such a turn.
 _CLEAR_RAD = 0.9 * pi
 
 
@@ -64,9 +64,9 @@ class Path:
 
     @property
     def legs_m(self) -> tuple[float, ...]:
-        """Path coordinates of poses to go to one by one: the corners, and halfway of a half turn.
+        """Path coordinates of single poses to go to: the corners, and the middle of a half turn.
 
-        So much of a turn might as well be taken the other way round.
+        A half turn to its end might as well be taken the other way round.
         """
         ends_m: list[float] = []
         for piece in self.pieces:

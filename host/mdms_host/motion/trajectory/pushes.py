@@ -1,8 +1,8 @@
-"""How the wheels under a parcel share a push: each in proportion to what it carries.
+"""How the wheels under a parcel share a push: each in proportion to its normal force.
 
 Wheel i carries N_i and pushes along j_i = (d_x, d_y, lever about the centre of mass). The wrench W
-is given by f_i = N_i (j_i . lambda) with lambda = (sum N_i j_i j_i^T)^-1 W, so that of all wheels
-that push the same way none slips before the others.
+is given by f_i = N_i (j_i . lambda) with lambda = (sum N_i j_i j_i^T)^-1 W. So of all wheels that
+push the same way none slips before the others.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from mdms_host.motion.trajectory.mass import Mass, centre_at
 from mdms_host.motion.trajectory.normal_forces import Spots, normal_forces_n
 from mdms_model.arrays import Bools, Floats, Ints
 
-#: Keeps the shares solvable along what no wheel pushes (a row pushes neither along y nor round).
+#: Keeps the shares solvable where no wheel pushes (a row: neither along y nor round).
 _RIDGE = 1e-9
 #: Poses are worked on by so many, with the wheels near to them.
 _AT_ONCE = 40
@@ -24,12 +24,12 @@ _AT_ONCE = 40
 
 @dataclass(frozen=True, slots=True)
 class Pushes:
-    """Shares of wheels (n,) at poses (K, 3): what they carry, and how they push.
+    """Shares of wheels (n,) at poses (K, 3): their normal forces, and how they push.
 
-    `wheels` are their numbers, `rows` (K, n, 3) their j_i [1, 1, m] and `normal_n` (K, n) what they
-    carry, of which `pushing_n` is carried by wheels that push. `per_wrench` (K, n, 3) maps a wrench
-    (Fx, Fy, Mz about the centre of mass) [N, N, N m] to f_i / N_i of these, and `arm_m` (K, 2) is
-    from the parcel's origin to its centre of mass [m; table frame].
+    `wheels` are their numbers, `rows` (K, n, 3) their j_i [1, 1, m] and `normal_n` (K, n) their
+    normal forces, of which `pushing_n` is carried by wheels that push. `per_wrench` (K, n, 3) maps
+    a wrench (Fx, Fy, Mz about the centre of mass) [N, N, N m] to f_i / N_i of these. `arm_m` (K, 2)
+    is from the parcel's origin to its centre of mass [m; table frame].
     """
 
     poses: Floats
@@ -42,7 +42,7 @@ class Pushes:
     mass: Mass
 
     def wrench(self, acceleration: Floats) -> Floats:
-        """What speeds the origin up so (3,) or (K, 3) [m/s2, rad/s2] at each pose, (K, 3).
+        """Wrench that accelerates the origin by (3,) or (K, 3) [m/s2, rad/s2] at each pose, (K, 3).
 
         The term of the square of the yaw rate is that of `turning_wrench`.
         """
@@ -67,7 +67,7 @@ class Pushes:
         )
 
     def inertia_kg(self, sample: int, along: Floats) -> float:
-        """What is to be sped up along a path at one of the poses, by metre of path."""
+        """Generalised mass along a path at one of the poses, by metre of path."""
         force_x, force_y, moment = self.wrench_at(sample, along).tolist()
         mass = self.mass
         inertia_kg = (force_x**2 + force_y**2) / mass.mass_kg + moment**2 / mass.inertia_kg_m2
@@ -84,7 +84,7 @@ class Pushes:
         return friction * float(passive_n @ per_m)
 
     def turning_wrench(self) -> Floats:
-        """What keeps the centre of mass on its circle, per square of the yaw rate, (K, 3)."""
+        """Wrench that keeps the centre of mass on its circle, per square of yaw rate, (K, 3)."""
         return np.column_stack((-self.mass.mass_kg * self.arm_m, np.zeros(len(self.arm_m))))
 
     def shares(self, wrench: Floats) -> Floats:
@@ -93,7 +93,7 @@ class Pushes:
         return np.where(self.pushing_n > 0.0, shares, 0.0)
 
     def dragging_wrench(self, direction: Floats, friction: float) -> Floats:
-        """What overcomes the friction of wheels that carry and do not push, (K, 3)."""
+        """Wrench that overcomes the friction of wheels that carry and do not push, (K, 3)."""
         x, y, turn = direction.tolist()
         arm_x, arm_y = self.arm_m.T
         moving = np.column_stack((x - turn * arm_y, y + turn * arm_x, np.full(len(arm_x), turn)))

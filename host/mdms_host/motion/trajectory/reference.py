@@ -1,6 +1,6 @@
-"""Where a parcel is to be on its path, and how fast it is to go: the reference (s, s').
+"""The reference (s, s'): the wanted place of a parcel on its path, and its speed.
 
-It starts where the parcel stands, speeds up as the profile's bounds allow, and can at any time stop
+It starts at the parcel's place, speeds up as the profile's bounds allow, and can at any time stop
 before the movement authority, the path coordinate up to which the way is free.
 """
 
@@ -10,7 +10,7 @@ from mdms_host.motion.trajectory.speed_profile import SpeedProfile
 
 #: It is where it is to stop within this [m].
 _THERE_M = 2e-5
-#: Rounds in which the speed after a step is found: to a thousandth of what a step changes.
+#: Rounds in which the speed after a step is found: to a thousandth of the change in a step.
 _ROUNDS = 12
 
 

@@ -1,9 +1,10 @@
-"""How fast a parcel may go along its path: as fast as friction and motors let it start and stop.
+"""Greatest speed of a parcel along its path, from which friction and motors can still stop it.
 
-Along a straight piece the path's acceleration s'' is bounded by what the wheels can push, whatever
-the speed (up to the cap). So with E(s) the integral of that bound, a parcel at rest at s0 has at
-most s'^2 = 2 (E(s) - E(s0)) later, and one that stops at s1 has at most s'^2 = 2 (E(s1) - E(s))
-before: the two passes of time-optimal path parameterisation (Bobrow; Shin and McKay; TOPP-RA).
+Along a straight piece the path's acceleration s'' is bounded by the push of the wheels, whatever
+the speed (up to the cap). Let E(s) be the integral of that bound. A parcel at rest at s0 has at
+most s'^2 = 2 (E(s) - E(s0)) later. A parcel that stops at s1 has at most s'^2 = 2 (E(s1) - E(s))
+before. These are the two passes of time-optimal path parameterisation (Bobrow; Shin and McKay;
+TOPP-RA).
 """
 
 from bisect import bisect_right

@@ -1,4 +1,4 @@
-"""What friction and motors let the wheels do with a parcel, along a path and in general.
+"""Limits of friction and motors on the motion of a parcel, along a path and in general.
 
 From a route to moving wheels, for a program that drives many parcels:
 
@@ -10,8 +10,8 @@ From a route to moving wheels, for a program that drives many parcels:
     carried = follower.step(belief, step_s, authority_s_m)    # once a cycle
     references_m_s = carrying.references_m_s({name: carried}, outlines, places)   # all parcels
 
-Planners ask `traction.agility(outline, mass)` once for each kind of parcel how fast it may be sped
-up wherever it is, for moves that they only think of.
+Planners call `traction.agility(outline, mass)` once for each kind of parcel. It returns how fast
+the parcel may be sped up at any place, for moves that are only considered.
 """
 
 from collections.abc import Collection, Iterator
@@ -40,7 +40,7 @@ _STEP_M = 0.005
 _TURNING_SHARE = 0.3
 #: At most this share is kept for wheels that only drag: slow, they drag with less than friction.
 _DRAGGED_SHARE = 0.5
-#: Fastest wheel, as a share of what the motor could at no load.
+#: Fastest wheel, as a share of the motor's speed at no load.
 _FASTEST_SHARE = 0.8
 #: Acceleration that is planned with where no wheel can do anything [m/s2]; too little to matter.
 _LEAST_M_S2 = 0.02
@@ -93,14 +93,14 @@ class Traction:
     def lose(self, cells: Collection[int]) -> None:
         """The wheels of these cells (from 1) do not push, and drag; those of all others push.
 
-        `changes` counts such changes: what was worked out before the last is out of date.
+        `changes` counts such changes: results from before the last change are out of date.
         """
         self._passive = np.isin(self.layout.wheel_cells, [*cells])
         self.changes += 1
 
     @property
     def push_share(self) -> float:
-        """What a wheel may push with, feedback included, over what it carries."""
+        """Largest push of a wheel, feedback included, over its normal force."""
         return FEEDBACK_SHARE * self.friction
 
     def pushes(self, outline: Bottom, mass: Mass, poses: Floats) -> Pushes:

@@ -9,7 +9,7 @@ from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.scenario.scenario import Cell
 
-#: So much of the supply is planned with; the rest is for feedback, and for supplies that sag.
+#: This share of the supply is planned with; the rest is for feedback, and for supplies that sag.
 _SUPPLY_SHARE = 0.85
 
 
@@ -32,7 +32,8 @@ class WheelDrives:
     def references_m_s(self, speed_m_s: Floats, rate_m_s2: Floats, push_n: Floats) -> Floats:
         """References at which wheels of these speeds push so and speed up so, all (W,).
 
-        A wheel without gain follows no reference: 0. Held within what the wire carries.
+        A wheel without gain follows no reference: 0. References are held within the range of the
+        wire.
         """
         force_n = self.b_n_s_per_m * speed_m_s + self.rim_mass_kg * rate_m_s2 + push_n
         driven = self.a_n_s_per_m > 0.0
@@ -43,7 +44,7 @@ class WheelDrives:
         return np.clip(references_m_s, -limit_m_s, limit_m_s)
 
     def motor_limit_n(self, speed_m_s: Floats) -> Floats:
-        """What motor, bridge and wire let a wheel of a given speed give either way [N]."""
+        """Largest force of motor, bridge and wire at a given wheel speed, either way [N]."""
         motor_n = np.minimum(self.stall_n - self.slope_n_s_per_m * speed_m_s, self.most_n)
         if self.reference_limit_m_s < inf:
             wire_n = self.a_n_s_per_m.max() * self.reference_limit_m_s

@@ -32,7 +32,7 @@ _TILES = 1
 #: and 4 mm around it.
 _CLEARANCE_M = 0.01
 _GAP_S = 0.2
-#: So often it is looked at who is yet to come over each cell [s].
+#: The orders of parcels over each cell are made anew so often [s].
 _ORDERS_S = 0.1
 #: Cells are given a whole way of so many legs, even while the first is gone along in parts.
 _LEGS = wire.LEGS_MAX
@@ -76,7 +76,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
     def begin_again(self) -> None:
         """The cells' programs have ended; without the host they may have been on any leg by then.
 
-        What was on its way is planned anew from where it lies.
+        Parcels on their way are planned anew from where they lie.
         """
         for name in [name for name, ride in self._rides.items() if not ride.has_come]:
             self._end_ride(name)
@@ -89,7 +89,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
     def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of all wheels (W,): 0, for the host commands none."""
         for name in self._rides.keys() - beliefs.keys():
-            # What is not found is not steered, and planned anew where it is found.
+            # A parcel that is not found is not steered, and planned anew where it is found.
             self._end_ride(name)
         self._advance(beliefs, step_s)
         for _, ride, belief, limit_m in self._under_way(beliefs):

@@ -66,7 +66,7 @@ class TableTraffic(OrderedTraffic[Ride]):
 
     @property
     def gains(self) -> Mapping[str, Gain]:
-        """What the wheels under parcels gained in the step before these, and pushed them to."""
+        """Gains of the wheels under parcels in the step before these, and their pushes."""
         return self._carrying.gains
 
     def _set_out(self, order: Order, route: Route) -> Ride:

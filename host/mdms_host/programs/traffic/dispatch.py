@@ -44,9 +44,9 @@ class KeptFree:
 
 @dataclass(frozen=True, slots=True)
 class NoWay:
-    """Why a parcel has no way; `may_pass` is whether what is in the way may go away.
+    """Why a parcel has no way; `may_pass` is whether the obstacle may go away.
 
-    `by_unknown` is whether something unknown is.
+    `by_unknown` is whether the obstacle is an unknown thing.
     """
 
     text: str
@@ -55,7 +55,7 @@ class NoWay:
 
 
 class Dispatch:
-    """Between orders and the planner: `blocked` is who has no way by the last plan, and why.
+    """Between orders and planner: `blocked` are parcels without a way by the last plan, and why.
 
     Ways lead around lost cells, or `over_lost` ones if more parcels have a way then.
     """
@@ -82,13 +82,13 @@ class Dispatch:
         self._closed: Bools = np.zeros(planner.tiles.count, dtype=bool)
         #: Tiles that were closed after the plan that is being made was asked for.
         self._closed_since: Bools = self._closed.copy()
-        #: Who was asked for in that plan, by order.
+        #: The parcels of that plan, with their orders.
         self._asked: dict[str, Order] = {}
         if desk.real_time:
             self._prepare()
 
     def _prepare(self) -> None:
-        """Have the planner work out once what it needs for every kind of parcel."""
+        """Have the planner prepare its data for every kind of parcel."""
         for shape in dict.fromkeys(map(shape_of, self._loads.values())):
             for yaw_rad in (_LITTLE_RAD, -_LITTLE_RAD):
                 start, goal = np.array([0.0, 0.0, yaw_rad]), np.array([_LITTLE_M, 0.0, yaw_rad])
@@ -132,7 +132,7 @@ class Dispatch:
         unknown = [name for name in self._where.places if name not in self._loads]
         by = {blocker.parcel for blocker in blocked.by}
         if blocked.closed and unknown and not self._closed.any():
-            # Places that something unknown may reach to are closed to one that it may touch.
+            # Places that an unknown thing may reach are closed to parcels that it may touch.
             text = f"{blocked.way}: blocked by {' and '.join(unknown)}, which may reach to it"
             return NoWay(text, may_pass=True, by_unknown=True)
         return NoWay(str(blocked), blocked.may_pass, by_unknown=not by.isdisjoint(unknown))
@@ -151,7 +151,7 @@ class Dispatch:
         under = self._where.under()
         near = self._too_near(under)
         tasks = [*self._tasks(riding_m.keys() | near), *self._kept_free(under.values())]
-        # Those that stopped on their ways are left time for what they had yet to go of these.
+        # Parcels that stopped on their ways are left time for the rest of these.
         stopped_m = self._timetable.stopped_m(
             {task.parcel: task.start for task in tasks if task.parcel in wanting}
         )
@@ -197,9 +197,10 @@ class Dispatch:
         return plan
 
     def _too_near(self, under: Mapping[str, Ints]) -> set[str]:
-        """What is unknown and may reach to where a parcel is, which is to get away from there.
+        """Unknown things that may reach to a parcel's place, which the parcel must leave.
 
-        Its outline contains it, and more: that a parcel stands there shows that it does not.
+        The outline of such a thing contains it, and more: a parcel that stands there shows that the
+        thing does not reach so far.
         """
         mine = [tiles for name, tiles in under.items() if name in self._loads]
         taken = np.concatenate(mine) if mine else np.zeros(0, dtype=np.intp)
@@ -218,7 +219,7 @@ class Dispatch:
                 yield Task(name, shape, pose[None, :], goal, leaves, _LEAVES_S)
 
     def _kept_free(self, under: Collection[Ints]) -> Iterator[Task]:
-        """Places that are kept free for what comes, of those that nothing is on."""
+        """Places that are kept free for coming parcels, of those that are empty."""
         for free in self._kept_free_places:
             kept = self._planner.stand(free.shape, free.pose)
             if not any(np.isin(kept, tiles).any() for tiles in under):

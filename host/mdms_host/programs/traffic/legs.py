@@ -28,17 +28,17 @@ _STILL_M_S = 0.004
 _STILL_S = 0.25
 
 #: Has the cells take a parcel to a goal, and, should the host be gone by then, along the legs that
-#: follow; returns what follows it to the goal.
+#: follow; returns the follower to the goal.
 Send = Callable[[Goal, Sequence[Goal]], Followed]
 
 
 class Legs:
     """Takes a parcel along a route for an order; see `riding.Riding`. `step` once a cycle.
 
-    A leg is straight, and ends at a corner, amid a half turn, or where the way is not free yet:
-    cells drive straight at what was sent last, with `acceleration_m_s2`. Where it `goes_on` without
-    the host, the legs that follow are sent for that time, unless it is to stop or something is in
-    its way.
+    A leg is straight, and ends at a corner, amid a half turn, or where the way is not free yet.
+    Cells drive straight at the place that was sent last, with `acceleration_m_s2`. If it `goes_on`
+    without the host, the legs that follow are sent for that time. They are not sent if the parcel
+    is to stop or something is in its way.
     """
 
     def __init__(

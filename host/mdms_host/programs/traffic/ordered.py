@@ -100,13 +100,13 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._rides: dict[str, Ride] = {}
         self._again_s = 0.0
         self._moved_s = 0.0
-        #: Who has been said to wait, and who has not got on.
+        #: Parcels that were reported to wait, and those that have not got on.
         self._waiting: set[str] = set()
         self._stood: dict[str, _Stood] = {}
         self._left: list[str] = []
-        #: Who has set out to leave, on a way that may have been broken off.
+        #: Parcels that have set out to leave, on a way that may have been broken off.
         self._gone_out: set[str] = set()
-        #: Who has left, and is believed to be there a moment longer.
+        #: Parcels that have left, and are believed to be there a moment longer.
         self._lingering: set[str] = set()
         self._leaving: list[tuple[str, Gate]] = []
         self._notices: list[str] = []
@@ -144,7 +144,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others: ways lead around them, if any do.
 
-        What is on its way to one that is lost now comes to rest, and goes on by another way.
+        A parcel on its way to one that is lost now comes to rest, and goes on by another way.
         """
         lost = self._dispatch.close(cells)
         for ride in self._rides.values():
@@ -171,7 +171,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         return leaving
 
     def take_notices(self) -> list[str]:
-        """What a person should learn, since the last call."""
+        """Notices for a person, since the last call."""
         notices, self._notices = self._notices, []
         return notices
 
@@ -213,7 +213,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
     # The cycle -----------------------------------------------------------------------------------
 
     def _advance(self, beliefs: Mapping[str, Belief], step_s: float) -> None:
-        """Take in what is believed, end what is over, begin what is ready, and ask for more."""
+        """Take in the beliefs, end finished rides, begin ready ones, and ask for more."""
         self._now_s += step_s
         self._where.see(beliefs, self._now_s)
         for name in self._lingering - beliefs.keys():
@@ -240,12 +240,12 @@ class OrderedTraffic(ABC, Generic[Ride]):
                 order.done = True
                 if self._orders.get(name) is order:
                     del self._orders[name]
-                # Who has been ordered elsewhere since is not there yet.
+                # A parcel that has been ordered elsewhere since is not there yet.
                 if name not in self._orders and name in self.steered:
                     self.steered[name].arrived = True
             elif name in self.steered:
                 self.steered[name].arrived = False
-            # Whoever has to find another way begins it at rest.
+            # A parcel that needs another way begins it at rest.
             away = belief is None or ride.off_path or ride.obstructed
             if (ride.stopping or away) and ride.at_rest and name in self._rides:
                 self._end_ride(name)

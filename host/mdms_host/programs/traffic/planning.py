@@ -81,7 +81,7 @@ class ThreadDesk:
         self._future, self._cycles = self._executor.submit(work), 0
 
     def take(self) -> Plan | None:
-        """See `Desk`; raises what the planner has raised."""
+        """See `Desk`; raises the planner's error."""
         if self._future is None:
             return None
         self._cycles += 1

@@ -25,15 +25,15 @@ _SAME_M = 1e-9
 _ONWARD_M = 0.4
 #: Less than this share of the usual acceleration is for want of wheels at the edge.
 _WEAK_SHARE = 0.5
-#: One that is believed so far beyond the last support has left, and one that is believed nowhere
-#: any more from so far before it on [m].
+#: A parcel that is believed so far beyond the last support has left. A parcel that is believed
+#: nowhere any more has left from so far before it on [m].
 _OUT_M = 0.02
 _NEARLY_OUT_M = -0.08
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What is known of a parcel beforehand."""
+    """The known properties of a parcel."""
 
     bottom: Bottom
     mass: Mass
@@ -96,7 +96,7 @@ class Ride:
         return self.controller is not None and self.controller.arrived
 
     def has_left(self, belief: Belief | None, last: Floats) -> bool:
-        """Whether it has left, given what is believed now, and where it was believed last."""
+        """Whether it has left, given its present belief, and its last believed pose."""
         gate = self.order.goal
         if not isinstance(gate, Gate):
             return False
@@ -104,7 +104,7 @@ class Ride:
         return out_m > (_NEARLY_OUT_M if belief is None else _OUT_M)
 
     def step(self, belief: Belief, step_s: float, limit_m: float, room: bool) -> Carried | None:
-        """What its wheels are to do, with the way free up to `limit_m`; None: they stand.
+        """Motion of its wheels, with the way free up to `limit_m`; None: they stand.
 
         `room` is whether it may move to be felt.
         """
@@ -133,7 +133,7 @@ class Ride:
         return carried
 
     def _look(self, belief: Belief) -> None:
-        """Find how far the parcel is from where it is to be; others wait for what has not come."""
+        """Find how far the parcel is from its reference; others wait for it until it has come."""
         path = self.follower.path
         off_m = path.distance_m(path.off(belief.pose, self.follower.s_m))
         self._behind_m = 0.0 if self.arrived else off_m
@@ -154,8 +154,8 @@ def _no_room(_: Floats) -> bool:
 def _driven_on(profile: SpeedProfile) -> SpeedProfile:
     """The profile of a way that ends at the table's edge, as if it went on beyond.
 
-    The parcel is taken before it lacks wheels, and what is planned there only keeps it going. At
-    the edge itself it rests on wheels that may all push across its way: it coasts.
+    The parcel is taken before it lacks wheels, and the plan beyond only keeps it going. At the edge
+    itself it rests on wheels that may all push across its way: it coasts.
     """
     path = profile.path
     if not path.pieces:

@@ -1,4 +1,4 @@
-"""What is asked of a parcel's ride, whoever drives it, and what rides have before them."""
+"""The interface of a parcel's ride, whichever side drives it, and the ways and times of rides."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -50,7 +50,7 @@ class Riding(Protocol):
         ...
 
     def has_left(self, belief: Belief | None, last: Floats) -> bool:
-        """Whether it has left, given what is believed now, and where it was believed last."""
+        """Whether it has left, given its present belief, and its last believed pose."""
         ...
 
 

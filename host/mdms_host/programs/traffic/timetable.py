@@ -6,7 +6,7 @@ from math import hypot
 from mdms_host.routes.planner import Plan
 from mdms_model.arrays import Floats
 
-#: What stands farther from where the plan has it is in the way of others [m].
+#: A parcel that stands farther from its planned place is in the way of others [m].
 _ASTRAY_M = 0.03
 
 
@@ -19,11 +19,11 @@ class Timetable:
     def __init__(self) -> None:
         self.plan: Plan | None = None
         self.progress_m: dict[str, float] = {}
-        #: Who has left since the plan was asked for, and since the next one was: another parcel may
-        #: have come under the same name.
+        #: Parcels that left since the plan was asked for, and since the next one was: another
+        #: parcel may have come under the same name.
         self._gone: set[str] = set()
         self._gone_since: set[str] = set()
-        #: Who waits for one that stays where it is, by who rides and who stays.
+        #: Parcels that wait for one that stays, by the parcels that ride and that stay.
         self._held: frozenset[str] = frozenset()
         self._held_by: tuple[frozenset[str], frozenset[str]] | None = None
 
@@ -63,7 +63,7 @@ class Timetable:
     def held(
         self, there: Iterable[str], riding: Collection[str], going: Collection[str]
     ) -> frozenset[str]:
-        """Who waits for one that stays: that neither rides nor is yet to be `going`."""
+        """Parcels that wait for one that stays: that neither rides nor is yet to be `going`."""
         if self.plan is None:
             return frozenset()
         come_m = self._come_m(there)

@@ -1,4 +1,4 @@
-"""Where parcels are, or were last, and what lies where nobody planned for it."""
+"""Present or last places of parcels, and things that lie where the plan has none."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -32,10 +32,10 @@ class Obstacle:
 
 
 class Whereabouts:
-    """All that is believed to lie on the table; parcels whose loads are known, and anything else.
+    """All things that are believed to lie on the table: parcels of known loads, and others.
 
-    `places` are poses by name. Of a parcel that is not believed anywhere that is where it was last;
-    what is unknown lies only where it is seen. `stand` is which tiles a shape takes at a pose.
+    `places` are poses by name. A parcel that is not believed anywhere has its last pose; an unknown
+    thing lies only where it is seen. `stand` returns the tiles that a shape takes at a pose.
     """
 
     def __init__(self, loads: Mapping[str, Load], stand: Stand) -> None:
@@ -48,7 +48,7 @@ class Whereabouts:
         self._obstacles: dict[str, Obstacle] = {}
 
     def see(self, beliefs: Mapping[str, Belief], now_s: float) -> None:
-        """Take in what is believed now."""
+        """Take in the present beliefs."""
         self._beliefs = beliefs
         self.places = {
             name: place for name, place in self.places.items() if name in self._loads
@@ -77,7 +77,7 @@ class Whereabouts:
     def shape(self, name: str) -> Shape | None:
         """The shape of a parcel, or of something unknown as far as it may reach, if it is seen."""
         if name in self._loads:
-            # Another parcel may come under the name of one that has left.
+            # Another parcel may come under the name of a parcel that has left.
             load = self._loads[name]
             if name not in self._shapes or self._shapes[name][0] is not load:
                 self._shapes[name] = load, shape_of(load)
@@ -96,7 +96,7 @@ class Whereabouts:
         return has_room(name, move, self.places, self.outlines)
 
     def find_obstacles(self, is_planned: Callable[[str, Floats], bool]) -> None:
-        """Find what lies where the plan has nothing."""
+        """Find things that lie where the plan has none."""
         kept, self._obstacles = self._obstacles, {}
         for name, place in self.places.items():
             if is_planned(name, place):

@@ -12,7 +12,7 @@ from mdms_model.compiled import compiled
 
 
 class Guide(NamedTuple):
-    """What of a graph is open past tiles that are blocked for all time, and where to it leads."""
+    """The parts of a graph that are open past tiles that are blocked for all time, with costs."""
 
     runs: Ints
     """How many steps each node may be left by along each line, (lines, nodes)."""
@@ -29,7 +29,7 @@ def cost_to_go(graph: Graph, runs: Ints, barred: Bools, goal: int) -> Floats:
     cost_s, done = np.full(nodes, np.inf), np.zeros(nodes, dtype=np.bool_)
     cost_s[goal] = 0.0
     heap = [(0.0, goal)]
-    # Of large tuples every call costs more than what it does, so all is done within one.
+    # A call with large tuples costs more than its work, so all is done within one.
     joins, moves, aligned = graph.joins, graph.moves, graph.aligned
     lattice, places = graph.bases.size, graph.places
     while len(heap) > 0:

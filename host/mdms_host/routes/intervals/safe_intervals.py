@@ -8,7 +8,8 @@ from mdms_host.routes.space.moves import Met
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 
-#: What is free only up to an instant is left this much before, and entered this much after it [s].
+#: A tile that is free only up to an instant is left this much before, and one that is free from an
+#: instant on is entered this much after it [s].
 INSTANT_S = 1e-9
 _ROOM = 8
 
@@ -25,7 +26,7 @@ class Taken(NamedTuple):
 
 
 class TakenTiles:
-    """Who takes which tile when; `taken` has room for more as it fills."""
+    """The owners and times of each tile; `taken` has room for more as it fills."""
 
     def __init__(self, tiles: int) -> None:
         self.taken = _with_room(tiles, _ROOM)

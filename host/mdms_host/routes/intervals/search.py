@@ -1,9 +1,10 @@
 """Safe-interval path planning: an early way of one parcel among those that have theirs.
 
 After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bodies that cover many
-tiles: a state is a node and the safe interval in which the parcel stands there, reached as soon as
-it can be; from it every move begins as soon as it can in each safe interval of its end. When that
-is, is looked at only when the move's turn comes, by what it took if nobody were in its way.
+tiles. A state is a node and the safe interval in which the parcel stands there, reached as soon as
+it can be. From it every move begins as soon as it can in each safe interval of its end. That time
+is worked out only when the move's turn comes. The turn is by its cost without other parcels in its
+way.
 """
 
 from heapq import heappop, heappush
@@ -60,12 +61,12 @@ def search(
     moves, and the way may take longer.
     """
     weight, most = effort
-    # Of large tuples every call costs more than what it does, so moves are tried within.
+    # A call with large tuples costs more than its work, so moves are tried within.
     joins, moves, bases = graph.joins, graph.moves, graph.bases
     head = np.full(joins.first.size - 1, -1, np.int64)
     states, count, tried, last = new_states(), 0, 0, -1
-    # What is due, by when the goal would be come to: a state, or a move of it, from 0 on, which
-    # begins no sooner than the last number.
+    # Due entries, by the arrival at the goal: a state, or a move of it, from 0 on, which begins no
+    # sooner than the last number.
     heap = [(0.0, 0.0, 0, _STATE, errand.ready_s)]
     until_s = node_free_until(graph, taken, errand.start, errand.ready_s)
     if until_s > -np.inf and guide.cost_s[errand.start] < np.inf:
@@ -117,7 +118,7 @@ def search(
 
 @compiled
 def offer_joins(joins: Joins, guide: Guide, here: int, heap: list[Due], terms: Terms) -> None:
-    """Put what is open of a node's joins where their turn comes."""
+    """Queue the open joins of a node by their turns."""
     state, begin_s, weight, least_s = terms
     for join in joins.onward[joins.first[here] : joins.first[here + 1]]:
         left_s = guide.cost_s[joins.end[join]]
@@ -128,9 +129,9 @@ def offer_joins(joins: Joins, guide: Guide, here: int, heap: list[Due], terms: T
 
 @compiled
 def offer_moves(graph: Graph, guide: Guide, here: int, heap: list[Due], terms: Terms) -> None:
-    """Put what is open of a lattice node's moves where their turn comes."""
+    """Queue the open moves of a lattice node by their turns."""
     state, begin_s, weight, least_s = terms
-    # Of large tuples every call costs more than what it does, so all is done within one.
+    # A call with large tuples costs more than its work, so all is done within one.
     far, line, steps = graph.moves.far, graph.moves.line, graph.moves.steps
     duration_s, runs, cost_s = graph.moves.duration_s, guide.runs, guide.cost_s
     often, aligned = graph.moves.often, graph.aligned

@@ -1,4 +1,4 @@
-"""Some way of a parcel alone past places that others take for all time, whatever it takes."""
+"""A way of a parcel alone past places that others take for all time, of any cost."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -107,7 +107,7 @@ def steps_of(graph: Graph, open_lines: Bools, under: Ints) -> Steps:
 
 @compiled
 def stands_met(graph: Graph, under: Ints) -> Ints:
-    """What a parcel is on at each node of the lattice; off the table nothing."""
+    """The places under a parcel at each node of the lattice; none off the table."""
     bases, tiles = graph.bases, graph.stand_tile
     stands = np.zeros((bases.size, under.shape[1]), np.int64)
     for yaw in range(bases.size // graph.places):
@@ -124,7 +124,7 @@ def stands_met(graph: Graph, under: Ints) -> Ints:
 
 @compiled
 def way_past(steps: Steps, taken: Ints, ends: tuple[int, int]) -> tuple[bool, Ints]:
-    """What `Alone.past` gives, for words of bits."""
+    """The result of `Alone.past`, for words of bits."""
     start, goal = ends
     # By which step each node was come to, and from which node; -1: it was not.
     by, came = np.full(steps.first.size - 1, -1), np.full(steps.first.size - 1, -1)
@@ -150,7 +150,7 @@ def way_past(steps: Steps, taken: Ints, ends: tuple[int, int]) -> tuple[bool, In
 
 @compiled
 def bar(steps: Steps, came: Ints, taken: Ints) -> Ints:
-    """Of what is taken some that bars every step from where one has come to anywhere else."""
+    """Some of the taken places that bar every step from the reached nodes to any other."""
     some = np.zeros_like(taken)
     some[0] = _CLOSED
     for node in range(came.size):
@@ -165,7 +165,7 @@ def bar(steps: Steps, came: Ints, taken: Ints) -> Ints:
 
 @compiled
 def first_met(met: Ints, step: int, taken: Ints) -> int:
-    """The first word in which a step meets what is taken; -1: there is none."""
+    """The first word in which a step meets a taken place; -1: there is none."""
     for word in range(taken.size):
         if met[step, word] & taken[word]:
             return word

@@ -44,9 +44,10 @@ class Joins(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """What compiled searches take of a roadmap; nodes from `bases.size` on are not of the lattice.
+    """Arrays of a roadmap for compiled searches.
 
-    `aligned` nodes are in a row or column of a node that the goal is joined to.
+    Nodes from `bases.size` on are not of the lattice. `aligned` nodes are in a row or column of a
+    node that the goal is joined to.
     """
 
     moves: Moves
@@ -61,7 +62,7 @@ class Graph(NamedTuple):
 
 @dataclass
 class Roadmap:
-    """The lattice's nodes, then start, goal and what lies between them, as poses and joins."""
+    """The lattice's nodes, then start, goal and the nodes between, as poses and joins."""
 
     ways: LatticeMoves
     standing: Standing
@@ -104,7 +105,7 @@ class Roadmap:
     def is_safe(self, moves: Ints) -> bool:
         """Whether the parcel is safe from tipping on the joins among the moves of a way.
 
-        Those on which it is not are left out from now on: what is safe is looked at only so.
+        Unsafe joins are left out from now on: safety is checked only here.
         """
         joins = [move for move in moves.tolist() if move < len(self.pairs)]
         tips = [join for join in joins if not self._safe(*self.pairs[join])]
@@ -153,9 +154,9 @@ class Roadmap:
         return poses[starts], poses[ends]
 
     def _safe(self, start: int, end: int) -> bool:
-        """Whether the parcel is no nearer to tipping on the way between two nodes than it may be.
+        """Whether the parcel is no nearer to tipping on the way between two nodes than allowed.
 
-        One that is nearer at its start may go on from there.
+        A parcel that is nearer at its start may go on from there.
         """
         if self.leaves and end == self.goal_node:
             return True

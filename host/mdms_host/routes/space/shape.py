@@ -56,7 +56,7 @@ class Shape:
         """Yaws of the lattice between a start and a goal that is at most half a turn away.
 
         They are multiples of a right angle, the nearest to both and all between, and at least both
-        ways to lie; of a disc it is the start's alone.
+        ways to lie. A disc has the yaw of the start alone.
         """
         if self.round:
             return [start_rad]

@@ -14,8 +14,8 @@ from mdms_model.arrays import Floats
 from mdms_model.outline import polygon_outline
 from mdms_model.statics.support_margin import Contacts, contacts, margins_m
 
-#: How far a corner moves from one pose that is checked to the next, at most [m]: what supports it
-#: by `INSET_M` at the one still does halfway to the next.
+#: How far a corner moves from one pose that is checked to the next, at most [m]: a wheel
+#: that supports it by `INSET_M` at the one still does halfway to the next.
 _STEP_M = 2 * INSET_M
 #: A parcel that is nearer to tipping, or farther over the edge, at its start may go on so [m].
 SLACK_M = 0.002

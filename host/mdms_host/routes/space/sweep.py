@@ -59,7 +59,7 @@ class Sweeps(NamedTuple):
 
 @compiled
 def sweeps(body: Body, starts: Floats, ends: Floats, grown_m: float, grid: Grid) -> Sweeps:
-    """What `swept` gives for each of several ways (M, 3), by numbers along x first.
+    """The result of `swept` for each of several ways (M, 3), by numbers along x first.
 
     Tiles beyond the grid are left out.
     """
@@ -207,7 +207,7 @@ def half_planes(body: Body, yaw_rad: float, grown_m: float, side_m: float, plane
 def overhangs_m(
     body: Body, starts: Floats, ends: Floats, half_x_m: float, half_y_m: float
 ) -> Floats:
-    """What `overhang_m` gives for each of several ways (M, 3), shape (M,)."""
+    """The result of `overhang_m` for each of several ways (M, 3), shape (M,)."""
     overhangs = np.empty(len(starts))
     for way in range(len(starts)):
         overhangs[way] = overhang_m(body, starts[way], ends[way], half_x_m, half_y_m)

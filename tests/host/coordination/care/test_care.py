@@ -264,7 +264,7 @@ def test_somebody_who_switches_all_off_is_obeyed_in_a_pause_too() -> None:
     run.coordinator.on_frame(nmt.command(nmt.ENTER_PRE_OPERATIONAL), run.link.now_s())
     run.link.restart(1)
     run.until(lambda: run.coordinator.stopped)
-    assert "somebody else has switched cells off" in run.coordinator.fault
+    assert "another program has switched cells off" in run.coordinator.fault
     assert run.moving() == [False] * 3
 
 
