@@ -13,8 +13,8 @@ class NoRoom:
 
     def __init__(self, objects, number):
         for index in (indices.PROGRAM_DATA, indices.UPDATE):
-            objects.sinks[index << 8 | 1] = _refuse
-        objects.tie(indices.PROGRAM_CONTROL, 1, None, _refuse)
+            objects.tie(index, 1, sink=_refuse)
+        objects.tie(indices.PROGRAM_CONTROL, 1, write=_refuse)
         objects.tie(indices.FLASH_STATUS, 1, _status)
         objects.put(indices.UPDATE, 3, number)
 

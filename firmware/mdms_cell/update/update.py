@@ -57,8 +57,8 @@ class Update:
 
     def _tie(self, objects):
         slots, board = self._slots, self._board
-        objects.sinks[indices.PROGRAM_DATA << 8 | 1] = self._open
-        objects.sinks[indices.UPDATE << 8 | 1] = self._open_key
+        objects.tie(indices.PROGRAM_DATA, 1, sink=self._open)
+        objects.tie(indices.UPDATE, 1, sink=self._open_key)
         objects.tie(indices.PROGRAM_CONTROL, 1, _running, self._control)
         objects.tie(indices.PROGRAM_IDENTIFICATION, 1, self._identify)
         objects.tie(indices.FLASH_STATUS, 1, self._status)
