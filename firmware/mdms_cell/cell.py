@@ -20,17 +20,15 @@ from mdms_cell.canopen.heartbeat import Consumer, Heartbeat
 from mdms_cell.canopen.lss import Lss
 from mdms_cell.canopen.nmt import EVERYTHING, Nmt
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.pdo.pdos import Pdos
+from mdms_cell.canopen.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.canopen.sync import Beat
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
-from mdms_cell.identification import Identification
 from mdms_cell.neighbour_layer import Layer
 from mdms_cell.presence import Presence
-from mdms_cell.update.no_room import NoRoom
 from mdms_protocol import indices, record, signature
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.compat import const, micropython
@@ -129,7 +127,7 @@ class Cell:
         )
         self._beat = Beat()
         blink = getattr(self._board, "blink", _no_leds)
-        self._identification = Identification(objects, blink, self._attend)
+        self._identification = _Identification(objects, blink, self._attend)
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._update = self._updating()
         self._tie_cell()
@@ -137,7 +135,7 @@ class Cell:
     def _updating(self):
         """What takes firmware over the bus, on a board that has a place for it."""
         if getattr(self._board, "slots", None) is None:
-            return NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
+            return _NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
         from mdms_cell.update.update import Update  # most boards do without
 
         return Update(self._objects, self._board, self._axes.driving, self._sound, self._attend)
@@ -156,11 +154,10 @@ class Cell:
             objects.tie(indices.MEMORY, sub, self._at_rest(getattr(self._board, name, _unknown)))
         objects.tie(indices.SYNC_COB_ID, 0, self._read_sync_cob_id)
         objects.tie(indices.CYCLE_PERIOD, 0, self._read_cycle_period)
-        for index in _WATCHED:
-            objects.watch(index, self._on_setting)
+        objects.watch(self._on_setting, *_WATCHED)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
-        objects.watch(indices.SYNC_COB_ID, self._on_sync_cob_id)
-        objects.watch(indices.LEASE, self._on_lease)
+        objects.watch(self._on_sync_cob_id, indices.SYNC_COB_ID)
+        objects.watch(self._on_lease, indices.LEASE)
 
     def _read_received(self):
         return self.received
@@ -472,6 +469,64 @@ class Cell:
         if not sent:
             self.not_sent += 1
         return sent
+
+
+class _Identification:
+    """Ties 0x3007: the LEDs blink for that time [ms], so that a person finds the board.
+
+    It ends by itself, however long ago the host has gone. `blink(on)` is the board's.
+    """
+
+    def __init__(self, objects, blink, attend):
+        self._blink = blink
+        self._attend = attend
+        self._until_ms = None
+        objects.tie(indices.IDENTIFY, 0, self.left_ms, self.start)
+
+    def left_ms(self):
+        """How much longer it goes on, 0 while it does not."""
+        until_ms = self._until_ms
+        return 0 if until_ms is None else max(ticks.diff(until_ms, self._attend()), 0)
+
+    def start(self, time_ms):
+        """Blink for so long from now on; 0 ends it."""
+        self._until_ms = ticks.after(self._attend(), time_ms) if time_ms else None
+        self._blink(time_ms != 0)
+
+    def poll(self, now_ms):
+        """End it when its time is over; return in how many milliseconds that is."""
+        if self._until_ms is None:
+            return ticks.IDLE_MS
+        wait_ms = ticks.diff(self._until_ms, now_ms)
+        if wait_ms <= 0:
+            self.start(0)
+            return ticks.IDLE_MS
+        return wait_ms
+
+
+class _NoRoom:
+    """Answers for `mdms_cell.update.update.Update` on boards without room for a second firmware."""
+
+    busy = False
+
+    def __init__(self, objects, number):
+        for index in (indices.PROGRAM_DATA, indices.UPDATE):
+            objects.tie(index, 1, sink=_refuse_firmware)
+        objects.tie(indices.PROGRAM_CONTROL, 1, write=_refuse_firmware)
+        objects.tie(indices.FLASH_STATUS, 1, _no_room_status)
+        objects.put(indices.UPDATE, 3, number)
+
+    def poll(self, _now_ms):
+        """Nothing is ever due."""
+        return ticks.IDLE_MS
+
+
+def _refuse_firmware(_value):
+    raise sdo.AbortError(sdo.CANNOT_STORE)
+
+
+def _no_room_status():
+    return codes.status(codes.NO_ROOM, False)
 
 
 def _no_leds(_on):

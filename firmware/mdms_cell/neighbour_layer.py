@@ -90,7 +90,7 @@ class Layer:
         self._period_ms = self._step_ms = 10
         self._came_ms = self._updated_ms = 0
         self._forget_beat()
-        objects.watch(indices.CONTROL, self._on_place)
+        objects.watch(self._on_place, indices.CONTROL)
 
     def start(self, node_id):
         """The cell is 'operational'; nothing of before counts."""

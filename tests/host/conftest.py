@@ -12,7 +12,7 @@ import pytest
 from tests.virtual_array import StandingArray, VirtualTime, virtual_time
 
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_cell.presence import Presence
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning

@@ -31,8 +31,8 @@ class Emcy:
         objects.tie(indices.ERROR_HISTORY, 0, write=self._clear_history)
         for sub in range(1, _HISTORY_SIZE + 1):
             objects.tie(indices.ERROR_HISTORY, sub, read=self._history_reader(sub))
-        objects.watch(indices.EMCY_COB_ID, self._on_cob_id)
-        objects.watch(indices.EMCY_INHIBIT_TIME, self._on_inhibit_time)
+        objects.watch(self._on_cob_id, indices.EMCY_COB_ID)
+        objects.watch(self._on_inhibit_time, indices.EMCY_INHIBIT_TIME)
         self.load()
 
     def load(self):

@@ -18,7 +18,7 @@ class Heartbeat:
         self._due_ms = 0
         self._owed = False
         self.now_ms = 0
-        objects.watch(indices.PRODUCER_TIME, self._configure)
+        objects.watch(self._configure, indices.PRODUCER_TIME)
 
     def start(self, now_ms):
         """Begin a period, at boot-up or when the period changed."""
@@ -69,7 +69,7 @@ class Consumer:
         self._objects = objects
         self._changed = changed
         self._attend = attend
-        objects.watch(indices.CONSUMER_TIMES, self._on_time)
+        objects.watch(self._on_time, indices.CONSUMER_TIMES)
         self.load()
 
     def load(self):

@@ -115,19 +115,20 @@ class Objects:
         self._node_id = 0
         self._hooks = {}
 
-    def tie(self, index, sub, read=None, write=None, *, sink=None, stored=None):
+    def tie(self, index, sub, read=None, write=None, sink=None):
         """Give an entry these functions of a hook; it keeps its others."""
         had = self._hook(index, sub)
-        self._hooks[index << 8 | sub] = Hook(
-            read or had.read, write or had.write, sink or had.sink, stored or had.stored
-        )
+        hook = Hook(read or had.read, write or had.write, sink or had.sink, None)
+        self._hooks[index << 8 | sub] = hook
 
-    def watch(self, index, watcher):
-        """Call `watcher(index, sub)` when an entry of the object has been written and stored.
+    def watch(self, watcher, *indices):
+        """Call `watcher(index, sub)` when an entry of these objects has been written and stored.
 
         It refuses the value by raising AbortError.
         """
-        self.tie(index, _WHOLE, stored=watcher)
+        hook = Hook(None, None, None, watcher)
+        for index in indices:
+            self._hooks[index << 8 | _WHOLE] = hook
 
     def _hook(self, index, sub):
         return self._hooks.get(index << 8 | sub, _UNTIED)

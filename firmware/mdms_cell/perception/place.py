@@ -48,11 +48,11 @@ class Place:
         self.nodes = array("B", bytes(DIRECTIONS))
         self.shifts_um = array("i", [0] * (2 * DIRECTIONS))
         on_setting = self._on_setting
-        for index in (indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS):
-            objects.watch(index, on_setting)
-        for index in (indices.DIRECTION, indices.CONTACT_X, indices.CONTACT_Y):
-            for axis in range(AXES):
-                objects.watch(index + axis * indices.AXIS_OFFSET, on_setting)
+        objects.watch(on_setting, indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS)
+        for axis in range(AXES):
+            at = axis * indices.AXIS_OFFSET
+            own = (indices.DIRECTION + at, indices.CONTACT_X + at, indices.CONTACT_Y + at)
+            objects.watch(on_setting, *own)
         self.load()
 
     @property

@@ -1,13 +1,11 @@
 """Firmware over the bus (CiA 302-3): cleared, received, started on trial, confirmed.
 
-0x1F51 takes the commands, 0x1F50 the bundle, 0x1F57 has the reason of the last refusal, 0x1F56
-which firmware runs, and 0x3030 what a host has to ask before.
+0x1F51 takes the commands, and 0x1F50 the bundle. 0x1F57 has the reason of the last refusal, and
+0x1F56 the firmware that runs. 0x3030 has what a host asks before.
 """
 
 from mdms_cell import ticks
-from mdms_cell.update import admission
-from mdms_cell.update.receipt import Receipt
-from mdms_cell.update.signature import key_id
+from mdms_cell.update.signature import key_id, same, sign
 from mdms_protocol import indices
 from mdms_protocol.codecs import sdo
 from mdms_protocol.update import bundle, codes
@@ -159,13 +157,13 @@ class Update:
         if not self._cleared:
             raise self._refusal(codes.NOT_CLEARED)
         self._cleared, self._receiving = False, True
-        return Receipt(self._slots, self._admit, self._on_received, self._refusal)
+        return _Receipt(self._slots, self._admit, self._on_received, self._refusal)
 
     def _admit(self, data):
         """The head of a bundle that begins so; raises AbortError if it is not for this cell."""
         slots = self._slots
         counter, room = slots.record.counter, (self._board.slots_room(), self._board.image_room())
-        reason = admission.refusal(data, slots.key(), self._target, counter, room)
+        reason = _refusal_of(data, slots.key(), self._target, counter, room)
         if reason:
             raise self._refusal(reason)
         return bundle.unpack(data)
@@ -234,3 +232,112 @@ class _KeySink:
 
 def _running():
     return codes.START
+
+
+class _Receipt:
+    """Takes a bundle in pieces; `admit(data)`, which returns the head, and `received(head)`
+    are the update's.
+
+    `refusal(reason)` returns an AbortError.
+    """
+
+    def __init__(self, slots, admit, received, refusal):
+        self._slots = slots
+        self._admit = admit
+        self._received = received
+        self._refusal = refusal
+        self._start = b""
+        self._slot = None
+
+    def write(self, piece):
+        """Take some bytes; raises AbortError."""
+        slot = self._slot
+        if slot is None:
+            self._start += piece
+            if len(self._start) < bundle.HEAD_SIZE:
+                return
+            slot = self._slot = self._open()
+            piece, self._start = self._start[bundle.HEAD_SIZE :], b""
+        slot.left -= len(piece)
+        if slot.left < 0:
+            raise self._refusal(codes.TOO_LARGE)
+        try:
+            slot.file.write(piece)
+        except OSError:
+            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904 - MicroPython has no `from`
+
+    def _open(self):
+        try:
+            return _Slot(self._admit(self._start), self._slots.create())
+        except OSError:
+            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904
+
+    def finish(self):
+        """All has come; raises AbortError if that is not what the head has signed."""
+        slot = self._slot
+        if slot is None:
+            known = self._start[:4] == bundle.MAGIC
+            raise self._refusal(codes.TRUNCATED if known else codes.NO_BUNDLE)
+        if slot.left:
+            raise self._refusal(codes.TRUNCATED)
+        try:
+            slot.file.close()
+            found = self._slots.digest()
+        except OSError:
+            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904
+        if found != (slot.head.size, slot.head.digest):
+            raise self._refusal(codes.DAMAGED)
+        self._received(slot.head)
+
+    def cancel(self):
+        """Throw away what has come."""
+        self._received(None)
+        if self._slot is None:
+            return
+        try:
+            self._slot.file.close()
+        except OSError:
+            return  # what flash cannot keep is not there
+        finally:
+            self._slots.remove()
+
+
+class _Slot:
+    """The spare slot while it is written: what is to be in it, and how much is missing."""
+
+    def __init__(self, head, file):
+        self.head = head
+        self.file = file
+        self.left = head.size
+
+
+def _refusal_of(data, key, target, counter, room):
+    """The reason why a bundle with these first bytes is refused, 0 if it is not.
+
+    `target` are board, bytecode and version number of this cell, `counter` is that of the last
+    bundle that was confirmed, `room` what a slot takes, and memory of its image [bytes].
+    """
+    head = bundle.unpack(data)
+    if head is None:
+        return codes.NO_BUNDLE
+    if not key:
+        return codes.NO_KEY
+    if head.key_id != key_id(key):
+        return codes.FOREIGN
+    if not same(sign(key, data[: bundle.SIGNED_SIZE]), data[bundle.SIGNED_SIZE : bundle.HEAD_SIZE]):
+        return codes.FORGED
+    return _unfit(head, *target) or _unwanted(head, target[2], counter, room)
+
+
+def _unfit(head, board, bytecode, _version):
+    if not head.boards >> board & 1:
+        return codes.OTHER_BOARD
+    return codes.OTHER_BYTECODE if head.bytecode != bytecode else 0
+
+
+def _unwanted(head, version, counter, room):
+    if head.counter <= counter:
+        return codes.REPLAYED
+    if head.version < version and not head.flags & bundle.OLDER_ALLOWED:
+        return codes.OLDER
+    return codes.TOO_LARGE if head.size > room[0] or head.image_size > room[1] else 0

@@ -4,7 +4,7 @@ from tests.host.coordination.arrays import BOTTOM, LAYOUT, still
 
 from mdms_array.host import Cells, coordinator_of
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_host.coordination.cell_setup.identification import Identification
 from mdms_host.coordination.cell_setup.steering_settings import HEARTBEAT_LIMIT_MS
 from mdms_host.coordination.coordinator import Coordinator

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_host.updating.block_download import BlockDownload
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, sdo

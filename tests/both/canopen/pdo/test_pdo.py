@@ -4,8 +4,7 @@ from refusal import code_of
 
 from mdms_cell import ticks
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.pdo.rpdo import Rpdo
-from mdms_cell.canopen.pdo.tpdo import Tpdo
+from mdms_cell.canopen.pdos import Rpdo, Tpdo
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 
