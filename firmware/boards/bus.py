@@ -1,6 +1,6 @@
 """The CAN bus of a board: frames between `machine.CAN` and the background loop, and bus-off.
 
-What differs between the ports of MicroPython stands in `stm32` and `mimxrt`.
+The ports of MicroPython differ; their parts stand in `stm32` and `mimxrt`.
 """
 
 import micropython
@@ -75,7 +75,7 @@ class Bus:
 
     @micropython.native
     def _on_can(self, can: CAN):
-        """Take what has come, and note bus-off."""
+        """Take the received frames, and note bus-off."""
         flags = self._flags()
         if not flags & CAN.IRQ_RX:
             self.rearm()

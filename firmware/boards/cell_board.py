@@ -1,7 +1,7 @@
-"""What all boards of a cell share: two wheels, the bus, sensors, LEDs, watchdog, settings.
+"""A cell's board as all boards have it: two wheels, bus, sensors, LEDs, watchdog, settings.
 
-A chip family's module has what its port of MicroPython has of its own (`stm32`, `mimxrt`), and a
-board's own module its pins.
+The module of a chip family (`stm32`, `mimxrt`) has the parts of its port of MicroPython. The module
+of a board has its pins.
 """
 
 import gc
@@ -181,7 +181,7 @@ class CellBoard:
         return max(min(SLOT_MAX, self.flash_free() - _FLASH_LEFT), 0)
 
     def image_room(self):
-        """Bytes of the largest image that firmware can run from, beside what it takes itself."""
+        """Bytes of the largest image that firmware can run from, beside the firmware itself."""
         return gc.mem_free() + gc.mem_alloc() - _HEAP_LEFT
 
     def restart(self):
@@ -202,10 +202,11 @@ class CellBoard:
 
 
 def _sampling(supply, fault, wheels):
-    """What writes supply, currents and encoder counts into the registers, those last.
+    """Return a function that writes supply, currents and encoder counts into the registers.
 
-    The ADC belongs to the tick: a conversion that another interrupts is of its channel.
-    A bridge with a fault of its own has shut off; that counts as over-current.
+    It writes the encoder counts last. The ADC belongs to the tick: an interrupted conversion would
+    be of another channel. A bridge with a fault of its own has shut off, which counts as
+    over-current.
     """
 
     @micropython.native
@@ -231,7 +232,7 @@ def _sampling(supply, fault, wheels):
 
 
 def _driving(wake, wheels):
-    """What applies the voltages; the bridges are awake while an axis is on or brakes."""
+    """Return a function that applies voltages; bridges wake while an axis is on or brakes."""
 
     @micropython.native
     def drive(

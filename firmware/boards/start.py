@@ -1,7 +1,7 @@
 """Runs a cell on its board, and never leaves the motors on.
 
-Whatever ends the loop, the motors are cut first; then the reason goes to the bus and into
-`crash.log`, and the watchdog, no longer fed, resets the board.
+The motors are cut first when the loop ends, for any reason. Then the reason goes to the bus and
+into `crash.log`. The watchdog is no longer fed and resets the board.
 """
 
 import gc

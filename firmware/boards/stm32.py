@@ -1,4 +1,4 @@
-"""What the STM32 boards share: timers of `pyb` for PWM, encoders and tick, bxCAN or FDCAN."""
+"""STM32 boards: timers of `pyb` for PWM, encoders and tick, bxCAN or FDCAN."""
 
 import time
 from collections import namedtuple
@@ -110,8 +110,9 @@ class Stm32Bus(Bus):
     def transmit(self, can_id, data):
         """Give a frame to the controller, with no interrupt in between.
 
-        MicroPython notes the mailbox only when it has begun to send. One that an interrupt lets
-        run empty before that would be taken for good, and the cell be mute sooner or later.
+        MicroPython notes the mailbox only after it has begun to send. An interrupt could empty the
+        mailbox before that. Then MicroPython would keep the mailbox for full, and the cell would be
+        mute sooner or later.
         """
         interrupts = machine.disable_irq()
         try:

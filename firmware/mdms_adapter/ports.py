@@ -19,7 +19,7 @@ def port():
 
 
 class UsbPort:
-    """A `pyb.USB_VCP`, which takes and gives what there is."""
+    """A `pyb.USB_VCP`; it reads and writes as many bytes as there are."""
 
     def __init__(self, usb):
         self._usb = usb

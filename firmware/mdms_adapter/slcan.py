@@ -105,7 +105,7 @@ class Slcan:
         return self._set_up(line)
 
     def _set_up(self, line):
-        """What opens, closes and prepares the channel."""
+        """The commands that open, close and prepare the channel."""
         if line == b"C":
             self.is_open = False
             return OK
@@ -123,7 +123,7 @@ class Slcan:
         return OK if known else ERROR
 
     def _transmit(self, line):
-        """Send a frame. Raises ValueError for what is no digit."""
+        """Send a frame. Raises ValueError for a character that is no digit."""
         if not self.is_open or self.listens_only or len(line) < 5:
             return ERROR
         can_id = int(line[1:4], 16)

@@ -141,7 +141,7 @@ class Slots:
         self._files.replace(KEY, key)
 
     def clear(self):
-        """Make the spare slot empty, and end what is said of a trial; raises OSError."""
+        """Make the spare slot empty, and end the record of a trial; raises OSError."""
         self._check()
         record = self.record
         record.trial = record.starts = record.rolled_back = 0
@@ -154,7 +154,7 @@ class Slots:
         return self._files.create(_SLOTS[self.spare - 1])
 
     def remove(self):
-        """Remove what is in the spare slot."""
+        """Remove the contents of the spare slot."""
         self._files.remove(_SLOTS[self.spare - 1])
 
     def digest(self):

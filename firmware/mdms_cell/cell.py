@@ -1,8 +1,8 @@
 """The whole firmware of a cell but the hardware: frames and ticks in, frames and voltages out.
 
-`on_frame` and `poll` belong to the background loop, `tick` to a hard timer interrupt; they meet
-only in the registers of the speed loop. One of these, ATTENTION, shows `poll` that the tick or a
-frame has left something to look after; while it is 0, there are only timers and presence sensors.
+`on_frame` and `poll` belong to the background loop, and `tick` to a hard timer interrupt. They meet
+only in the registers of the speed loop. The register ATTENTION tells `poll` that a tick or a frame
+needs more work. While it is 0, `poll` looks after timers and presence sensors only.
 """
 
 try:
@@ -133,7 +133,7 @@ class Cell:
         self._tie_cell()
 
     def _updating(self):
-        """What takes firmware over the bus, on a board that has a place for it."""
+        """Return the receiver of firmware over the bus, on a board with a place for it."""
         if getattr(self._board, "slots", None) is None:
             return _NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
         from mdms_cell.update.update import Update  # most boards do without
@@ -173,7 +173,7 @@ class Cell:
         return 0 if inbox is None else inbox.lost
 
     def _at_rest(self, read):
-        """What reads something that holds up the background for long: no wheel may be on then."""
+        """Return a reader that is slow, and so refuses while a wheel is on."""
 
         def read_at_rest():
             if self._axes.driving():
@@ -362,7 +362,7 @@ class Cell:
         return True
 
     def _on_sdo(self, data):
-        """A client may change what is due, and begins to be waited for."""
+        """Serve a client; its request may change due times, and its transfer is waited for."""
         if is_claim(data) and (self._sdo.busy or self.state == nmt.STOPPED):
             self._attend()
             self._heartbeat.answer()
@@ -429,7 +429,7 @@ class Cell:
 
     @micropython.native
     def _update_layer(self, now_ms):
-        """Look after the layer alone, and what it reports; in how many milliseconds again."""
+        """Look after the layer and its reports only; return when to do so again [ms from now]."""
         wait_ms = self._layer.poll(now_ms, self._presence.bits)
         if self._emcy.queue and self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
@@ -530,7 +530,7 @@ def _no_room_status():
 
 
 def _no_leds(_on):
-    """What a board without LEDs does."""
+    """Do nothing: the board has no LEDs."""
 
 
 def _unknown():

@@ -1,7 +1,7 @@
-"""The neighbour layer: in each beat what came is taken in, decided upon, and the wheels are led.
+"""The neighbour layer: in each beat it takes frames in, decides, and leads the wheels.
 
-At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
-of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
+At SYNC the cell sends its speeds and, if it is at a parcel, its estimate. Those of its neighbours
+have come `UPDATE_MS` later. Then `update` runs in the background. Its decision holds for a beat.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
@@ -139,9 +139,10 @@ class Layer:
         self._on_place()
 
     def goes_on(self):
-        """Whether the silence of the host ends no motion here.
+        """Return whether the silence of the host ends no motion here.
 
-        Where no parcel lies, one that goes on may come by; one that does not go on is stopped.
+        Where no parcel lies, a parcel that goes on may come by. A parcel that does not go on is
+        stopped.
         """
         tracking = self._tracking
         program = self._pages.programs.find(tracking.identity if tracking.is_over() else 0)
@@ -187,10 +188,10 @@ class Layer:
 
     @micropython.native
     def on_sync(self, now_ms, waited_ms):
-        """SYNC: send the estimate of the last update, and have the next update follow.
+        """Send the estimate of the last update at SYNC, and have the next update follow.
 
-        That was `waited_ms` ago. Where updates take so long that it has waited for the end of one,
-        it has none itself, so that every second or third is on time, and none is late by chance.
+        SYNC was `waited_ms` ago. A slow update may have held it up. Then this beat has no update,
+        so that every second or third update is on time, and none is late by chance.
         """
         if not self.active:
             return
@@ -219,10 +220,10 @@ class Layer:
         self._wake(UPDATE_MS - waited_ms)
 
     def _skip(self, next_ms):
-        """A beat passes without an update, and the next SYNC is at `next_ms`.
+        """Pass a beat without an update, with the next SYNC at `next_ms`.
 
-        What came since the last one still waits. So for right of way nothing has come, and a lease
-        that ends with this beat ends the motion now; the estimate is of where the parcel will be.
+        The frames since the last update still wait. So for right of way no frame has come. If a
+        lease ends with this beat, the motion ends now. The estimate is of the parcel's later place.
         """
         self._skipped_beats += 1
         self._rights.on_beat(self._over, self._needs, self._occupied)
@@ -298,7 +299,7 @@ class Layer:
 
     @micropython.native
     def _find_program(self, sent):
-        """Return the program of the parcel, None without one, and what is against it."""
+        """Return the program of the parcel, None without one, and the verdict against it."""
         identity, pages = self._tracking.identity, self._pages
         if self._consumer.lost:
             pages.programs.outdate(identity)
@@ -373,10 +374,10 @@ class Layer:
             precedence.keep(turn, estimates, fresh)
 
     def _look_around(self, sent):
-        """After a restart: what lies over the square, by the neighbours that are heard.
+        """Find the parcel over the square after a restart, by the neighbours that are heard.
 
-        `sent` is the mask of those whose estimates have come. The page of a parcel whose size is
-        not known is asked for.
+        `sent` is the mask of those whose estimates have come. If the size of a parcel is not known,
+        its page is asked for.
         """
         heard, rights = self._heard, self._rights
         self._pages.asked = 0
@@ -444,7 +445,7 @@ class Layer:
         return False
 
     def _choose_parcel(self):
-        """Be at the parcel that lies here, or else at the one that the right of way says."""
+        """Be at the parcel that lies here, or else at the choice of the right of way."""
         tracking, rights = self._tracking, self._rights
         identity = rights.identity
         if identity and identity != tracking.identity:

@@ -102,10 +102,10 @@ class Inbox:
 
 
 def _taking(ring, ends, registers):
-    """What takes a frame, in an interrupt.
+    """Return a function that takes a frame, in an interrupt.
 
-    One at a time, for MicroPython's controller of an STM32F4 sleeps, in the interrupt, for up to a
-    millisecond when it is asked for a frame that it does not have.
+    It takes one frame at a time. If it asked for a frame too many, MicroPython's controller of an
+    STM32F4 would sleep in the interrupt for up to a millisecond.
     """
     received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
 
@@ -153,7 +153,7 @@ def _taking(ring, ends, registers):
 
 
 def _sorting(ring, ends, boxes):
-    """What sorts frames into boxes; see `Inbox.sorter`."""
+    """Return a function that sorts frames into boxes; see `Inbox.sorter`."""
     parts = boxes.accepted, boxes.counts, boxes.frames, boxes.stamps, boxes.fresh
 
     @micropython.viper

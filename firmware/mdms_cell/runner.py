@@ -1,6 +1,6 @@
-"""What runs on a board: the tick in a timer interrupt, everything else in turns of a loop.
+"""A cell on a board: the tick in a timer interrupt, everything else in turns of a loop.
 
-Both interrupts are hard, so a garbage collection in the background delays neither: the tick meets
+Both interrupts are hard, so a garbage collection in the background delays neither. The tick meets
 the background in the registers, and received frames wait in the inbox.
 """
 
@@ -46,7 +46,7 @@ class Runner:
         self.turn = _turning(self, board, cell)
 
     def cut(self):
-        """Take the voltage from the motors, whatever the tick does; awake bridges brake."""
+        """Take the voltage from the motors, in any state of the tick; awake bridges brake."""
         self._registers[CUT] = 1
         self._board.motors_off()
 
@@ -96,7 +96,7 @@ def _turning(runner, board, cell):
 
 
 def _receiving(inbox, cell, registers):
-    """What sorts frames, and hands over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
+    """Return a function that hands over up to `FRAMES_PER_TURN` frames, so traffic is bounded."""
     sort = inbox.sorter(cell.mailboxes)
 
     @micropython.native

@@ -16,7 +16,7 @@ _REGISTER_BITS = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x7: 0x20, 0x8: 0x10, 0xF: 0x
 
 
 class Emcy:
-    """The errors of the cell, by what they come from; one source has one error at a time.
+    """The errors of the cell, by source; a source has one error at a time.
 
     `errors` has their codes by their sources, and `queue` the messages that wait to be sent.
     """
@@ -94,7 +94,7 @@ class Emcy:
         objects.put(indices.ERROR_HISTORY, 0, count)
 
     def _history_reader(self, sub):
-        """What returns the error at this place, the newest first; raises AbortError without one."""
+        """Return a function that reads the error at this age; without one it raises AbortError."""
 
         def read():
             if sub > self._objects.number(indices.ERROR_HISTORY):

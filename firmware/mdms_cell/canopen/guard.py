@@ -1,7 +1,7 @@
-"""Watches over communication: who has fallen silent, what does not come, who takes the node id.
+"""Watches over communication: silent nodes, missing frames, and other users of the node id.
 
-An error of communication switches the motors off, whatever the error behaviour 0x1029 is; where a
-heartbeat is lost, they may brake first (0x605E).
+An error of communication switches the motors off, for any error behaviour 0x1029. If a heartbeat is
+lost, they may brake first (0x605E).
 """
 
 from mdms_protocol import indices
@@ -44,7 +44,7 @@ class Guard:
 
     @micropython.native
     def poll(self, now_ms):
-        """Find out what is missing; return in how many milliseconds something may be."""
+        """Look for missing communication; return in how many milliseconds more may be missing."""
         consumer, pdos, emcy = self._consumer, self._pdos, self._emcy
         if consumer.poll(now_ms):
             emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)

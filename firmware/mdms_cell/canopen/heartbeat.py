@@ -33,7 +33,7 @@ class Heartbeat:
     def poll(self, now_ms, node_id, state):
         """Send a heartbeat if it is due; return in how many milliseconds the next one is.
 
-        One that is late does not delay those after it.
+        A late heartbeat does not delay the next ones.
         """
         self.now_ms = now_ms
         if self._owed:

@@ -1,4 +1,4 @@
-"""The cell's object dictionary: packed records, one buffer of values, and ties to what is alive."""
+"""The cell's object dictionary: packed records, one buffer of values, and hooks of live entries."""
 
 import struct
 from collections import namedtuple
@@ -79,7 +79,7 @@ def _position(index, sub):
 
 
 class Collected:
-    """What a client writes to an entry of a few bytes, in one piece or several."""
+    """The value that a client writes to an entry of a few bytes, in one piece or several."""
 
     def __init__(self, objects, entry):
         self._objects = objects
@@ -93,7 +93,7 @@ class Collected:
         self._value += piece
 
     def finish(self):
-        """Write what has come; raises AbortError."""
+        """Write the collected value; raises AbortError."""
         self._objects.write(self._entry, self._value)
 
     def cancel(self):
@@ -108,7 +108,7 @@ _UNTIED = Hook(None, None, None, None)
 
 
 class Objects:
-    """The values of all entries, and the hook of each entry that is tied to what is alive."""
+    """The values of all entries, and the hooks of those whose values are alive."""
 
     def __init__(self):
         self.data = bytearray(packed.DEFAULTS)
@@ -224,7 +224,7 @@ class Objects:
         return struct.unpack_from(entry.format, self.data, entry.place)[0]
 
     def put(self, index, sub, number):
-        """Store a number in an entry, whoever may write it."""
+        """Store a number in an entry, also in one that clients may only read."""
         entry = find(index, sub)
         struct.pack_into(entry.format, self.data, entry.place, number)
 
@@ -241,7 +241,7 @@ class Objects:
                 self.data[entry.place : entry.place + entry.size] = default(entry, self._node_id)
 
     def changed(self, flags):
-        """What of these entries is not at its default, as (index, sub-index, type, bytes)."""
+        """Yield the entries that differ from their defaults, as (index, sub-index, type, bytes)."""
         for entry in entries(flags):
             value = bytes(self.data[entry.place : entry.place + entry.size])
             if value != default(entry, self._node_id):

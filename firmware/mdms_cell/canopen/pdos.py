@@ -58,7 +58,7 @@ class Pdo:
         self.synchronous = self.type <= SYNCHRONOUS_MAX
 
     def entries(self):
-        """What is mapped, as (index, sub-index, bits)."""
+        """The mapped entries, as (index, sub-index, bits)."""
         return [self._entry(sub) for sub in range(1, self._count() + 1)]
 
     def _parameter(self, sub):
@@ -141,18 +141,18 @@ class Rpdo(Pdo):
         return True
 
     def on_sync(self):
-        """Take over what is held."""
+        """Take over the held values."""
         held = self.held
         if held is not None:
             self.held = None
             self._take(held)
 
     def discard(self):
-        """Drop what is held."""
+        """Drop the held values."""
         self.held = None
 
     def start(self):
-        """Forget what came before 'operational'."""
+        """Forget all frames from before 'operational'."""
         self.held = None
         self._received_ms = None
         self.late = False
@@ -257,14 +257,14 @@ class Tpdo(Pdo):
 
     @micropython.native
     def trigger(self):
-        """Send what is mapped; return False if there was no room."""
+        """Send the mapped values; return False if there was no room."""
         return self._send(self.can_id, self._data())
 
     @micropython.native
     def poll(self, now_ms):
-        """Send what has changed or has not been sent for long, but not too often.
+        """Send after a change or at the event timer, but not within the inhibit time.
 
-        Returns in how many milliseconds to poll again, if nothing is announced before.
+        Returns in how many milliseconds to poll again, if no change is announced before.
         """
         data = self._data()
         elapsed_ms = self._inhibit_ms
@@ -361,7 +361,7 @@ class Pdos:
 
     @micropython.native
     def on_sync(self, data):
-        """SYNC: take over what is held, and send; return False if it is none."""
+        """Take over held values at SYNC, and send; return False if the frame is no SYNC."""
         if len(data) > 1:
             return False
         if self._alive:
@@ -384,13 +384,13 @@ class Pdos:
         return self._tpdos[number].trigger()
 
     def discard_held(self):
-        """Drop what is held for SYNC: it came before the state that has just begun."""
+        """Drop the values held for SYNC: they came before the state that has just begun."""
         for rpdo in self._held:
             rpdo.discard()
 
     @micropython.native
     def poll(self, now_ms):
-        """Send what has changed; return in how many milliseconds to poll again."""
+        """Send changed values; return in how many milliseconds to poll again."""
         wait_ms = ticks.IDLE_MS
         if self._alive:
             for tpdo in self._spontaneous:

@@ -120,12 +120,12 @@ class SegmentedDownload:
         """Nothing is sent unasked."""
 
     def cancel(self):
-        """Throw away what has come."""
+        """Discard the received bytes."""
         self._sink.cancel()
 
 
 def _check_size(announced, received, last):
-    """Compare the bytes received with what was announced, if it was; raises AbortError."""
+    """Compare the bytes received with the announced size, if there is one; raises AbortError."""
     if announced is None:
         return
     if received > announced:
@@ -168,10 +168,11 @@ def _begin_block_download(objects, data, index, sub):
 
 
 class BlockDownload:
-    """A value on its way from the client into `sink`; `size` is what the client announced, or None.
+    """A value on its way from the client into `sink`; `size` is the announced size, or None.
 
-    The sink has a block before the client gets the acknowledgement, and so sends nothing while
-    flash is written; the last block waits for the end, which gives how many of its bytes count.
+    The sink takes a block before the client gets the acknowledgement. So the client sends nothing
+    while flash is written. The last block waits for the end of the transfer, which says how many of
+    its bytes count.
     """
 
     def __init__(self, index, sub, sink, command, size):
@@ -243,7 +244,7 @@ class BlockDownload:
         """Nothing is sent unasked."""
 
     def cancel(self):
-        """Throw away what has come."""
+        """Discard the received bytes."""
         self._sink.cancel()
 
 
@@ -387,7 +388,7 @@ class SdoServer:
             transfer.pump(self._respond)
 
     def _begin(self, data):
-        """A request that opens a transfer; one that was under way is given up."""
+        """Open a transfer by a request, and give up an open transfer."""
         begin = _OPENINGS.get(data[0] & sdo.SPECIFIER)
         if begin is None:
             raise sdo.AbortError(sdo.UNKNOWN_COMMAND)

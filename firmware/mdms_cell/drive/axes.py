@@ -51,8 +51,8 @@ _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 class Axis:
     """Axis `number`, counted from 0.
 
-    A trial voltage limit (0x2010) lowers the one that is set, until the axis is off again or in
-    fault: whatever becomes of the host that has set it, no later enabling is bound by it.
+    A trial voltage limit (0x2010) lowers the stored limit until the axis is off again or in fault.
+    So it ends even if the host that set it is gone, and binds no later enabling.
     """
 
     def __init__(self, number, objects, registers):
@@ -96,7 +96,7 @@ class Axis:
         tuning.set_brake(registers, base, setting(indices.BRAKING_GAIN), limit_mv)
 
     def _load_watching(self, registers, base, setting, resolution):
-        """Set what is watched, and for how long."""
+        """Set the watched limits and their times."""
         limit_ma = setting(indices.MAX_CURRENT) * setting(indices.RATED_CURRENT) // 1000
         tuning.set_over_current(registers, base, limit_ma, setting(indices.OVER_CURRENT_TIME))
         voltage_mv, time_ms = setting(indices.STALL_VOLTAGE), setting(indices.STALL_TIME)
@@ -228,9 +228,9 @@ class Axes:
 
     @micropython.native
     def poll(self):
-        """Follow what the speed loop did.
+        """Follow the events of the speed loop.
 
-        Too low a supply is reported in every state; it is a fault from 'switched on' on.
+        Too low a supply is reported in every state. From 'switched on' on it is a fault.
         """
         emcy = self._emcy
         source = 0

@@ -1,14 +1,14 @@
 """The speed loop of a cell's two axes: one function over one buffer of 32-bit integers.
 
-`step(registers)` is one control period of 1 ms: it tracks both encoders, ramps the targets, applies
-the paper's law V = G (r - v), watches for faults, brakes what is off, and calls the background's
-attention to what has changed. It is integer arithmetic that stays within 31 bits, so that nothing
-is allocated, and the same source runs as plain Python over an `array('i')`, as MicroPython
-bytecode, as viper machine code and compiled by numba.
+`step(registers)` is one control period of 1 ms. It tracks both encoders, ramps the targets, and
+applies the paper's law V = G (r - v). It watches for faults, brakes axes that are off, and reports
+events to the background by ATTENTION. Its integers stay within 31 bits, so nothing is allocated.
+The same source runs as plain Python over an `array('i')`, as MicroPython bytecode, as viper machine
+code, and compiled by numba.
 
 The registers of axis 1 start at 0, those of axis 2 at `AXIS`: `registers[AXIS + TARGET]` is the
-target of axis 2. COUNT, CURRENT and VOLTAGE are as wired, everything else is signed along the
-wheel's own direction. No register may leave -2**30..2**30 - 1; the ranges stand beside each.
+target of axis 2. COUNT, CURRENT and VOLTAGE are as wired. All others are signed along the wheel's
+own direction. No register may leave -2**30..2**30 - 1; the ranges stand beside each.
 """
 
 import sys

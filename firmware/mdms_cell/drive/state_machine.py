@@ -1,16 +1,16 @@
 """One axis of the drive: the state machine of CiA 402-2 around the registers of the speed loop.
 
-The motor is driven in 'operation enabled', and in 'quick stop active' and 'fault reaction active'
-until it stands or their time is over; in every other state the speed loop brakes at 0 V, then the
-bridges sleep. A fault that the speed loop finds has cut the voltage in that very tick, or begun to
-brake; `poll` then takes the state after it. Who changes the state calls the background's attention
-to it, as the speed loop does.
+The motor is driven in 'operation enabled'. It is driven in 'quick stop active' and 'fault reaction
+active' too, until it stands or their time is over. In every other state the speed loop brakes at 0
+V, then the bridges sleep. The speed loop cuts the voltage, or begins to brake, in the tick in which
+it finds a fault. `poll` takes the next state afterwards. A change of the state sets ATTENTION for
+the background, as the speed loop does.
 
 The neighbour layer enables an axis that is 'switched on' without another controlword. So too low a
-supply, which is an emergency stop, is a fault there as well. From the states below only a
-controlword of another node leads on.
+supply, which is an emergency stop, is a fault there as well. Only a controlword of another node
+leads on from the states below.
 
-A target is valid in the 'operation enabled' in which it came: every way into and out of that state
+A target is valid in the 'operation enabled' in which it came. Every way into and out of that state
 sets it to 0.
 """
 
@@ -149,9 +149,9 @@ class Drive:
 
     @micropython.native
     def set_target(self, target_um_s):
-        """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh.
+        """Take a target velocity [um/s] as fresh, clipped to the range of the speed loop.
 
-        It moves the wheel in 'operation enabled' only; the next such state begins with 0.
+        It moves the wheel in 'operation enabled' only. The next 'operation enabled' begins with 0.
         """
         if target_um_s > _SPEED_MAX_UM_S:
             target_um_s = _SPEED_MAX_UM_S
@@ -192,7 +192,7 @@ class Drive:
 
     @micropython.native
     def poll(self):
-        """Follow what the speed loop did; return the error code of a new fault, or 0."""
+        """Follow the events of the speed loop; return the error code of a new fault, or 0."""
         registers = self.registers
         base = self.base
         faults = registers[base + _FAULTS]

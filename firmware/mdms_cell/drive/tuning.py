@@ -50,11 +50,11 @@ def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
 
 
 def set_feed(registers, base, counts_per_metre, acceleration_per_volt=ACCELERATION_PER_VOLT_MM_S2):
-    """Let the observer expect that new voltage speeds the wheel up by so much [mm/s2 per V].
+    """Set by how much the observer expects new voltage to speed the wheel up [mm/s2 per V].
 
-    0 leaves it to the encoder. What counts as new fades with a time constant of 16 ticks, so that
-    the speed of a wheel that carries more than its motor's data say is off for that long only. With
-    more than half a million counts per metre the strongest motors are fed what fits in FEED.
+    0 leaves it to the encoder. The new part of a voltage fades with a time constant of 16 ticks. So
+    the speed of a wheel with more load than its motor's data is off for that time only. With more
+    than half a million counts per metre, FEED limits the value for the strongest motors.
     """
     high = ACCELERATION_PER_VOLT_MAX_MM_S2
     _check("acceleration per volt [mm/s2]", acceleration_per_volt, 0, high)

@@ -103,11 +103,11 @@ class Leading:
 
     @micropython.native
     def look_ahead(self, program, lacking=0):
-        """Find what the parcel `needs` and `wants`.
+        """Find the cells that the parcel `needs` and `wants`.
 
-        Of the cells in the mask `lacking`, for want of which it stands, it needs the nearest
-        already. It asks for those that it may lie over as long as no edge of it has been seen, too,
-        and needs them where another parcel has them.
+        The parcel stands for want of the cells in the mask `lacking`, and already needs the nearest
+        of them. As long as none of its edges has been seen, it also asks for the cells that it may
+        lie over. It needs those of them that another parcel has.
         """
         footprint, parcel, tracking = self._footprint, self._parcel, self._tracking
         present = footprint.present
@@ -196,11 +196,11 @@ class Leading:
 
     @micropython.native
     def may_go_on(self, program, step_ms, alone, held):
-        """Whether a parcel may go on; without its host for twice its planned time, if it is to.
+        """Return whether a parcel may go on; without its host for twice its planned time at most.
 
-        That it is `held`, for want of a promise, does not count, up to `_WAIT_MS`. Once the time is
-        over, or the host of one that is not to go on was gone, a new program has to come: that the
-        host is back moves nothing.
+        Time in which it is `held` for want of a promise does not count, up to `_WAIT_MS`. A parcel
+        needs a new program once its time is over. The same holds if its host was gone and it is not
+        to go on: a host that is back moves nothing.
         """
         if program.identity != self._identity:
             # What another parcel took of its time is its own.

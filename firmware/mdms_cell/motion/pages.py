@@ -31,16 +31,16 @@ _LONG_BEATS = const(10)
 
 
 class Comparison:
-    """What neighbours' estimates say of the program of the cell's parcel.
+    """The neighbours' programs for the cell's parcel, by their estimates.
 
-    Sequence numbers come round again after three, so that two of them alone do not tell which
-    program is newer. But a program is followed by newer ones only: a neighbour that had the same
-    one, and has another by now, is ahead.
+    Sequence numbers come round again after three. So two of them alone do not tell which program is
+    newer. But only newer programs follow a program. So a neighbour is ahead if it had the same
+    program before and has another now.
 
-    `shared` is the mask of the neighbours that had this program when they were heard last, `ahead`
-    that of those that had it, and have had another since. It is `settled` once it is known to be
-    the one of the parcel's cells: the host has sent it, or one of them had the same, since this
-    cell is at the parcel and hears others there. `verdict` is what all that comes to.
+    `shared` is the mask of the neighbours whose last report had this program. `ahead` is the mask
+    of those that had it, and have had another since. The program is `settled` once it is known to
+    be that of the parcel's cells. Either the host has sent it, or one of them had the same, since
+    this cell is at the parcel and hears others there. `verdict` is the conclusion.
     """
 
     def __init__(self, heard):
@@ -60,7 +60,7 @@ class Comparison:
         self._against_beats = self._deaf_beats = 0
 
     def begin(self, program, shared=0):
-        """Nothing is known yet of others' programs beside the one that has come."""
+        """Forget the neighbours' programs; nothing is known of them beside the new program."""
         self._identity, self._sequence = program.identity, program.sequence
         self._forget()
         self.shared = shared
@@ -119,9 +119,9 @@ class Comparison:
         return 0
 
     def _judge(self, nobody, other):
-        """What comes of what this beat has shown, and of what those before have.
+        """Return the verdict of this beat together with those before.
 
-        That is whether nobody at the parcel is heard, and whether one has another program for sure.
+        It asks whether any cell at the parcel is heard, and whether one surely has another program.
         """
         has_program = self._sequence != 0
         if nobody:
@@ -193,7 +193,7 @@ class Pages:
         return True
 
     def _on_page_handed_on(self, program, page, direction):
-        """A page of a neighbour counts where the cell has none, or one that is outdated."""
+        """Take a page of a neighbour if the cell has none, or an outdated one."""
         if page[wire.PAGE] == wire.PARCEL:
             if not program.has_parcel:
                 program.take(page)
@@ -238,7 +238,7 @@ class Pages:
                 self._on_host_goal(program, again)
 
     def _on_host_goal(self, program, again):
-        """The host has sent a goal, perhaps the one that the cell has: it is the newest."""
+        """Take a goal of the host, perhaps the same one again: it is the newest."""
         if program.identity == self._tracking.identity:
             self.comparison.begin(program)
             self.comparison.settled = True
@@ -246,7 +246,7 @@ class Pages:
             self._leading.begin(program.identity)
 
     def _put(self, identity, page):
-        """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
+        """Take the host's report of a parcel, perhaps on this cell; a parcel it has stays."""
         tracking, place = self._tracking, self._place
         program = self.programs.find(identity)
         if program is None:
@@ -273,9 +273,9 @@ class Pages:
 
     @micropython.native
     def hand_on(self, program, sent, skipped):
-        """Send a page, if one of those in the mask `sent`, who have sent an estimate, lacks it.
+        """Send a page if a neighbour in the mask `sent` has sent an estimate and lacks it.
 
-        That is in this cell's turn, or where that came in one of the beats `skipped` before.
+        The cell sends in its turn, or if its turn was in one of the `skipped` beats before.
         """
         if (self._heard.beat + self.node_id) % _HAND_ON_BEATS > skipped:
             return

@@ -1,4 +1,4 @@
-"""What a parcel is and where it is to go: the pages that a host sends and cells hand on."""
+"""The data and the goal of a parcel: the pages that a host sends and cells hand on."""
 
 from array import array
 
@@ -22,11 +22,11 @@ _FLAGS_BIT = 4
 class Program:
     """One parcel's data and the way to its goal, in `pages` as frames have them.
 
-    The parcel's page comes first, then those of the goal and of the legs; the first byte of one
-    that is not there is 0. `complete` is whether parcel and goal are there, `whole` whether the
-    `legs` that follow the goal are, too. These count for the time without a host alone: while there
-    is one, it sets the next goal when that is to be gone to. A `sequence` without a goal is of one
-    that was there: others may be on any leg after it by now.
+    The parcel's page comes first, then those of the goal and of the legs. The first byte of a
+    missing page is 0. `complete` is whether parcel and goal are there. `whole` is whether the
+    `legs` that follow the goal are there, too. Legs count for the time without a host alone: a host
+    sets the next goal itself when it is due. A `sequence` without a goal belongs to an earlier
+    goal: others may be on any leg after it by now.
     """
 
     def __init__(self):
@@ -74,7 +74,7 @@ class Program:
         return fields[wire.SHAPE], length_um, fields[wire.PARCEL_WIDTH] * wire.STEP_UM
 
     def take(self, fields):
-        """Take a page; returns whether it is one that is kept."""
+        """Take a page; return whether it is kept."""
         page = fields[wire.PAGE]
         leg = fields[wire.LEG] if page == wire.GOAL else 0
         if page == wire.PARCEL:
@@ -145,9 +145,9 @@ class Program:
         return True
 
     def outdate(self):
-        """Have no goal until somebody hands on the one that the parcel is on its way to.
+        """Have no goal until a neighbour hands on the present goal of the parcel.
 
-        Sequence numbers come round again after three legs, so that they do not tell.
+        Sequence numbers come round again after three legs, so they do not tell.
         """
         if self.complete:
             self._drop_from(_GOAL)
@@ -200,7 +200,7 @@ class Program:
     def pack(self, number, frame, at):
         """Write a page as a frame: the parcel's, or from 1 on those of the goal and the legs.
 
-        Returns False for one that is not there.
+        Return False for a missing page.
         """
         if not self._has(number):
             return False

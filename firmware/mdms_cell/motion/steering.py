@@ -38,11 +38,11 @@ _FLAGS = const(5)
 
 
 class Steering:
-    """How one parcel goes to the goal of its program, as one cell steers it.
+    """The way of one parcel to the goal of its program, as one cell steers it.
 
-    `commanded` is the twist [um/s], changed no faster than the program allows; `wish` what it is to
-    become; `left` what is left to go: x, y and turn [um]. `arrived` lasts until the parcel is found
-    outside twice the tolerance.
+    `commanded` is the twist [um/s]; it changes no faster than the program allows. `wish` is the
+    twist that it approaches. `left` is the rest of the way: x, y and turn [um]. `arrived` lasts
+    until the parcel is found outside twice the tolerance.
     """
 
     def __init__(self):
@@ -77,7 +77,7 @@ class Steering:
 
     @micropython.native
     def find_wish(self, parcel, x_um, y_um):
-        """Find what is left to go, whether the parcel has arrived, and the twist to its goal.
+        """Find the rest of the way, whether the parcel has arrived, and the twist to its goal.
 
         The parcel's pose is from the cell's own centre, which is at `x_um` and `y_um`.
         """

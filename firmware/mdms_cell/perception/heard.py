@@ -1,4 +1,4 @@
-"""What a cell has last received from its neighbours, by direction, and since when."""
+"""The last frames of a cell's neighbours, by direction, with their age."""
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
@@ -64,9 +64,9 @@ class Heard:
 
     @micropython.native
     def begin_beat(self, registers):
-        """SYNC: what comes from now on is of the next beat.
+        """Begin a beat at SYNC: frames from now on belong to it.
 
-        As are the speeds of the cell's own wheels, from the registers of the speed loop.
+        The speeds of the cell's own wheels belong to it too, from the registers of the speed loop.
         """
         boxes = self.boxes
         beat = self.beat = self.beat + 1 & 0xFFFFFF
@@ -129,7 +129,7 @@ class Heard:
 
     @micropython.native
     def take_presence(self, direction, bits, now_ms):
-        """Presence bits as they are now; what has changed are edges."""
+        """Take presence bits as they are now; changes are edges."""
         before = self.presence[direction]
         if before & SEEN:
             changed = bits ^ before & BITS

@@ -48,7 +48,7 @@ class Comparison:
 
 
 class Sensors:
-    """What the sensors of a cell and of its neighbours show of the parcel that `tracking` follows.
+    """The sensors of a cell and of its neighbours, as they show the parcel that `tracking` follows.
 
     An edge is reported `edge_late_ms` after it has passed the sensor.
     """
@@ -217,9 +217,9 @@ class Sensors:
         return False
 
     def weigh(self, direction, found, age_ms):
-        """Judge a cell's sensors by what was found, or correct the belief by them.
+        """Judge a cell's sensors by the result, or correct the belief by them.
 
-        Returns whether that may have moved it.
+        Return whether that may have moved it.
         """
         if found.clearly and (direction != OWN or self.turn == OWN):
             self._judge(direction, found.missing or found.far)

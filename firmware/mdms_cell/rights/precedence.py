@@ -44,9 +44,9 @@ class Precedence:
         return self._identities[0] != 0
 
     def take(self, data, column, row):
-        """Keep the order that a frame of the host has, if it is for the cell at this place.
+        """Keep the order in a frame of the host, if it is for the cell at this place.
 
-        One that is repeated changes nothing. Returns False for what is no such frame.
+        A repeated frame changes nothing. Return False for a frame that is no order.
         """
         if not frame.is_precedence(data):
             return False
@@ -66,9 +66,9 @@ class Precedence:
         return place
 
     def turn(self, here, state, estimates, fresh):
-        """A beat has passed: take in who is here; returns whose turn it is, by place in the order.
+        """Take in the parcel of this beat; return whose turn it is, by place in the order.
 
-        `here` and `state` are what the right of way has decided last.
+        `here` and `state` are the last decision of the right of way.
         """
         last = self._identities[self._come - 1] if self._come else 0
         if last and here == last and state >= wire.PROMISED and self._away < _GONE:
@@ -84,9 +84,10 @@ class Precedence:
         return self._come - 1 if self._come and self._away < _GONE else self._come
 
     def keep(self, now, estimates, fresh):
-        """Let no parcel ask for this cell whose turn is after the one that is `now`.
+        """Let no parcel ask for this cell before the one whose turn is `now`.
 
-        Its fresh estimates want it no more. Whoever it waits for in vain is passed over.
+        Its fresh estimates no longer want the cell. If the cell waits for a parcel in vain, that
+        parcel is passed over.
         """
         kept = False
         for direction in range(_DIRECTIONS):

@@ -1,7 +1,7 @@
 """Firmware over the bus (CiA 302-3): cleared, received, started on trial, confirmed.
 
-0x1F51 takes the commands, and 0x1F50 the bundle. 0x1F57 has the reason of the last refusal, and
-0x1F56 the firmware that runs. 0x3030 has what a host asks before.
+0x1F51 takes the commands, and 0x1F50 the bundle. 0x1F57 gives the reason of the last refusal, and
+0x1F56 the running firmware. 0x3030 answers the host's questions before an update.
 """
 
 from mdms_cell import ticks
@@ -138,7 +138,7 @@ class Update:
         self._restart_soon()
 
     def _confirm(self):
-        """The firmware that runs stays: it has come up, was asked what it is, and is sound."""
+        """Confirm the running firmware, which has come up, was identified, and is sound."""
         if not self._slots.on_trial:
             raise self._refusal(codes.NOT_ON_TRIAL)
         if not self._asked or not self._sound():
@@ -169,7 +169,7 @@ class Update:
         return bundle.unpack(data)
 
     def _on_received(self, head):
-        """The bundle is whole, or what has come of it is thrown away (None)."""
+        """Keep the head of a whole bundle; None means that the bundle was thrown away."""
         self._receiving = False
         self._received = head
 
@@ -273,7 +273,7 @@ class _Receipt:
             raise self._refusal(codes.FLASH_FAILED)  # noqa: B904
 
     def finish(self):
-        """All has come; raises AbortError if that is not what the head has signed."""
+        """End the bundle; raises AbortError if its bytes differ from the signed ones."""
         slot = self._slot
         if slot is None:
             known = self._start[:4] == bundle.MAGIC
@@ -290,7 +290,7 @@ class _Receipt:
         self._received(slot.head)
 
     def cancel(self):
-        """Throw away what has come."""
+        """Discard the received bytes."""
         self._received(None)
         if self._slot is None:
             return
@@ -303,7 +303,7 @@ class _Receipt:
 
 
 class _Slot:
-    """The spare slot while it is written: what is to be in it, and how much is missing."""
+    """The spare slot while it is written: the head of the bundle, and the bytes still to come."""
 
     def __init__(self, head, file):
         self.head = head
@@ -312,10 +312,10 @@ class _Slot:
 
 
 def _refusal_of(data, key, target, counter, room):
-    """The reason why a bundle with these first bytes is refused, 0 if it is not.
+    """Return the reason to refuse a bundle with these first bytes, 0 to take it.
 
-    `target` are board, bytecode and version number of this cell, `counter` is that of the last
-    bundle that was confirmed, `room` what a slot takes, and memory of its image [bytes].
+    `target` is board, bytecode and version number of this cell. `counter` is that of the last
+    confirmed bundle. `room` is the size of a slot, and the memory for its image [bytes].
     """
     head = bundle.unpack(data)
     if head is None:

@@ -175,7 +175,7 @@ def _home(index, sub, type_, value):
 
 
 def _unsound(objects):
-    """What no client could have written: sub-index of the COB-ID, and places of the objects."""
+    """Yield settings that no client could have written: sub-index of the COB-ID, and objects."""
     if not _allowed(rules.check_plain, objects.number(indices.SYNC_COB_ID)):
         yield 0, (indices.SYNC_COB_ID,)
     if not _allowed(rules.check_cob_id, objects.number(indices.EMCY_COB_ID), None):
