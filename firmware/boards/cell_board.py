@@ -22,7 +22,7 @@ from mdms_protocol.update import codes
 #: The watchdog's patience while both bridges sleep, when flash may be written: that stops the
 #: processor, on an STM32 for seconds.
 WATCHDOG_ASLEEP_MS = 5_000
-#: The most that goes into a slot; what it leaves of the file system, and an image of the heap.
+#: Largest slot, and the room that it leaves in the file system, and its image in the heap.
 SLOT_MAX = const(256 * 1024)
 _FLASH_LEFT = const(64 * 1024)
 _HEAP_LEFT = const(128 * 1024)
@@ -79,7 +79,7 @@ class CellBoard:
         self.transmit_errors = self.bus.transmit_errors
         self.receive_errors = self.bus.receive_errors
 
-    # What a chip family defines
+    # Defined by a chip family
 
     def wheels(self, pins):
         """Both wheels, made from the peripherals."""
@@ -124,7 +124,7 @@ class CellBoard:
             self._watchdog = WDT(timeout=wanted_ms)
         self._watchdog.feed()
 
-    # What the background calls
+    # Called by the background
 
     @property
     def bus_off(self):

@@ -34,7 +34,7 @@ _FULL_WIDTH = 0xFFFF
 #: Where in a bit it is read [%]. CiA 301 wants 87.5, where a FlexCAN at 40 MHz would have one time
 #: quantum behind it; it needs two.
 _SAMPLE_POINT = 85
-#: Filters that have a mask of their own; the others share one that MicroPython does not set.
+#: Filters with masks of their own; the others share a mask that MicroPython does not set.
 _FILTER_PLACES = 32
 #: Place of the frames lost in `CAN.get_counters`.
 _OVERRUNS = 7

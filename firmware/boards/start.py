@@ -30,7 +30,7 @@ def run(board, slots=None, folder="/flash", node_id=NODE_UNSET, watchdog=True):
         board.slots = slots
     cell = Cell(board, node_id)
     runner = Runner(board, cell)
-    gc.collect()  # what the start took lies between what stays
+    gc.collect()  # the start leaves garbage between the lasting objects
     try:
         board.start(runner.tick, watchdog)
         while True:

@@ -18,7 +18,7 @@ from boards.cell_board import CellBoard
 from boards.wheel import PWM_HZ, Wheel
 from mdms_cell.drive import speed_loop
 
-#: Timers that can count an encoder, by what they are called.
+#: Timers that can count an encoder, by name.
 _TIMERS = {3: stm.TIM3, 4: stm.TIM4, 8: stm.TIM8}
 #: The fields IC1F and IC2F of a timer's CCMR1 (STM32 reference manuals): a level counts after eight
 #: samples, 32 ticks of the timer apart. That is 1 us at 240 MHz and 3 us at 84 MHz, and so less

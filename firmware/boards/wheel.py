@@ -38,9 +38,9 @@ class Wheel:
         self._set_width(0)
 
 
-# What the tick calls has the peripherals' own methods as defaults of its arguments: to look up
-# attributes in every tick takes twice the time of all the rest, and a closure over more than a
-# few variables allocates.
+# Functions of the tick have the peripherals' own methods as defaults of their arguments. To look up
+# attributes in every tick takes twice the time of all the rest. A closure over more than a few
+# variables allocates.
 
 
 def _sensing(voltage, current, read_u16):

@@ -82,7 +82,7 @@ class Slcan:
         self._overlong = False
         if overlong:
             return ERROR
-        # Hosts send empty lines to end whatever was half sent before.
+        # Hosts send empty lines to end a line that was cut off before.
         if not line:
             return OK
         try:

@@ -117,7 +117,7 @@ class Slots:
         except (OSError, MemoryError):
             return None
 
-    # What the firmware asks for
+    # Called by the firmware
 
     @property
     def identification(self):

@@ -34,7 +34,7 @@ from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.compat import const, micropython
 from mdms_protocol.update import codes
 
-#: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
+#: The source of `fail` in emergency messages; axes count from 1, then come those of `guard`.
 SOURCE_SYSTEM = 6
 
 #: Firmware on trial has run for so long before it may be confirmed.
@@ -216,7 +216,7 @@ class Cell:
         taken.update(can_id for can_id, _ in self._layer.receivers())
         return [can_id for can_id in taken if can_id not in own]
 
-    # What the background loop and the timer interrupt call
+    # Called by the background loop and the timer interrupt
 
     @micropython.native
     def on_frame(self, can_id, data, now_ms):
@@ -244,7 +244,7 @@ class Cell:
                 wait_ms = self._update_layer(now_ms)
                 self.wake_ms = now_ms + (wait_ms if wait_ms < left_ms else left_ms) & _WRAP
                 return
-        # What calls for attention from here on has another poll follow.
+        # An event from here on sets ATTENTION again, and another poll follows.
         registers[_ATTENTION] = 0
         self._reading = reading
         settled_ms = self._presence.step(reading, now_ms)
@@ -268,7 +268,7 @@ class Cell:
         self._emcy.clear(SOURCE_SYSTEM)
         self._attend()
 
-    # What network management calls
+    # Called by network management
 
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
@@ -321,7 +321,7 @@ class Cell:
         # Attributes, not properties: MicroPython sets those of a class with properties slowly.
         self.state, self.node_id = self._nmt.state, self._nmt.node_id
 
-    # What is listened to
+    # Identifiers
 
     def _listen(self):
         """Say again which identifiers the cell takes, and what serves each."""
@@ -398,7 +398,7 @@ class Cell:
         enabled, period_ms = number(indices.LEASE, 3), number(indices.LEASE, 2)
         self._beat.configure(enabled, rank - 1, period_ms, self._attend())
 
-    # What goes on in the background
+    # The background
 
     def _initialise(self):
         """Claim the node id, a step a millisecond; a trial and a restart do not wait for it."""
@@ -443,7 +443,7 @@ class Cell:
             self._attend()
         return self._beat.wait_ms(now_ms)
 
-    # What the services call
+    # Called by the services
 
     def _attend(self):
         """Have a poll follow that looks after everything; the time."""

@@ -15,7 +15,7 @@ BOX_BITS = 5
 NO_BOX = (1 << BOX_BITS) - 1
 
 # Numbers of `counts`
-STAMP = 0  # what frames are stamped with from now on
+STAMP = 0  # the stamp of frames from now on
 KNOWN = 1  # so many identifiers are taken
 
 
@@ -42,7 +42,7 @@ class Mailboxes:
             accepted.append(can_id << BOX_BITS | box)
         accepted.sort()
         self.counts[KNOWN] = len(accepted)
-        # In place, for who sorts holds on to the array.
+        # In place, because the sorter holds on to the array.
         while len(self.accepted) < len(accepted):
             self.accepted.append(0)
         for place, entry in enumerate(accepted):

@@ -8,7 +8,7 @@ have come `UPDATE_MS` later. Then `update` runs in the background. Its decision 
 
 from array import array
 
-# What others import comes first: an import within an import takes stack.
+# Modules that others import come first: an import within an import takes stack.
 from mdms_cell.perception import place
 from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
@@ -128,7 +128,7 @@ class Layer:
             self._estimate[field] = 0
         self._due = False
         self._skipped_beats = 0
-        # What the last update has told the right of way: the parcel over the cell, the neighbours
+        # Reports of the last update to the right of way: the parcel over the cell, the neighbours
         # that it needs, and whether a sensor is covered.
         self._over = self._needs = 0
         self._occupied = False
@@ -156,7 +156,7 @@ class Layer:
         self._axes.led = self.wanted
         self._changed()
 
-    # What comes
+    # Received frames
 
     @property
     def mailboxes(self):
@@ -197,7 +197,7 @@ class Layer:
             return
         came_ms = after(now_ms, -waited_ms)
         beat_ms = diff(came_ms, self._came_ms)
-        # Or two beats meet, and what has come is of either.
+        # Or two beats meet, and the frames may be of either.
         gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
         if gap:
             self._updated_ms = self._came_ms
@@ -210,7 +210,7 @@ class Layer:
             self._rights.on_gap()
             self._pages.comparison.on_gap(beat_ms // self._period_ms)
             self.nonsense += self._heard.read()
-            # What has come may be of any age: it is not passed on.
+            # The frames may be of any age, so they are not passed on.
             self._heard.passed_on()
         self._heard.begin_beat(self._registers)
         self._due = waited_ms <= LATE_MS
@@ -253,7 +253,7 @@ class Layer:
     def _update(self, presence):
         """The algorithm of a beat, in its order; see firmware/README.md, 'Neighbour layer'."""
         step_ms = self._begin_update()
-        # Take in what neighbours have sent, and choose the parcel to be at.
+        # Take in the frames of neighbours, and choose the parcel to be at.
         sent = self._take_in()
         if not self._tracking.under:
             self._choose_parcel()
@@ -321,7 +321,7 @@ class Layer:
         tracking, rights = self._tracking, self._rights
         over = tracking.identity if tracking.is_over() else 0
         if over and rights.state != UNDER and tracking.is_of_another():
-            # A parcel that stands before what nobody knows would come over it mm by mm.
+            # A parcel that stands before an unknown thing would come over it mm by mm.
             over = 0
         self._over, self._occupied = over, presence != 0
         rights.on_beat(over, self._needs, self._occupied)
@@ -480,7 +480,7 @@ class Layer:
                 return True
         return False
 
-    # Who is suspected
+    # Suspects
 
     def _report(self):
         """Report another suspect than before, in an emergency and in its object."""

@@ -8,7 +8,7 @@ from mdms_protocol import indices
 from mdms_protocol.codecs import nmt
 from mdms_protocol.compat import micropython
 
-# What errors come from, as it stands in emergency messages; axes count from 1
+# Sources of errors in emergency messages; axes count from 1
 SOURCE_CONSUMER = 3
 SOURCE_RPDO = 4
 SOURCE_NODE_ID = 5

@@ -96,7 +96,7 @@ class Rpdo(Pdo):
         super().__init__(objects, parameters, mapping, record.IN_RPDO, changed)
         self._attend = attend
         self._received_ms = None
-        #: What has come for the next SYNC.
+        #: The frame for the next SYNC.
         self.held = None
         self.late = False
         #: Whether the last frame was too short, and whether one was that is still to be reported.

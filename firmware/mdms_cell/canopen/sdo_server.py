@@ -321,7 +321,7 @@ class BlockUpload:
         """Nothing is to be undone."""
 
 
-#: What opens a transfer, by the command specifier of the request.
+#: Functions that open a transfer, by the command specifier of the request.
 _OPENINGS = {
     sdo.UPLOAD: _begin_upload,
     sdo.DOWNLOAD: _begin_download,

@@ -16,7 +16,7 @@ Two producers that begin at the same bit send one frame, and are one beat.
 from mdms_cell import ticks
 from mdms_protocol.compat import const, micropython
 
-#: Beats missed, in halves: before a cell takes over, and before one that has just yielded returns.
+#: Half beats without SYNC before a cell takes over, and before it returns after it has yielded.
 MISSED_HALVES = 5
 YIELDED_HALVES = 3
 RANK_MS = 1

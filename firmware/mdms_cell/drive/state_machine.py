@@ -18,7 +18,7 @@ from mdms_cell.drive import speed_loop
 from mdms_protocol.codecs import cia402
 from mdms_protocol.compat import const, micropython
 
-# What is used in every beat of the neighbour layer; constants of another module would be looked up.
+# Used in every beat of the neighbour layer; constants of another module would be looked up.
 _TARGET = const(0)
 _AGE = const(2)
 _FAULTS = const(34)
@@ -39,10 +39,10 @@ FAILURE = 0x100
 STANDSTILL = 0x101
 SILENCE = 0x102
 
-#: All transitions, by state and event in one number, which takes less memory than a pair; with
-#: their numbers in CiA 402-2. What is not here changes nothing.
-#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one. Only where the
-#: wheel can still be trusted, and nobody commands it any more, is it braked in between.
+#: All transitions with their numbers in CiA 402-2, by state and event in one number, which takes
+#: less memory than a pair. Any other event changes nothing.
+#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one. The wheel is
+#: braked in between only if it can still be trusted and its commands have ended.
 TRANSITIONS = {
     cia402.SWITCH_ON_DISABLED | cia402.SHUTDOWN << 8: cia402.READY_TO_SWITCH_ON,  # 2
     cia402.READY_TO_SWITCH_ON | cia402.SWITCH_ON << 8: cia402.SWITCHED_ON,  # 3

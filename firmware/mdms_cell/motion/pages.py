@@ -16,8 +16,8 @@ _HAND_ON_BEATS = const(4)
 #: No parcel lies on a cell whose centre is farther from it along x or y.
 _NEAR_PITCHES = const(4)
 
-#: What is against the program of the cell's parcel comes to: nothing, too little to drop it though
-#: it is not handed on, or enough not to be led by it either.
+#: Verdicts on the program of the cell's parcel; 0 is for no objection. A doubted program is not
+#: handed on. An outdated one does not lead the wheels either.
 DOUBTED = const(1)
 OUTDATED = const(2)
 #: It is enough after this, in which the host repeats a page and neighbours hand one on.
@@ -25,7 +25,7 @@ _OUTDATED_BEATS = const(6)
 #: A neighbour is not heard any more after this; it cannot forget its program and get another so
 #: soon.
 _SILENT_BEATS = const(5)
-#: A cell that has heard nobody for so long may have missed three programs, so that the same number
+#: A cell that has heard no other for so long may have missed three programs. Then the same number
 #: tells nothing either.
 _LONG_BEATS = const(10)
 
@@ -55,8 +55,8 @@ class Comparison:
 
     def _forget(self):
         self.shared = self.ahead = self.verdict = 0
-        #: For so many beats something has been against the program, and nobody at the parcel was
-        #: heard; the latter up to _LONG_BEATS.
+        #: Beats with an objection against the program, and beats without a report of another cell
+        #: at the parcel; the latter up to _LONG_BEATS.
         self._against_beats = self._deaf_beats = 0
 
     def begin(self, program, shared=0):
@@ -175,7 +175,7 @@ class Pages:
         right = self._rights.registers
         return self._tracking.identity, right[IDENTITY], right[PROMISED_TO]
 
-    # What comes
+    # Received pages
 
     def on_page(self, direction, data):
         """Take a page, from the host or handed on by a neighbour; returns False if it is none."""

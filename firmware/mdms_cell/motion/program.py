@@ -6,10 +6,10 @@ from mdms_cell.perception.angle import turn_um
 from mdms_protocol.compat import micropython
 from mdms_protocol.neighbours import frames as wire
 
-#: Programs that a cell keeps of all that the host sends: those that come nearest to it, and the one
-#: that came last, of which it is to be seen yet how near that comes.
+#: Programs that a cell keeps of all that the host sends. They are those that come nearest to it,
+#: and the last one, whose way is still to be seen.
 SLOTS = 13
-#: Of a program of which nothing says where it leads; no way is so far [steps of the wire].
+#: The distance of a program without a known way; no way is so far [steps of the wire].
 _UNKNOWN = 1 << 20
 # Numbers of pages; those of legs follow.
 _PARCEL = 0
@@ -230,7 +230,7 @@ class Programs:
     def __init__(self, own=_nobody):
         self.x = self.y = 0
         self._own = own
-        # The one that was used last comes first.
+        # The last used program comes first.
         self._slots = [Program() for _ in range(SLOTS)]
 
     def clear(self):

@@ -19,7 +19,7 @@ _TOLERANCE_TURN_UM = const(1_500)
 _SETTLED_BEATS = const(30)
 #: The same as a time [ms].
 SETTLED_MS = const(300)
-#: A beat may change the twist by at least this, whatever the program says: every ramp ends [um/s].
+#: A beat may change the twist by at least this under any program: every ramp ends [um/s].
 _CHANGE_MIN_UM_S = const(100)
 #: Near the goal the speed is so many times the way left a second.
 _STIFFNESS_PER_S = const(3)
@@ -205,7 +205,7 @@ def length(x: int, y: int, z: int) -> int:
     x >>= 5
     y >>= 5
     z >>= 5
-    # Squares of (4 * a + r), whose sum words may have no room for: of 16ths, and what is left.
+    # Squares of (4 * a + r), whose sum may not fit a word: their 16ths, and the rest.
     sixteenths = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) + (z >> 2) * (z >> 2)
     rest = (x & 3) * (2 * x - (x & 3)) + (y & 3) * (2 * y - (y & 3)) + (z & 3) * (2 * z - (z & 3))
     if sixteenths + (rest + 15 >> 4) > int(ROOT_MAX) >> 4:

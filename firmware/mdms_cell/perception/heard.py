@@ -22,7 +22,7 @@ EDGES = const(16)
 #: In the place of presence bits: they are known, and the bits themselves.
 SEEN = const(0x80)
 BITS = const(0x1F)
-#: The beat of what has never come; beats count below it.
+#: The beat of a frame that has never come; beats count below it.
 NEVER = const(1 << 24)
 #: The box of a direction's speeds is so many behind that of its estimates.
 SPEEDS_AT = const(8)
@@ -49,7 +49,7 @@ class Heard:
         self.estimates = array("h", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.edges = 0
-        self.edge_bytes = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
+        self.edge_bytes = bytearray(EDGES)  # direction, sensor and its present value, in one byte
         self.edge_ms = array("i", [0] * EDGES)
 
     def reset(self):
@@ -104,8 +104,8 @@ class Heard:
         words, at = self._words, 2 * direction
         known = words[at] == first and words[at + 1] == second
         if not known or self.age_ms(direction, now_ms) < 0:
-            # Sent for another reason than a sensor, as one before it may have been that was lost:
-            # what sensors show may have changed long ago.
+            # The frame has another cause than a sensor. A lost frame before it may have had one:
+            # the sensors may have changed long ago.
             self.presence[direction] &= BITS
         words[at] = first
         words[at + 1] = second

@@ -17,7 +17,7 @@ DIRECTIONS = 8
 OWN = 8
 HOST = 8
 
-# What comes from a neighbour, in the order of its transmit PDOs
+# Kinds of frames of a neighbour, in the order of its transmit PDOs
 SPEEDS = 0
 STATE = 1
 ESTIMATE = 2

@@ -13,7 +13,7 @@ from mdms_protocol.compat import const, micropython
 _LATENCY_MS = const(3)
 #: An edge passes over a sensor no slower.
 _PASSING_UM_S = const(1_000)
-#: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
+#: A sensor so far outside is not covered by this parcel, even if its place is off, 30 mm [steps].
 _ELSEWHERE = const(1875)
 #: A parcel moves on by no more than this while a state is lost, 32 mm [1/16 mm].
 _MOST_LATE = const(512)

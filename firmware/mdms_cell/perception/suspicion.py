@@ -7,14 +7,14 @@ taken in again when it has agreed for as long. A beat without evidence counts fo
 from mdms_cell.perception.place import DIRECTIONS
 from mdms_protocol.compat import const, micropython
 
-# What a neighbour is suspected of; in an emergency, bits
-PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not
+# Kinds of suspicion of a neighbour; in an emergency, bits
+PRESENCE = const(0)  # its sensors miss a parcel that lies there, or show one that does not
 WHEELS = const(1)  # one of its wheels turns otherwise than the parcel moves
 POSE = const(2)  # it believes the parcel elsewhere than all others
 SILENCE = const(3)  # it believes and promises nothing, and the parcel needs it
 KINDS = const(4)
 
-#: In emergency messages: what they come from, and their code.
+#: The source and the code of emergency messages.
 SOURCE = const(9)
 CODE = const(0xFF01)
 

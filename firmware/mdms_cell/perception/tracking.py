@@ -24,7 +24,7 @@ _FEW_WHEELS = const(5)
 _AHEAD_MAX_MS = const(50)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = const(5)
-#: Whoever has been silent for less has lost a frame.
+#: A neighbour that has been silent for less has lost a frame.
 _LATE_BEATS = const(3)
 #: A wheel has to be so far inside the outline to be found wrong, 10 mm [steps].
 _INSIDE = const(625)

@@ -28,11 +28,11 @@ _SLIP_UM_S = const(12_000)
 #: So fast is no wheel, and differences with it fit 32 bits [um/s].
 _WILD_UM_S = const(100_000_000)
 
-# What wheels show: that one or the parcel above it moves, that one does not turn with the parcel
+# Motion of wheels: a wheel or the parcel above it moves; a wheel does not turn with the parcel
 TURNS = const(1)
 SLIPS = const(2)
 
-# Numbers of what the last fit has `shown`
+# Indices of `shown`, the result of the last fit
 WHEELS = const(0)  # how many wheels there were
 OFF = const(1)  # how far these were off the twist before, on the average [um/s]
 
@@ -143,7 +143,7 @@ def against(  # noqa: PLR0917 - viper takes words
             expected = (along[2 * axis] << widen >> widen) * vx
             expected += (along[2 * axis + 1] << widen >> widen) * vy
             expected = expected + (levers[wheel] << widen >> widen) * turn >> 9
-            # What a broken neighbour sends may be anything.
+            # A broken neighbour may send any speed.
             speed = int(speed_um_s(frames, wheel, _WILD_UM_S))
             off = speed - expected if speed > expected else expected - speed
             speed = speed if speed > 0 else 0 - speed

@@ -16,7 +16,7 @@ _DIRECTIONS = const(8)
 #: which it is under a neighbour, or a twelfth of that elsewhere.
 _GONE = const(500)
 _ELSEWHERE = const(12)
-#: Others are kept waiting for so long; whoever is to precede them comes no more.
+#: Others are kept waiting for so long; then the parcel to precede them comes no more.
 _PATIENCE_BEATS = const(1500)
 
 
@@ -78,7 +78,7 @@ class Precedence:
             self._away = min(self._away + passing, _GONE)
             place = self._place_of(here, self._come) if state == wire.UNDER else frame.PLACES
             if place < frame.PLACES:
-                # Whoever was to come before it has been here, or comes no more.
+                # The parcels before it have been here, or come no more.
                 self._come = place + 1
                 self._away = self._kept_beats = 0
         return self._come - 1 if self._come and self._away < _GONE else self._come

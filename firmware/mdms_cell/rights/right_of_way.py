@@ -59,8 +59,8 @@ _PATIENCE_BEATS = const(16)
 _BLOCKED_BEATS = const(17)
 _REGISTERS = const(18)
 
-# What neighbours said that counts, a column of each by direction: identity, state, hold, and for
-# how many more beats it does
+# Reports of neighbours that count, a column of each by direction: identity, state, hold, and the
+# beats for which it still counts
 IDENTITIES = const(0)
 STATES = const(8)
 HOLDS = const(16)
@@ -109,7 +109,7 @@ class RightOfWay:
         self.said = bytearray(_COLUMNS)
         self.unsure = False
         self._neighbours = 0
-        #: For so long what neighbours report may have been sent before all stood.
+        #: Reports of neighbours may have been sent before all parcels stood, for so many beats.
         self.unheeded_beats = 0
         self.silent_beats = bytearray(DIRECTIONS)
         self.reported = bytearray(DIRECTIONS)

@@ -11,7 +11,7 @@ from mdms_protocol.codecs import sdo
 from mdms_protocol.update import bundle, codes
 from mdms_protocol.version import VERSION
 
-#: Firmware on trial that nobody confirms for so long makes way for the one before.
+#: Firmware on trial without a confirmation for so long makes way for the one before.
 TRIAL_MS = 60_000
 #: The answer to the command leaves before the restart.
 RESTART_MS = 50
@@ -297,7 +297,7 @@ class _Receipt:
         try:
             self._slot.file.close()
         except OSError:
-            return  # what flash cannot keep is not there
+            return  # the file is then incomplete, and is removed
         finally:
             self._slots.remove()
 

@@ -30,7 +30,7 @@ _GROUPS = {
     2: record.STORED_COMMUNICATION,
     3: record.STORED_APPLICATION,
 }
-#: What reading returns: saved on command, not by itself; defaults can be restored.
+#: The value of a read: saved on command, not by itself; defaults can be restored.
 _ON_COMMAND = 1
 _PDOS = (
     (indices.RPDO_PARAMETERS, indices.RPDO_MAPPING, record.IN_RPDO),
