@@ -7,11 +7,11 @@ take in that a parcel asks for it which others of the order are to precede: as i
 been lost, which breaks no rule of right of way.
 """
 
+from mdms_cell.rights.right_of_way import DIRECTIONS
 from mdms_protocol.compat import const
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import precedence as frame
 
-_DIRECTIONS = const(8)
 #: A parcel that has left may come back while it turns, and has gone only after so many beats in
 #: which it is under a neighbour, or a twelfth of that elsewhere.
 _GONE = const(500)
@@ -90,7 +90,7 @@ class Precedence:
         parcel is passed over.
         """
         kept = False
-        for direction in range(_DIRECTIONS):
+        for direction in range(DIRECTIONS):
             at = wire.ESTIMATE_FIELDS * direction
             place = self._place_of(estimates[at + wire.IDENTITY], now)
             own = 1 << (direction ^ 4)
@@ -108,7 +108,7 @@ class Precedence:
 
 def _is_under_any(identity, estimates, fresh):
     """Whether a neighbour has just said that it is under this parcel."""
-    for direction in range(_DIRECTIONS):
+    for direction in range(DIRECTIONS):
         at = wire.ESTIMATE_FIELDS * direction
         its, state = estimates[at + wire.IDENTITY], estimates[at + wire.STATE]
         if fresh[direction] and its == identity and state == wire.UNDER:
