@@ -16,10 +16,11 @@ _FDCAN_H7_PLACES = 32
 
 
 def bxcan(identifiers):
-    """Filters of a bxCAN that let these identifiers through, all of them into the first FIFO.
+    """Filters of a bxCAN for these identifiers, all of them into the first FIFO.
 
-    MicroPython gives filters at odd places to the second FIFO, and sleeps for a frame in the first,
-    in the interrupt, before it looks at the second. Standard and extended filters count together.
+    MicroPython gives filters at odd places to the second FIFO. Its interrupt looks at the second
+    FIFO only after it has slept for a frame in the first. Standard and extended filters count
+    together.
     """
     made = []
     for can_id, mask in shared(identifiers, _BXCAN_PLACES):

@@ -37,15 +37,16 @@ _SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
 class CellBoard:
     """The board of a cell; see 'Cell and board' in DESIGN.md.
 
-    Of `pins`, `wake` lets both bridges drive, `fault` is low while one of them reports a fault,
-    `sensors` are the five presence sensors, `run_led` and `error_led` those of CiA 303-3. The tick
-    calls `sample(registers)` and `drive(registers)`. Importing touches nothing; a board is made
-    with both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
-    settings, or None. `slots`, where there are any, are those for firmware over the bus; `number`
-    is the board's own, see `mdms_protocol.update.codes`.
+    Of `pins`, `wake` lets both bridges drive. `fault` is low while a bridge reports a fault.
+    `sensors` are the five presence sensors, and `run_led` and `error_led` those of CiA 303-3. The
+    tick calls `sample(registers)` and `drive(registers)`. Importing touches nothing. A new board
+    has both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
+    settings, or None. `slots` are those for firmware over the bus, if there are any. `number` is
+    the board's own, see `mdms_protocol.update.codes`.
 
-    A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake: far more than a
-    garbage collection. It makes what `wheels` and `connected` return, and the tick's timer.
+    A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake. It is far longer
+    than a garbage collection. The family also makes the wheels, the bus and the tick's timer, by
+    `wheels` and `connected`.
     """
 
     WATCHDOG_MS = 250

@@ -18,12 +18,11 @@ _SUPPLY_MIN = const(1_000_000 >> 12)
 
 
 class Wheel:
-    """The axis whose registers are at `base`; all but `off` is for the tick.
+    """The axis with registers from `base` on; all but `off` is for the tick.
 
-    `count()` is the encoder's position, `sense(registers)` writes the motor's current into the
-    registers, signed as the voltage, and `drive(registers)` sets phase and pulse width to the
-    voltage there.
-    `set_width(width)` sets the pulses of a PWM, `steps` for full ones.
+    `count()` is the encoder's position. `sense(registers)` writes the motor's current into the
+    registers, signed as the voltage. `drive(registers)` sets phase and pulse width to the voltage
+    in the registers. `set_width(width)` sets the pulses of a PWM; `steps` are full ones.
     """
 
     def __init__(self, base: int, *, count, set_width, steps: int, phase: Pin, current: ADC):

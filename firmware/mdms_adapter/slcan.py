@@ -1,8 +1,8 @@
 """SLCAN, the line protocol of serial CAN adapters (Lawicel CAN232): bytes in, frames and lines out.
 
-Frames of 11-bit identifiers with data are sent; others are refused. Beyond the protocol, a line
-`xNNNN` says that so many frames of the bus did not find room on their way to the host, and a line
-`y` that the bus went off: frames that were taken from the host last may not have gone out.
+Data frames with identifiers of 11 bits are sent, and others are refused. Two lines go beyond the
+protocol. A line `xNNNN` reports the number of bus frames that did not fit on their way to the host.
+A line `y` reports bus-off: the last frames taken from the host may not have gone out.
 """
 
 from binascii import hexlify, unhexlify

@@ -110,7 +110,7 @@ class Layer:
         self._reset()
 
     def _reset(self):
-        """Forget all that must outlive no stop: parcel, programs, promises, and whose time it is.
+        """Forget all that must outlive no stop: parcel, programs, promises, and turns.
 
         Settings stay, and so does the clock.
         """
@@ -458,9 +458,9 @@ class Layer:
                 tracking.take_shape(program)
 
     def _go_on(self, program):
-        """Take the next leg, without the host, at the end of this one; so do all under the parcel.
+        """Take the next leg without the host at the end of this one, as all under the parcel do.
 
-        The host gives a leg when its way is free; from now on promises alone keep others apart, in
+        The host gives a leg when its way is free. From now on promises alone keep others apart, in
         the order of `precedence`.
         """
         if not program.legs:

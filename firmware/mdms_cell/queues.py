@@ -80,7 +80,7 @@ class Inbox:
     def peek(self):
         """The oldest frame, None if there is none.
 
-        As (identifier, data, flags, errors, last byte of the tick in which it came).
+        A frame is (identifier, data, flags, errors, last byte of the tick in which it came).
         """
         ring = self._ring
         ends = self.ends

@@ -28,11 +28,11 @@ FRAMES_PER_TURN = const(16)
 class Runner:
     """Joins a cell and its board.
 
-    Besides what 'Cell and board' in DESIGN.md asks of a board, it has `inbox`, `service(now_ms)`,
-    `bus_off`, `feed()` for the hardware watchdog and `show(now_ms, state, faulty)` for the LEDs.
-    `tick(timer)` is one control period, from a hard timer interrupt; an error in it cuts the motors
-    for good. MicroPython would end the interrupt at an uncaught exception, and leave the last
-    voltage standing.
+    The board has more than 'Cell and board' in DESIGN.md lists: `inbox`, `service(now_ms)`,
+    `bus_off`, `feed()` for the hardware watchdog, and `show(now_ms, state, faulty)` for the LEDs.
+    `tick(timer)` is one control period, from a hard timer interrupt. An error in it cuts the motors
+    for good. MicroPython would end the interrupt at an uncaught exception, with the last voltage
+    standing.
     """
 
     def __init__(self, board, cell):

@@ -63,7 +63,7 @@ class Emcy:
             self._post(source, _NO_ERROR, bytes(4))
 
     def poll(self, now_ms):
-        """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
+        """Send waiting messages, one an inhibit time; return when to go on [ms from now]."""
         while self.queue and self.can_id is not None:
             wait_ms = self._inhibited_ms(now_ms)
             if wait_ms:

@@ -1,7 +1,7 @@
-"""The PDOs of a cell (CiA 301, 7.2.2.3, and 7.5.2.35 to 38 for their configuration).
+"""The PDOs of a cell (CiA 301, 7.2.2.3; their configuration is 7.5.2.35 to 38).
 
-The standard has five steps to change a PDO. Make it invalid by bit 31 of its COB-ID, set
-the number of mapped objects to 0, write the entries, set the number, and make it valid.
+The standard has five steps to change a PDO. Make it invalid by bit 31 of its COB-ID. Set the number
+of mapped objects to 0. Write the entries, then their number. Make the PDO valid.
 """
 
 import struct
@@ -188,8 +188,8 @@ class Rpdo(Pdo):
 class Tpdo(Pdo):
     """Transmit PDO `number`, counted from 0.
 
-    `on_sync` is for a synchronous one, `trigger` for one of type 254, `poll` for one of type 255;
-    see `Pdo` for `changed`. `refused` is the change for which there was no room at SYNC.
+    `on_sync` is for a synchronous PDO, `trigger` for type 254, and `poll` for type 255. See `Pdo`
+    for `changed`. `refused` is the change for which there was no room at SYNC.
     """
 
     def __init__(self, number, objects, send, changed):

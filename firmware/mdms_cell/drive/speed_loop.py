@@ -133,8 +133,8 @@ LOW_TICKS = const(5)
 def reset(registers):
     """Zero all registers but WIDEN, which depends on the width of a machine word.
 
-    Viper on a 64-bit machine loads a negative register as a large positive number; shifting it up
-    and down again by 32 bits repairs that, and by 0 bits does nothing where it is not needed.
+    Viper on a 64-bit machine loads a negative register as a large positive number. A shift up and
+    down again by 32 bits repairs that. A shift by 0 bits does nothing where no repair is needed.
     """
     for index in range(REGISTERS):
         registers[index] = 0

@@ -112,11 +112,11 @@ def command_of(controlword):
 
 
 class Drive:
-    """The drive of the axis whose registers start at `base`; it starts switched off.
+    """The drive of the axis with registers from `base` on; it starts switched off.
 
-    Unless `may_enable()`, if there is one, to enable operation leads to 'switched on' only.
-    `on_enabled()`, if there is one, is called on the way into 'operation enabled', `on_off()` once
-    the voltage is 0 on the way into 'switch on disabled' and 'fault'.
+    If `may_enable()` is given and false, 'enable operation' leads to 'switched on' only.
+    `on_enabled()`, if given, is called on the way into 'operation enabled'. `on_off()`, if given,
+    is called on the way into 'switch on disabled' and 'fault', once the voltage is 0.
     """
 
     def __init__(self, registers, base, on_off=None):
@@ -182,7 +182,7 @@ class Drive:
             self.error_code = error_code
 
     def fall_silent(self, error_code):
-        """Go to 'fault', for who commands is gone; a motor that is on brakes first, if it may."""
+        """Go to 'fault' after the commands have ended; a motor that is on may brake first."""
         if self.state == cia402.FAULT_REACTION:
             return
         if self.registers[self.base + speed_loop.REACTION] and self._happen(SILENCE):

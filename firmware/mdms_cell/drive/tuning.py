@@ -28,9 +28,9 @@ def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
 
     A unit of RATE is 10**9 / (2**14 counts_per_metre) um/s. It is kept as a fraction of 15 bits,
     which is exact to 3e-5. The velocity of an alpha-beta filter trails a steady acceleration by
-    alpha / beta - 1/2 ticks; this one is critically damped (Morrison 1969, 'Introduction to
-    Sequential Smoothing and Prediction', fading memory of first degree), so that with three
-    eighths of its gains, which `step` uses within a count, the loop still has a margin.
+    alpha / beta - 1/2 ticks. This filter is critically damped: the fading memory of first degree of
+    Morrison's 'Introduction to Sequential Smoothing and Prediction' (1969). `step` uses three
+    eighths of its gains within a count, and the loop still has a margin then.
     """
     _check("counts per metre", counts_per_metre, COUNTS_PER_METRE_MIN, COUNTS_PER_METRE_MAX)
     _check("observer lag [us]", lag_us, LAG_MIN_US, LAG_MAX_US)

@@ -41,9 +41,9 @@ _LONG_MS = const(1 << 20)
 class Leading:
     """The wheels of one cell under one parcel, by its program.
 
-    `needs` is the mask of the neighbours that the parcel covers, or will before it can stand, and
-    `wants` that of those that it will cover soon, too. `reported(direction)` returns the outline of
-    the parcel that a neighbour is under, None where its place or its size is not known.
+    `needs` is the mask of the neighbours that the parcel covers, or will cover before it can stand.
+    `wants` adds those that it will cover soon. `reported(direction)` returns the outline of the
+    parcel over a neighbour, None where its place or its size is not known.
     """
 
     def __init__(self, place, footprint, tracking, axes, reported):
@@ -254,7 +254,7 @@ class Leading:
             steering.commanded[axis] = self._parcel.twist.speeds[axis] if going else 0
 
     def _has_held(self):
-        """The wheels hold the parcel, which stands; returns whether for long, and they are off."""
+        """Hold the parcel, which stands; return whether it was held long, with the wheels off."""
         self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
         if self._driving and self._held_beats < _HOLD_BEATS:
             return False

@@ -221,10 +221,10 @@ def _nobody():
 
 
 class Programs:
-    """The programs that a cell keeps; the one that stays farthest from it makes room for another.
+    """The programs that a cell keeps; the one that stays farthest away makes room for another.
 
-    `x` and `y` are the cell's place [steps of the wire; table frame], and `own` returns the
-    identities of the parcels that it is at or promised to: their programs stay.
+    `x` and `y` are the cell's place [steps of the wire; table frame]. `own` returns the parcels
+    that it is at or promised to, by identity; their programs stay.
     """
 
     def __init__(self, own=_nobody):

@@ -24,8 +24,8 @@ _FAR_UM = const(25_000)
 class Agreement:
     """The poses of the neighbours under the same parcel, as they came in a beat.
 
-    `peers` is the mask of those that have sent one, `near` of those that agree with this cell, and
-    `outvoted_beats` counts how long more have agreed with one another.
+    `peers` is the mask of those that have sent one. `near` is the mask of those that agree with
+    this cell. `outvoted_beats` counts how long more have agreed with one another.
     """
 
     def __init__(self, place, heard, suspicion):

@@ -1,7 +1,8 @@
-"""Where a cell believes its parcel to be: rolled on by the wheels, corrected at edges, agreed.
+"""The believed place of a parcel: rolled on by wheels, corrected at edges, agreed.
 
-An extended Kalman filter over the pose (x, y, turn) [um; from the cell's own centre, turn at the
-arm of `angle`] in whole numbers of 32 bits. Variances are in squares of 1/16 mm.
+It is an extended Kalman filter over the pose (x, y, turn) in whole numbers of 32 bits. The pose is
+in um from the cell's own centre, the turn at the arm of `angle`. Variances are in squares of 1/16
+mm.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false

@@ -31,12 +31,11 @@ SPEEDS_AT = const(8)
 class Heard:
     """Speeds, presence, edges and estimates, the cell's own under `OWN`.
 
-    `beat` is the present one. The boxes have the neighbours' estimates by direction, and behind
-    them the frames with their speeds, which are read where they are, stamped with their beat.
-    `presence[d]` are a cell's sensors' bits, known with `SEEN`. `estimates` has the fields of
-    `neighbours.frames`, `estimate_beat[d]` the beat in which they came; they are to be passed on
-    once, while their box is fresh. Of the `edges` that wait, `edge_ms` has the times and
-    `edge_bytes` the rest; see `edge`.
+    `beat` is the present one. The boxes have the neighbours' estimates by direction. Behind them
+    they have the frames with speeds, stamped with their beat and read in place. `presence[d]` are a
+    cell's sensor bits, known with `SEEN`. `estimates` has the fields of `neighbours.frames`, and
+    `estimate_beat[d]` the beat in which they came. They are to be passed on once, while their box
+    is fresh. Of the waiting `edges`, `edge_ms` has the times and `edge_bytes` the rest; see `edge`.
     """
 
     def __init__(self):

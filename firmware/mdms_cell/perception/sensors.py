@@ -24,10 +24,10 @@ _TOGETHER = const(125)
 class Comparison:
     """A cell's presence bits beside the outline of a parcel.
 
-    `wrong` is the mask of the sensors on the wrong side of it. Whether: all sensors deep under it
-    are free (`missing`); a sensor far from it is covered (`far`); there are sensors deep under it,
-    or far from it (`clearly`); it covers a wheel or a sensor, or nearly, as by `Footprint.covers`
-    (`nearly`).
+    `wrong` is the mask of the sensors on the wrong side of it. `missing` is whether all sensors
+    deep under it are free. `far` is whether a sensor far from it is covered. `clearly` is whether
+    there are sensors deep under it or far from it. `nearly` is whether it covers a wheel or a
+    sensor, or nearly, as by `Footprint.covers`.
     """
 
     def __init__(self):

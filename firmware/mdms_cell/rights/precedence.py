@@ -1,9 +1,9 @@
-"""Which parcel comes over this cell before which, as the host had planned it when it was gone.
+"""The order in which parcels come over this cell without the host, as the host had planned it.
 
-While the host is there it sees to that itself, for it sets each goal when the way to it is free.
-Without it promises alone keep parcels apart, and parcels that have to pass each other would be
-promised cells in an order that leaves both without a way. So a cell that misses the host does not
-take in that a parcel asks for it which others of the order are to precede: as if that estimate had
+The host keeps the order itself while it is there: it sets each goal when the way to it is free.
+Without it promises alone keep parcels apart. Parcels that have to pass each other could then be
+promised cells in an order that leaves both without a way. So a cell that misses the host ignores
+the request of a parcel while others of the order are to precede it. That is as if the estimate had
 been lost, which breaks no rule of right of way.
 """
 

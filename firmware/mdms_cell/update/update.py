@@ -32,9 +32,9 @@ _CODES = {
 class Update:
     """Ties the objects to the board's `slots`.
 
-    `board` has `number`, `bytecode`, `slots_room()`, `image_room()` and `restart()` besides.
-    `driving()` is whether a motor is on, `sound()` whether the cell passes its self-test,
-    `attend()` the time [ms].
+    `board` also has `number`, `bytecode`, `slots_room()`, `image_room()` and `restart()`.
+    `driving()` is whether a motor is on. `sound()` is whether the cell passes its self-test.
+    `attend()` is the time [ms].
     """
 
     def __init__(self, objects, board, driving, sound, attend):
@@ -235,10 +235,10 @@ def _running():
 
 
 class _Receipt:
-    """Takes a bundle in pieces; `admit(data)`, which returns the head, and `received(head)`
-    are the update's.
+    """Takes a bundle in pieces.
 
-    `refusal(reason)` returns an AbortError.
+    `admit(data)` returns the head of a bundle that is for this cell, and `received(head)` takes it
+    at the end. `refusal(reason)` returns an AbortError.
     """
 
     def __init__(self, slots, admit, received, refusal):
