@@ -28,7 +28,6 @@ PACKAGES = (
     ROOT / "firmware" / "mdms_adapter",
     ROOT / "firmware" / "mdms_boot",
     ROOT / "firmware" / "mdms_cell",
-    ROOT / "firmware" / "mdms_gateway",
     ROOT / "protocol" / "mdms_protocol",
 )
 TIME_LIMIT_S = 60

@@ -1,6 +1,6 @@
 """The CAN bus of a board: frames between `machine.CAN` and the background loop, and bus-off.
 
-What differs between the ports of MicroPython stands in `stm32` and `mimxrt`.
+The ports of MicroPython differ; their parts stand in `stm32` and `mimxrt`.
 """
 
 import micropython
@@ -14,7 +14,7 @@ BITRATE = 1_000_000
 SAMPLE_POINT = 87
 #: How long the bus is left alone after bus-off, and between attempts to come back.
 BUS_OFF_MS = 100
-#: What the interrupt is for.
+#: Events that raise the interrupt.
 TRIGGERS = CAN.IRQ_RX | CAN.IRQ_STATE
 
 #: How many counters `CAN.get_counters` has; the first two are those of CAN's fault confinement.
@@ -43,7 +43,7 @@ class Bus:
         self._off_ms = 0
         self._counters = [0] * _COUNTERS
 
-    # What a port defines
+    # Defined by a port
 
     def filters(self, identifiers):
         """Filters that let these identifiers through, all into the same FIFO."""
@@ -63,7 +63,7 @@ class Bus:
         """Whether `CAN.restart` returns at once."""
         return True
 
-    # What the board calls
+    # Called by the board
 
     def start(self):
         """Begin to receive."""
@@ -75,7 +75,7 @@ class Bus:
 
     @micropython.native
     def _on_can(self, can: CAN):
-        """Take what has come, and note bus-off."""
+        """Take the received frames, and note bus-off."""
         flags = self._flags()
         if not flags & CAN.IRQ_RX:
             self.rearm()

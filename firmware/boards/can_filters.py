@@ -1,4 +1,4 @@
-"""The acceptance filters of the CAN controllers, for what a cell listens to."""
+"""The acceptance filters of the CAN controllers, set for the identifiers that a cell takes."""
 
 from machine import CAN
 
@@ -16,10 +16,11 @@ _FDCAN_H7_PLACES = 32
 
 
 def bxcan(identifiers):
-    """Filters of a bxCAN that let these identifiers through, all of them into the first FIFO.
+    """Filters of a bxCAN for these identifiers, all of them into the first FIFO.
 
-    MicroPython gives filters at odd places to the second FIFO, and sleeps for a frame in the first,
-    in the interrupt, before it looks at the second. Standard and extended filters count together.
+    MicroPython gives filters at odd places to the second FIFO. Its interrupt looks at the second
+    FIFO only after it has slept for a frame in the first. Standard and extended filters count
+    together.
     """
     made = []
     for can_id, mask in shared(identifiers, _BXCAN_PLACES):
@@ -60,10 +61,11 @@ def shared(identifiers, places):
 
 
 def _join(wanted, limit):
-    """Have the two that leave most bits of a mask share one place; return how many these are.
+    """Have the best two masks share one place; return how many bits the shared mask compares.
 
-    No two leave more than `limit`: those that the last two left, for what is joined has fewer bits
-    in common with all others. So the first two that leave as many will do.
+    The best two leave most bits of a mask. The last two left `limit` bits, and no two leave more: a
+    joined mask has fewer bits in common with all others. So the first two with `limit` bits will
+    do.
     """
     most = -1
     best = 0, 1, 0

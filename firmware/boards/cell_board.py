@@ -1,7 +1,7 @@
-"""What all boards of a cell share: two wheels, the bus, sensors, LEDs, watchdog, settings.
+"""A cell's board as all boards have it: two wheels, bus, sensors, LEDs, watchdog, settings.
 
-A chip family's module has what its port of MicroPython has of its own (`stm32`, `mimxrt`), and a
-board's own module its pins.
+The module of a chip family (`stm32`, `mimxrt`) has the parts of its port of MicroPython. The module
+of a board has its pins.
 """
 
 import gc
@@ -22,7 +22,7 @@ from mdms_protocol.update import codes
 #: The watchdog's patience while both bridges sleep, when flash may be written: that stops the
 #: processor, on an STM32 for seconds.
 WATCHDOG_ASLEEP_MS = 5_000
-#: The most that goes into a slot; what it leaves of the file system, and an image of the heap.
+#: Largest slot, and the room that it leaves in the file system, and its image in the heap.
 SLOT_MAX = const(256 * 1024)
 _FLASH_LEFT = const(64 * 1024)
 _HEAP_LEFT = const(128 * 1024)
@@ -37,15 +37,16 @@ _SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
 class CellBoard:
     """The board of a cell; see 'Cell and board' in DESIGN.md.
 
-    Of `pins`, `wake` lets both bridges drive, `fault` is low while one of them reports a fault,
-    `sensors` are the five presence sensors, `run_led` and `error_led` those of CiA 303-3. The tick
-    calls `sample(registers)` and `drive(registers)`. Importing touches nothing; a board is made
-    with both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
-    settings, or None. `slots`, where there are any, are those for firmware over the bus; `number`
-    is the board's own, see `mdms_protocol.update.codes`.
+    Of `pins`, `wake` lets both bridges drive. `fault` is low while a bridge reports a fault.
+    `sensors` are the five presence sensors, and `run_led` and `error_led` those of CiA 303-3. The
+    tick calls `sample(registers)` and `drive(registers)`. Importing touches nothing. A new board
+    has both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
+    settings, or None. `slots` are those for firmware over the bus, if there are any. `number` is
+    the board's own, see `mdms_protocol.update.codes`.
 
-    A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake: far more than a
-    garbage collection. It makes what `wheels` and `connected` return, and the tick's timer.
+    A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake. It is far longer
+    than a garbage collection. The family also makes the wheels, the bus and the tick's timer, by
+    `wheels` and `connected`.
     """
 
     WATCHDOG_MS = 250
@@ -79,7 +80,7 @@ class CellBoard:
         self.transmit_errors = self.bus.transmit_errors
         self.receive_errors = self.bus.receive_errors
 
-    # What a chip family defines
+    # Defined by a chip family
 
     def wheels(self, pins):
         """Both wheels, made from the peripherals."""
@@ -124,7 +125,7 @@ class CellBoard:
             self._watchdog = WDT(timeout=wanted_ms)
         self._watchdog.feed()
 
-    # What the background calls
+    # Called by the background
 
     @property
     def bus_off(self):
@@ -181,7 +182,7 @@ class CellBoard:
         return max(min(SLOT_MAX, self.flash_free() - _FLASH_LEFT), 0)
 
     def image_room(self):
-        """Bytes of the largest image that firmware can run from, beside what it takes itself."""
+        """Bytes of the largest image that firmware can run from, beside the firmware itself."""
         return gc.mem_free() + gc.mem_alloc() - _HEAP_LEFT
 
     def restart(self):
@@ -202,10 +203,11 @@ class CellBoard:
 
 
 def _sampling(supply, fault, wheels):
-    """What writes supply, currents and encoder counts into the registers, those last.
+    """Return a function that writes supply, currents and encoder counts into the registers.
 
-    The ADC belongs to the tick: a conversion that another interrupts is of its channel.
-    A bridge with a fault of its own has shut off; that counts as over-current.
+    It writes the encoder counts last. The ADC belongs to the tick: an interrupted conversion would
+    be of another channel. A bridge with a fault of its own has shut off, which counts as
+    over-current.
     """
 
     @micropython.native
@@ -231,7 +233,7 @@ def _sampling(supply, fault, wheels):
 
 
 def _driving(wake, wheels):
-    """What applies the voltages; the bridges are awake while an axis is on or brakes."""
+    """Return a function that applies voltages; bridges wake while an axis is on or brakes."""
 
     @micropython.native
     def drive(

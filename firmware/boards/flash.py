@@ -1,10 +1,10 @@
 """Settings in files of a LittleFS, the memory of `mdms_cell.canopen.storage.store`.
 
-For boards on which the port gives LittleFS the erase blocks of the flash itself: Teensy 4.1, and
-STM32 boards whose file system lies on SPI flash. There LittleFS keeps what it has until what is new
-is whole. On internal flash of an STM32 it cannot; see `boards.sectors`.
+This suits boards on which the port gives LittleFS the erase blocks of the flash. These are the
+Teensy 4.1, and STM32 boards with their file system on SPI flash. There LittleFS keeps the old data
+until the new data are whole. On internal flash of an STM32 it cannot; see `boards.sectors`.
 
-Erasing flash stops the processor, so nothing is written unless `asleep()` reports that no bridge is
+Erasing flash stops the processor. So nothing is written unless `asleep()` reports that no bridge is
 awake.
 """
 
@@ -44,7 +44,7 @@ class Settings:
             pass
 
     def write(self, bank, offset, data):
-        """Write at the end of what the bank holds."""
+        """Append to the contents of the bank."""
         _check(self._asleep)
         if os.stat(self._path(bank))[6] != offset:
             raise OSError("settings are written from their beginning on")

@@ -1,4 +1,4 @@
-"""What boards with an i.MX RT share: FlexPWM, quadrature decoders, a soft timer, FlexCAN."""
+"""Boards with an i.MX RT: FlexPWM, quadrature decoders, a soft timer, FlexCAN."""
 
 from collections import namedtuple
 
@@ -34,7 +34,7 @@ _FULL_WIDTH = 0xFFFF
 #: Where in a bit it is read [%]. CiA 301 wants 87.5, where a FlexCAN at 40 MHz would have one time
 #: quantum behind it; it needs two.
 _SAMPLE_POINT = 85
-#: Filters that have a mask of their own; the others share one that MicroPython does not set.
+#: Filters with masks of their own; the others share a mask that MicroPython does not set.
 _FILTER_PLACES = 32
 #: Place of the frames lost in `CAN.get_counters`.
 _OVERRUNS = 7
@@ -86,10 +86,10 @@ class MimxrtBoard(CellBoard):
 
 
 class FlexCanBus(Bus):
-    """The bus by a FlexCAN, whose one receive FIFO holds six frames.
+    """The bus by a FlexCAN with one receive FIFO for six frames.
 
-    Identifier 0 and extended frames with the leading bits of a filter come through whatever the
-    filters are; the cell drops them.
+    Identifier 0 passes every filter, and so do extended frames with the leading bits of a filter.
+    The cell drops them.
     """
 
     def __init__(self, can: CAN, registers):

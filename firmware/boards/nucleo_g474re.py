@@ -1,9 +1,9 @@
 """NUCLEO-G474RE (STM32G474, 170 MHz); pins as in the wiring table of docs/boards.md.
 
-It saves no settings. Flash of an STM32G4 has error correction: reading what was cut off amid an
-erase or a program operation raises the NMI, and goes on raising it until FLASH_ECCR is cleared.
-MicroPython's handler returns without that, so a board whose power failed during a save would hang
-at every start.
+It saves no settings. Flash of an STM32G4 has error correction. If an erase or a program operation
+is cut off, a later read of that flash raises the NMI. The NMI comes again until FLASH_ECCR is
+cleared, and MicroPython's handler does not clear it. So a board whose power failed during a save
+would hang at every start.
 """
 
 from machine import Pin

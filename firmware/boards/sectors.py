@@ -1,14 +1,15 @@
 """Settings in sectors of internal STM32 flash, behind a file system that leaves room for them.
 
-MicroPython's STM32 port writes its internal flash through one cache in RAM that holds a sector:
-blocks that are written change the cache, and a sync erases the sector and programs all of it. Power
-that fails meanwhile takes the whole sector, whatever lies in it, under LittleFS as under FAT. So
-the settings are no files: each bank has a sector of its own that no file system uses, and a save
-touches that of one bank. `make_room` makes the smaller file system that this takes; until then, and
-after the port has made a new one over all of the flash, settings are read but not written.
+MicroPython's STM32 port writes its internal flash through one cache in RAM that holds a sector. A
+write changes the cache. A sync erases the sector and programs all of it. If power fails meanwhile,
+the whole sector is lost with all its files, under LittleFS as under FAT. So the settings are no
+files. Each bank has a sector that no file system uses, and a save touches the sector of one bank.
 
-This holds for flash without error correction, as an STM32F405 has: there, what was cut off reads as
-some number or other. For what it does elsewhere see `nucleo_g474re`.
+`make_room` makes the smaller file system. Before that, settings are read but not written. The same
+holds after the port has made a new file system over all of the flash.
+
+This is for flash without error correction, as an STM32F405 has. There, a read after a write that
+was cut off returns some number. For flash with error correction see `nucleo_g474re`.
 """
 
 from collections import namedtuple
@@ -42,8 +43,8 @@ class Sectors:
     def read(self, bank):
         """The bank up to its first blank block.
 
-        It is read where it lies: the port would answer from the cache, which has what was meant to
-        be programmed.
+        It is read from flash directly. The port would answer from its cache, and the cache may
+        differ from the flash.
         """
         start = self._storage.address + self._storage.banks[bank]
         content = b""
@@ -58,7 +59,7 @@ class Sectors:
         """Nothing: the port erases the sector when it is written."""
 
     def write(self, bank, offset, data):
-        """Replace what the bank holds."""
+        """Replace the contents of the bank."""
         if offset or len(data) > BANK_SIZE:
             raise OSError("settings are written in one piece of %d bytes at most" % BANK_SIZE)
         if not self._asleep():
@@ -106,7 +107,7 @@ def _file_system_size(flash):
 
 
 def _stored(address):
-    """What a block of flash holds."""
+    """Return the contents of a block of flash."""
     block = bytearray(_BLOCK)
     for place in range(0, _BLOCK, 2):
         half_word = mem16[address + place]

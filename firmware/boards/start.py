@@ -1,7 +1,7 @@
 """Runs a cell on its board, and never leaves the motors on.
 
-Whatever ends the loop, the motors are cut first; then the reason goes to the bus and into
-`crash.log`, and the watchdog, no longer fed, resets the board.
+The motors are cut first when the loop ends, for any reason. Then the reason goes to the bus and
+into `crash.log`. The watchdog is no longer fed and resets the board.
 """
 
 import gc
@@ -30,7 +30,7 @@ def run(board, slots=None, folder="/flash", node_id=NODE_UNSET, watchdog=True):
         board.slots = slots
     cell = Cell(board, node_id)
     runner = Runner(board, cell)
-    gc.collect()  # what the start took lies between what stays
+    gc.collect()  # the start leaves garbage between the lasting objects
     try:
         board.start(runner.tick, watchdog)
         while True:

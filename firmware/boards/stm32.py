@@ -1,4 +1,4 @@
-"""What the STM32 boards share: timers of `pyb` for PWM, encoders and tick, bxCAN or FDCAN."""
+"""STM32 boards: timers of `pyb` for PWM, encoders and tick, bxCAN or FDCAN."""
 
 import time
 from collections import namedtuple
@@ -18,7 +18,7 @@ from boards.cell_board import CellBoard
 from boards.wheel import PWM_HZ, Wheel
 from mdms_cell.drive import speed_loop
 
-#: Timers that can count an encoder, by what they are called.
+#: Timers that can count an encoder, by name.
 _TIMERS = {3: stm.TIM3, 4: stm.TIM4, 8: stm.TIM8}
 #: The fields IC1F and IC2F of a timer's CCMR1 (STM32 reference manuals): a level counts after eight
 #: samples, 32 ticks of the timer apart. That is 1 us at 240 MHz and 3 us at 84 MHz, and so less
@@ -110,8 +110,9 @@ class Stm32Bus(Bus):
     def transmit(self, can_id, data):
         """Give a frame to the controller, with no interrupt in between.
 
-        MicroPython notes the mailbox only when it has begun to send. One that an interrupt lets
-        run empty before that would be taken for good, and the cell be mute sooner or later.
+        MicroPython notes the mailbox only after it has begun to send. An interrupt could empty the
+        mailbox before that. Then MicroPython would keep the mailbox for full, and the cell would be
+        mute sooner or later.
         """
         interrupts = machine.disable_irq()
         try:

@@ -18,12 +18,11 @@ _SUPPLY_MIN = const(1_000_000 >> 12)
 
 
 class Wheel:
-    """The axis whose registers are at `base`; all but `off` is for the tick.
+    """The axis with registers from `base` on; all but `off` is for the tick.
 
-    `count()` is the encoder's position, `sense(registers)` writes the motor's current into the
-    registers, signed as the voltage, and `drive(registers)` sets phase and pulse width to the
-    voltage there.
-    `set_width(width)` sets the pulses of a PWM, `steps` for full ones.
+    `count()` is the encoder's position. `sense(registers)` writes the motor's current into the
+    registers, signed as the voltage. `drive(registers)` sets phase and pulse width to the voltage
+    in the registers. `set_width(width)` sets the pulses of a PWM; `steps` are full ones.
     """
 
     def __init__(self, base: int, *, count, set_width, steps: int, phase: Pin, current: ADC):
@@ -38,9 +37,9 @@ class Wheel:
         self._set_width(0)
 
 
-# What the tick calls has the peripherals' own methods as defaults of its arguments: to look up
-# attributes in every tick takes twice the time of all the rest, and a closure over more than a
-# few variables allocates.
+# Functions of the tick have the peripherals' own methods as defaults of their arguments. To look up
+# attributes in every tick takes twice the time of all the rest. A closure over more than a few
+# variables allocates.
 
 
 def _sensing(voltage, current, read_u16):

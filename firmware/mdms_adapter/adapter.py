@@ -12,12 +12,13 @@ _CLOSED = 127
 
 
 class Adapter:
-    """A board as an adapter; its wheels stay off, for nobody starts them.
+    """A board as an adapter; its wheels stay off, because nothing starts them.
 
-    `bus` has `inbox`, `send(can_id, data)`, `service(now_ms)` and `off`, as `boards.bus.Bus`;
-    `port` has `read(most)`, bytes or b"", and `write(data)`, how many it took, and neither waits.
-    What the host does not read in time is dropped, counted, and reported in its place. While the
-    bus is off, frames are refused: one that went out after it would come too late.
+    `bus` has `inbox`, `send(can_id, data)`, `service(now_ms)` and `off`, as `boards.bus.Bus`.
+    `port` has `read(most)`, which returns bytes or b"", and `write(data)`, which returns the number
+    of bytes taken. Neither waits. Frames that the host reads too late are dropped and counted, and
+    a report takes their place. While the bus is off, frames are refused: after it they would come
+    too late.
     """
 
     def __init__(self, bus, port, serial):
@@ -32,7 +33,7 @@ class Adapter:
 
     @property
     def state(self):
-        """What the LEDs are to show, as an NMT state: operational while the channel is open."""
+        """The NMT state that the LEDs show: operational while the channel is open."""
         return _OPERATIONAL if self._slcan.is_open else _CLOSED
 
     def turn(self, now_ms):
@@ -49,7 +50,7 @@ class Adapter:
         return not self._bus.off and self._bus.send(can_id, data)
 
     def _look_for_bus_off(self):
-        """With bus-off goes what was taken from the host and has not gone out."""
+        """Drop the frames of the host that are still to be sent, since the bus is off."""
         off = self._bus.off
         if off:
             self._slcan.status |= slcan.BUS_OFF
@@ -98,7 +99,7 @@ class Adapter:
         self.lost += count
 
     def _flush(self):
-        """Give the host what it takes."""
+        """Write to the host as much as it takes."""
         if self._pending:
             taken = self._port.write(self._pending)
             if taken:

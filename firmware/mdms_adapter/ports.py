@@ -19,7 +19,7 @@ def port():
 
 
 class UsbPort:
-    """A `pyb.USB_VCP`, which takes and gives what there is."""
+    """A `pyb.USB_VCP`; it reads and writes as many bytes as there are."""
 
     def __init__(self, usb):
         self._usb = usb
@@ -36,7 +36,7 @@ class UsbPort:
 class StandardPort:
     """Standard input and output, which are asked before each byte, and before each piece."""
 
-    #: What an output that is ready takes without waiting.
+    #: Bytes that an output takes without waiting once it is ready.
     PIECE = 512
 
     def __init__(self):

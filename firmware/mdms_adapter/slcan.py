@@ -1,8 +1,8 @@
 """SLCAN, the line protocol of serial CAN adapters (Lawicel CAN232): bytes in, frames and lines out.
 
-Frames of 11-bit identifiers with data are sent; others are refused. Beyond the protocol, a line
-`xNNNN` says that so many frames of the bus did not find room on their way to the host, and a line
-`y` that the bus went off: frames that were taken from the host last may not have gone out.
+Data frames with identifiers of 11 bits are sent, and others are refused. Two lines go beyond the
+protocol. A line `xNNNN` reports the number of bus frames that did not fit on their way to the host.
+A line `y` reports bus-off: the last frames taken from the host may not have gone out.
 """
 
 from binascii import hexlify, unhexlify
@@ -82,7 +82,7 @@ class Slcan:
         self._overlong = False
         if overlong:
             return ERROR
-        # Hosts send empty lines to end whatever was half sent before.
+        # Hosts send empty lines to end a line that was cut off before.
         if not line:
             return OK
         try:
@@ -105,7 +105,7 @@ class Slcan:
         return self._set_up(line)
 
     def _set_up(self, line):
-        """What opens, closes and prepares the channel."""
+        """The commands that open, close and prepare the channel."""
         if line == b"C":
             self.is_open = False
             return OK
@@ -123,7 +123,7 @@ class Slcan:
         return OK if known else ERROR
 
     def _transmit(self, line):
-        """Send a frame. Raises ValueError for what is no digit."""
+        """Send a frame. Raises ValueError for a character that is no digit."""
         if not self.is_open or self.listens_only or len(line) < 5:
             return ERROR
         can_id = int(line[1:4], 16)

@@ -1,7 +1,7 @@
-"""The files of a board's file system that have to do with firmware over the bus.
+"""The files of firmware over the bus, in a board's file system.
 
-On LittleFS a file keeps what it has until it is closed, and `rename` is done or not done, whenever
-the supply fails.
+On LittleFS a file keeps its contents until it is closed. `rename` is done or not done, whenever the
+supply fails.
 """
 
 import os
@@ -28,7 +28,7 @@ class Files:
             return file.read()
 
     def unpack(self, path):
-        """What a file has compressed: its size (u32), and a zlib stream."""
+        """Return the unpacked contents of a file: its size (u32), and then a zlib stream."""
         with open(self._root + path, "rb") as file:
             image = bytearray(int.from_bytes(file.read(4), "little"))
             stream, view, at = DeflateIO(file, ZLIB), memoryview(image), 0
@@ -61,12 +61,12 @@ class Files:
         os.rename(self._root + path + _FRESH, self._root + path)
 
     def remove(self, path):
-        """Remove a file; one that is not there is no error."""
+        """Remove a file, if it is there."""
         _quietly(os.remove, self._root + path)
 
 
 def _quietly(change, path):
-    """Do what may have been done before."""
+    """Make a change that may have been made before."""
     try:
         change(path)
     except OSError:

@@ -1,20 +1,69 @@
 """Two slots for firmware that comes over the bus, beside the one that USB has brought.
 
-A slot has the image of a read-only file system, compressed. One that is new is started once, on
-trial, and stays only if it is confirmed; at the next start the one before comes back otherwise. A
-slot that is not whole is never started.
+A slot has the image of a read-only file system, compressed. A new image is started once, on trial,
+and stays only if it is confirmed. Otherwise the next start brings back the one before. A slot that
+is not whole is never started. The record of 84 bytes says which firmware is to start. It means the
+same to firmware of every version.
 """
 
+import binascii
 import hashlib
+import struct
 
-from mdms_boot.record import Record
-
+#: magic, confirmed slot, slot on trial, starts left, outcome, counter, counter on trial, digests
+_LAYOUT = "<4sBBBBII32s32s"
+_SIZE = 80
+_MAGIC = b"MDM1"
+_CRC_SIZE = 4
+_NO_DIGEST = bytes(32)
 RECORD = "mdms_slots/record"
 _SLOTS = ("mdms_slots/1", "mdms_slots/2")
 #: Of no slot, and of no firmware that USB has brought: it stays when USB brings other firmware.
 KEY = "update.key"
 #: A new slot is started so often before it has to be confirmed.
 TRIAL_STARTS = 1
+
+
+class Record:
+    """Slots count from 1; 0 stands for the firmware that USB has brought, and for none.
+
+    The slot on `trial` may be started `starts` times more. `counter` is that of the newest bundle
+    that was confirmed, `trial_counter` of the one on trial. `rolled_back` is 1 after a trial that
+    led to nothing. `digests` are the SHA-256 of the slots' images.
+    """
+
+    def __init__(self, data=b""):
+        self.confirmed = self.trial = self.starts = self.rolled_back = 0
+        self.counter = self.trial_counter = 0
+        self.digests = [_NO_DIGEST, _NO_DIGEST]
+        if len(data) == _SIZE + _CRC_SIZE and data[:4] == _MAGIC and data[_SIZE:] == _crc(data):
+            self._take(struct.unpack(_LAYOUT, data[:_SIZE]))
+
+    def _take(self, fields):
+        _, confirmed, trial, self.starts, self.rolled_back = fields[:5]
+        self.confirmed, self.trial = confirmed % 3, trial % 3
+        self.counter, self.trial_counter = fields[5:7]
+        self.digests = list(fields[7:])
+
+    def pack(self):
+        """The record as bytes."""
+        data = struct.pack(
+            _LAYOUT,
+            _MAGIC,
+            self.confirmed,
+            self.trial,
+            self.starts,
+            self.rolled_back,
+            self.counter,
+            self.trial_counter,
+            self.digests[0],
+            self.digests[1],
+        )
+        return data + _crc(data)
+
+
+def _crc(data):
+    return binascii.crc32(bytes(data[:_SIZE])).to_bytes(_CRC_SIZE, "little")
 
 
 class Slots:
@@ -68,7 +117,7 @@ class Slots:
         except (OSError, MemoryError):
             return None
 
-    # What the firmware asks for
+    # Called by the firmware
 
     @property
     def identification(self):
@@ -92,7 +141,7 @@ class Slots:
         self._files.replace(KEY, key)
 
     def clear(self):
-        """Make the spare slot empty, and end what is said of a trial; raises OSError."""
+        """Make the spare slot empty, and end the record of a trial; raises OSError."""
         self._check()
         record = self.record
         record.trial = record.starts = record.rolled_back = 0
@@ -105,7 +154,7 @@ class Slots:
         return self._files.create(_SLOTS[self.spare - 1])
 
     def remove(self):
-        """Remove what is in the spare slot."""
+        """Remove the contents of the spare slot."""
         self._files.remove(_SLOTS[self.spare - 1])
 
     def digest(self):

@@ -1,6 +1,6 @@
-"""What a cell asks of its board; for type checkers, no board imports it.
+"""The interface of a board, for type checkers; no board imports it.
 
-DESIGN.md, 'Cell and board', has the same with what a board may have besides.
+DESIGN.md, 'Cell and board', lists the optional parts too.
 """
 
 from collections.abc import MutableSequence

@@ -1,8 +1,8 @@
 """The whole firmware of a cell but the hardware: frames and ticks in, frames and voltages out.
 
-`on_frame` and `poll` belong to the background loop, `tick` to a hard timer interrupt; they meet
-only in the registers of the speed loop. One of these, ATTENTION, shows `poll` that the tick or a
-frame has left something to look after; while it is 0, there are only timers and presence sensors.
+`on_frame` and `poll` belong to the background loop, and `tick` to a hard timer interrupt. They meet
+only in the registers of the speed loop. The register ATTENTION tells `poll` that a tick or a frame
+needs more work. While it is 0, `poll` looks after timers and presence sensors only.
 """
 
 try:
@@ -20,23 +20,21 @@ from mdms_cell.canopen.heartbeat import Consumer, Heartbeat
 from mdms_cell.canopen.lss import Lss
 from mdms_cell.canopen.nmt import EVERYTHING, Nmt
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.pdo.pdos import Pdos
+from mdms_cell.canopen.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_cell.canopen.storage.store import Parameters, Store
 from mdms_cell.canopen.sync import Beat
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
-from mdms_cell.identification import Identification
 from mdms_cell.neighbour_layer import Layer
 from mdms_cell.presence import Presence
-from mdms_cell.update.no_room import NoRoom
 from mdms_protocol import indices, record, signature
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.compat import const, micropython
 from mdms_protocol.update import codes
 
-#: What `fail` is reported to come from; axes count from 1, and then come those of `guard`.
+#: The source of `fail` in emergency messages; axes count from 1, then come those of `guard`.
 SOURCE_SYSTEM = 6
 
 #: Firmware on trial has run for so long before it may be confirmed.
@@ -129,15 +127,15 @@ class Cell:
         )
         self._beat = Beat()
         blink = getattr(self._board, "blink", _no_leds)
-        self._identification = Identification(objects, blink, self._attend)
+        self._identification = _Identification(objects, blink, self._attend)
         self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
         self._update = self._updating()
         self._tie_cell()
 
     def _updating(self):
-        """What takes firmware over the bus, on a board that has a place for it."""
+        """Return the receiver of firmware over the bus, on a board with a place for it."""
         if getattr(self._board, "slots", None) is None:
-            return NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
+            return _NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
         from mdms_cell.update.update import Update  # most boards do without
 
         return Update(self._objects, self._board, self._axes.driving, self._sound, self._attend)
@@ -156,11 +154,10 @@ class Cell:
             objects.tie(indices.MEMORY, sub, self._at_rest(getattr(self._board, name, _unknown)))
         objects.tie(indices.SYNC_COB_ID, 0, self._read_sync_cob_id)
         objects.tie(indices.CYCLE_PERIOD, 0, self._read_cycle_period)
-        for index in _WATCHED:
-            objects.watch(index, self._on_setting)
+        objects.watch(self._on_setting, *_WATCHED)
         self._axes.guard(self._may_enable, self._pdos.discard_held)
-        objects.watch(indices.SYNC_COB_ID, self._on_sync_cob_id)
-        objects.watch(indices.LEASE, self._on_lease)
+        objects.watch(self._on_sync_cob_id, indices.SYNC_COB_ID)
+        objects.watch(self._on_lease, indices.LEASE)
 
     def _read_received(self):
         return self.received
@@ -176,7 +173,7 @@ class Cell:
         return 0 if inbox is None else inbox.lost
 
     def _at_rest(self, read):
-        """What reads something that holds up the background for long: no wheel may be on then."""
+        """Return a reader that is slow, and so refuses while a wheel is on."""
 
         def read_at_rest():
             if self._axes.driving():
@@ -219,7 +216,7 @@ class Cell:
         taken.update(can_id for can_id, _ in self._layer.receivers())
         return [can_id for can_id in taken if can_id not in own]
 
-    # What the background loop and the timer interrupt call
+    # Called by the background loop and the timer interrupt
 
     @micropython.native
     def on_frame(self, can_id, data, now_ms):
@@ -247,7 +244,7 @@ class Cell:
                 wait_ms = self._update_layer(now_ms)
                 self.wake_ms = now_ms + (wait_ms if wait_ms < left_ms else left_ms) & _WRAP
                 return
-        # What calls for attention from here on has another poll follow.
+        # An event from here on sets ATTENTION again, and another poll follows.
         registers[_ATTENTION] = 0
         self._reading = reading
         settled_ms = self._presence.step(reading, now_ms)
@@ -271,7 +268,7 @@ class Cell:
         self._emcy.clear(SOURCE_SYSTEM)
         self._attend()
 
-    # What network management calls
+    # Called by network management
 
     def on_boot(self):
         """The node id is this node's own, and the node is announced."""
@@ -324,7 +321,7 @@ class Cell:
         # Attributes, not properties: MicroPython sets those of a class with properties slowly.
         self.state, self.node_id = self._nmt.state, self._nmt.node_id
 
-    # What is listened to
+    # Identifiers
 
     def _listen(self):
         """Say again which identifiers the cell takes, and what serves each."""
@@ -365,7 +362,7 @@ class Cell:
         return True
 
     def _on_sdo(self, data):
-        """A client may change what is due, and begins to be waited for."""
+        """Serve a client; its request may change due times, and its transfer is waited for."""
         if is_claim(data) and (self._sdo.busy or self.state == nmt.STOPPED):
             self._attend()
             self._heartbeat.answer()
@@ -401,7 +398,7 @@ class Cell:
         enabled, period_ms = number(indices.LEASE, 3), number(indices.LEASE, 2)
         self._beat.configure(enabled, rank - 1, period_ms, self._attend())
 
-    # What goes on in the background
+    # The background
 
     def _initialise(self):
         """Claim the node id, a step a millisecond; a trial and a restart do not wait for it."""
@@ -432,7 +429,7 @@ class Cell:
 
     @micropython.native
     def _update_layer(self, now_ms):
-        """Look after the layer alone, and what it reports; in how many milliseconds again."""
+        """Look after the layer and its reports only; return when to do so again [ms from now]."""
         wait_ms = self._layer.poll(now_ms, self._presence.bits)
         if self._emcy.queue and self.state != nmt.STOPPED:
             wait_ms = min(wait_ms, self._emcy.poll(now_ms))
@@ -446,7 +443,7 @@ class Cell:
             self._attend()
         return self._beat.wait_ms(now_ms)
 
-    # What the services call
+    # Called by the services
 
     def _attend(self):
         """Have a poll follow that looks after everything; the time."""
@@ -474,8 +471,66 @@ class Cell:
         return sent
 
 
+class _Identification:
+    """Ties 0x3007: the LEDs blink for that time [ms], so that a person finds the board.
+
+    It ends by itself, however long ago the host has gone. `blink(on)` is the board's.
+    """
+
+    def __init__(self, objects, blink, attend):
+        self._blink = blink
+        self._attend = attend
+        self._until_ms = None
+        objects.tie(indices.IDENTIFY, 0, self.left_ms, self.start)
+
+    def left_ms(self):
+        """How much longer it goes on, 0 while it does not."""
+        until_ms = self._until_ms
+        return 0 if until_ms is None else max(ticks.diff(until_ms, self._attend()), 0)
+
+    def start(self, time_ms):
+        """Blink for so long from now on; 0 ends it."""
+        self._until_ms = ticks.after(self._attend(), time_ms) if time_ms else None
+        self._blink(time_ms != 0)
+
+    def poll(self, now_ms):
+        """End it when its time is over; return in how many milliseconds that is."""
+        if self._until_ms is None:
+            return ticks.IDLE_MS
+        wait_ms = ticks.diff(self._until_ms, now_ms)
+        if wait_ms <= 0:
+            self.start(0)
+            return ticks.IDLE_MS
+        return wait_ms
+
+
+class _NoRoom:
+    """Answers for `mdms_cell.update.update.Update` on boards without room for a second firmware."""
+
+    busy = False
+
+    def __init__(self, objects, number):
+        for index in (indices.PROGRAM_DATA, indices.UPDATE):
+            objects.tie(index, 1, sink=_refuse_firmware)
+        objects.tie(indices.PROGRAM_CONTROL, 1, write=_refuse_firmware)
+        objects.tie(indices.FLASH_STATUS, 1, _no_room_status)
+        objects.put(indices.UPDATE, 3, number)
+
+    def poll(self, _now_ms):
+        """Nothing is ever due."""
+        return ticks.IDLE_MS
+
+
+def _refuse_firmware(_value):
+    raise sdo.AbortError(sdo.CANNOT_STORE)
+
+
+def _no_room_status():
+    return codes.status(codes.NO_ROOM, False)
+
+
 def _no_leds(_on):
-    """What a board without LEDs does."""
+    """Do nothing: the board has no LEDs."""
 
 
 def _unknown():

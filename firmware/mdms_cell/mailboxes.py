@@ -1,8 +1,7 @@
 """The newest frame under each of some identifiers, as controllers with mailboxes keep it.
 
-What is looked at once a beat need not be handled frame by frame: the background loop has the inbox
-sort a whole turn's frames in one call, into the boxes, and nothing more happens to them until
-somebody reads.
+Frames that are read once a beat need no handling one by one. The background loop has the inbox sort
+the frames of a turn into the boxes in one call. There they wait for their reader.
 """
 
 # Receivers take the place of None, one by one.
@@ -16,16 +15,16 @@ BOX_BITS = 5
 NO_BOX = (1 << BOX_BITS) - 1
 
 # Numbers of `counts`
-STAMP = 0  # what frames are stamped with from now on
+STAMP = 0  # the stamp of frames from now on
 KNOWN = 1  # so many identifiers are taken
 
 
 class Mailboxes:
     """Boxes for frames of eight bytes; those of another length are refused.
 
-    Of box b, `frames` has the data from `LENGTH * b` on, `stamps[b]` what the frame was stamped
-    with, and `fresh[b]` is set until who reads it clears it. `accepted` are the identifiers of all
-    that the cell takes, in their order, with the numbers of their boxes; `counts[KNOWN]` of them.
+    `frames` has the data of box b from `LENGTH * b` on, and `stamps[b]` the stamp of the frame.
+    `fresh[b]` is set until the reader clears it. `accepted` are all identifiers that the cell
+    takes, in their order, with the numbers of their boxes; `counts[KNOWN]` of them.
     """
 
     def __init__(self, boxes, stamp):
@@ -36,14 +35,14 @@ class Mailboxes:
         self.accepted = array("H")
 
     def listen(self, accepts):
-        """Take over what the cell takes: by identifier the number of a box, or anything else."""
+        """Take over the cell's identifiers, each with the number of its box or another value."""
         accepted = []
         for can_id, served_by in accepts.items():
             box = served_by if isinstance(served_by, int) else NO_BOX
             accepted.append(can_id << BOX_BITS | box)
         accepted.sort()
         self.counts[KNOWN] = len(accepted)
-        # In place, for who sorts holds on to the array.
+        # In place, because the sorter holds on to the array.
         while len(self.accepted) < len(accepted):
             self.accepted.append(0)
         for place, entry in enumerate(accepted):

@@ -1,14 +1,14 @@
-"""The neighbour layer: in each beat what came is taken in, decided upon, and the wheels are led.
+"""The neighbour layer: in each beat it takes frames in, decides, and leads the wheels.
 
-At SYNC the cell sends its speeds and, if it is at a parcel, its estimate; `UPDATE_MS` later those
-of its neighbours have come, and `update` runs in the background. What it decides holds for a beat.
+At SYNC the cell sends its speeds and, if it is at a parcel, its estimate. Those of its neighbours
+have come `UPDATE_MS` later. Then `update` runs in the background. Its decision holds for a beat.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
 from array import array
 
-# What others import comes first: an import within an import takes stack.
+# Modules that others import come first: an import within an import takes stack.
 from mdms_cell.perception import place
 from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
@@ -90,7 +90,7 @@ class Layer:
         self._period_ms = self._step_ms = 10
         self._came_ms = self._updated_ms = 0
         self._forget_beat()
-        objects.watch(indices.CONTROL, self._on_place)
+        objects.watch(self._on_place, indices.CONTROL)
 
     def start(self, node_id):
         """The cell is 'operational'; nothing of before counts."""
@@ -110,7 +110,7 @@ class Layer:
         self._reset()
 
     def _reset(self):
-        """Forget all that must outlive no stop: parcel, programs, promises, and whose time it is.
+        """Forget all that must outlive no stop: parcel, programs, promises, and turns.
 
         Settings stay, and so does the clock.
         """
@@ -128,7 +128,7 @@ class Layer:
             self._estimate[field] = 0
         self._due = False
         self._skipped_beats = 0
-        # What the last update has told the right of way: the parcel over the cell, the neighbours
+        # Reports of the last update to the right of way: the parcel over the cell, the neighbours
         # that it needs, and whether a sensor is covered.
         self._over = self._needs = 0
         self._occupied = False
@@ -139,9 +139,10 @@ class Layer:
         self._on_place()
 
     def goes_on(self):
-        """Whether the silence of the host ends no motion here.
+        """Return whether the silence of the host ends no motion here.
 
-        Where no parcel lies, one that goes on may come by; one that does not go on is stopped.
+        Where no parcel lies, a parcel that goes on may come by. A parcel that does not go on is
+        stopped.
         """
         tracking = self._tracking
         program = self._pages.programs.find(tracking.identity if tracking.is_over() else 0)
@@ -155,7 +156,7 @@ class Layer:
         self._axes.led = self.wanted
         self._changed()
 
-    # What comes
+    # Received frames
 
     @property
     def mailboxes(self):
@@ -187,16 +188,16 @@ class Layer:
 
     @micropython.native
     def on_sync(self, now_ms, waited_ms):
-        """SYNC: send the estimate of the last update, and have the next update follow.
+        """Send the estimate of the last update at SYNC, and have the next update follow.
 
-        That was `waited_ms` ago. Where updates take so long that it has waited for the end of one,
-        it has none itself, so that every second or third is on time, and none is late by chance.
+        SYNC was `waited_ms` ago. A slow update may have held it up. Then this beat has no update,
+        so that every second or third update is on time, and none is late by chance.
         """
         if not self.active:
             return
         came_ms = after(now_ms, -waited_ms)
         beat_ms = diff(came_ms, self._came_ms)
-        # Or two beats meet, and what has come is of either.
+        # Or two beats meet, and the frames may be of either.
         gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
         if gap:
             self._updated_ms = self._came_ms
@@ -209,7 +210,7 @@ class Layer:
             self._rights.on_gap()
             self._pages.comparison.on_gap(beat_ms // self._period_ms)
             self.nonsense += self._heard.read()
-            # What has come may be of any age: it is not passed on.
+            # The frames may be of any age, so they are not passed on.
             self._heard.passed_on()
         self._heard.begin_beat(self._registers)
         self._due = waited_ms <= LATE_MS
@@ -219,10 +220,10 @@ class Layer:
         self._wake(UPDATE_MS - waited_ms)
 
     def _skip(self, next_ms):
-        """A beat passes without an update, and the next SYNC is at `next_ms`.
+        """Pass a beat without an update, with the next SYNC at `next_ms`.
 
-        What came since the last one still waits. So for right of way nothing has come, and a lease
-        that ends with this beat ends the motion now; the estimate is of where the parcel will be.
+        The frames since the last update still wait. So for right of way no frame has come. If a
+        lease ends with this beat, the motion ends now. The estimate is of the parcel's later place.
         """
         self._skipped_beats += 1
         self._rights.on_beat(self._over, self._needs, self._occupied)
@@ -252,7 +253,7 @@ class Layer:
     def _update(self, presence):
         """The algorithm of a beat, in its order; see firmware/README.md, 'Neighbour layer'."""
         step_ms = self._begin_update()
-        # Take in what neighbours have sent, and choose the parcel to be at.
+        # Take in the frames of neighbours, and choose the parcel to be at.
         sent = self._take_in()
         if not self._tracking.under:
             self._choose_parcel()
@@ -298,7 +299,7 @@ class Layer:
 
     @micropython.native
     def _find_program(self, sent):
-        """Return the program of the parcel, None without one, and what is against it."""
+        """Return the program of the parcel, None without one, and the verdict against it."""
         identity, pages = self._tracking.identity, self._pages
         if self._consumer.lost:
             pages.programs.outdate(identity)
@@ -320,7 +321,7 @@ class Layer:
         tracking, rights = self._tracking, self._rights
         over = tracking.identity if tracking.is_over() else 0
         if over and rights.state != UNDER and tracking.is_of_another():
-            # A parcel that stands before what nobody knows would come over it mm by mm.
+            # A parcel that stands before an unknown thing would come over it mm by mm.
             over = 0
         self._over, self._occupied = over, presence != 0
         rights.on_beat(over, self._needs, self._occupied)
@@ -373,10 +374,10 @@ class Layer:
             precedence.keep(turn, estimates, fresh)
 
     def _look_around(self, sent):
-        """After a restart: what lies over the square, by the neighbours that are heard.
+        """Find the parcel over the square after a restart, by the neighbours that are heard.
 
-        `sent` is the mask of those whose estimates have come. The page of a parcel whose size is
-        not known is asked for.
+        `sent` is the mask of those whose estimates have come. If the size of a parcel is not known,
+        its page is asked for.
         """
         heard, rights = self._heard, self._rights
         self._pages.asked = 0
@@ -444,7 +445,7 @@ class Layer:
         return False
 
     def _choose_parcel(self):
-        """Be at the parcel that lies here, or else at the one that the right of way says."""
+        """Be at the parcel that lies here, or else at the choice of the right of way."""
         tracking, rights = self._tracking, self._rights
         identity = rights.identity
         if identity and identity != tracking.identity:
@@ -457,9 +458,9 @@ class Layer:
                 tracking.take_shape(program)
 
     def _go_on(self, program):
-        """Take the next leg, without the host, at the end of this one; so do all under the parcel.
+        """Take the next leg without the host at the end of this one, as all under the parcel do.
 
-        The host gives a leg when its way is free; from now on promises alone keep others apart, in
+        The host gives a leg when its way is free. From now on promises alone keep others apart, in
         the order of `precedence`.
         """
         if not program.legs:
@@ -479,7 +480,7 @@ class Layer:
                 return True
         return False
 
-    # Who is suspected
+    # Suspects
 
     def _report(self):
         """Report another suspect than before, in an emergency and in its object."""

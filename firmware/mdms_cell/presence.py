@@ -6,10 +6,10 @@ SENSORS = 8
 
 
 class Presence:
-    """What the presence sensors show; `bits` has bit k for sensor k.
+    """The debounced presence sensors; `bits` has bit k for sensor k.
 
-    `debounce_ms` is how long a sensor must go on reading something else than `bits` has for it. So
-    every change is late by that, and by no more unless a wrong reading comes between.
+    A sensor has to differ from `bits` for `debounce_ms` before its bit changes. So every change is
+    late by that time, and by more only if a wrong reading comes between.
     """
 
     def __init__(self):

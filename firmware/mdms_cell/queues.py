@@ -22,8 +22,8 @@ _SIZE = const(14)
 _DATA_MAX = const(8)
 #: How `struct` reads one, by its length.
 _LAYOUTS = tuple("<Hx%ds%dxBBB" % (length, _DATA_MAX - length) for length in range(_DATA_MAX + 1))
-#: What `machine.CAN.recv` may write, whatever the buffer's length: a DLC of 9 to 15 means 8 bytes
-#: on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
+#: Bytes that `machine.CAN.recv` may write into a buffer of any length. A DLC of 9 to 15 means 8
+#: bytes on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
 _RECV_MAX = const(64)
 # Constants of other modules would be looked up.
 _TICKS = const(102)
@@ -37,7 +37,7 @@ assert (_STAMP, _KNOWN) == (STAMP, KNOWN)
 _OVERRUN = const(2)
 
 
-# Numbers of `ends`: where the ring begins and ends, and what did not fit into it
+# Indices of `ends`: beginning and end of the ring, and the count of frames that did not fit
 HEAD = const(0)  # moved by `take` only
 TAIL = const(1)  # moved by `sort` and `pop` only
 _END = const(2)
@@ -80,7 +80,7 @@ class Inbox:
     def peek(self):
         """The oldest frame, None if there is none.
 
-        As (identifier, data, flags, errors, last byte of the tick in which it came).
+        A frame is (identifier, data, flags, errors, last byte of the tick in which it came).
         """
         ring = self._ring
         ends = self.ends
@@ -97,15 +97,15 @@ class Inbox:
         ends[TAIL] = 0 if following == ends[_END] else following
 
 
-# Viper functions that hold their buffers: nothing is looked up. MicroPython would call one through
-# the heap if what it holds and its arguments were more than five.
+# Viper functions that hold their buffers, so that nothing is looked up. With more than five buffers
+# and arguments together MicroPython would call them through the heap.
 
 
 def _taking(ring, ends, registers):
-    """What takes a frame, in an interrupt.
+    """Return a function that takes a frame, in an interrupt.
 
-    One at a time, for MicroPython's controller of an STM32F4 sleeps, in the interrupt, for up to a
-    millisecond when it is asked for a frame that it does not have.
+    It takes one frame at a time. If it asked for a frame too many, MicroPython's controller of an
+    STM32F4 would sleep in the interrupt for up to a millisecond.
     """
     received = [0, memoryview(bytearray(_RECV_MAX)), 0, 0]
 
@@ -153,7 +153,7 @@ def _taking(ring, ends, registers):
 
 
 def _sorting(ring, ends, boxes):
-    """What sorts frames into boxes; see `Inbox.sorter`."""
+    """Return a function that sorts frames into boxes; see `Inbox.sorter`."""
     parts = boxes.accepted, boxes.counts, boxes.frames, boxes.stamps, boxes.fresh
 
     @micropython.viper
@@ -243,7 +243,7 @@ class Outbox:
                 return
             if taken is None:
                 return
-            self._data[self._first] = b""  # what has gone is not to be kept
+            self._data[self._first] = b""  # frees the data of the frame
             self._first = (self._first + 1) % self._size
             self._count -= 1
 

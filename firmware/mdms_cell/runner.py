@@ -1,6 +1,6 @@
-"""What runs on a board: the tick in a timer interrupt, everything else in turns of a loop.
+"""A cell on a board: the tick in a timer interrupt, everything else in turns of a loop.
 
-Both interrupts are hard, so a garbage collection in the background delays neither: the tick meets
+Both interrupts are hard, so a garbage collection in the background delays neither. The tick meets
 the background in the registers, and received frames wait in the inbox.
 """
 
@@ -28,11 +28,11 @@ FRAMES_PER_TURN = const(16)
 class Runner:
     """Joins a cell and its board.
 
-    Besides what 'Cell and board' in DESIGN.md asks of a board, it has `inbox`, `service(now_ms)`,
-    `bus_off`, `feed()` for the hardware watchdog and `show(now_ms, state, faulty)` for the LEDs.
-    `tick(timer)` is one control period, from a hard timer interrupt; an error in it cuts the motors
-    for good. MicroPython would end the interrupt at an uncaught exception, and leave the last
-    voltage standing.
+    The board has more than 'Cell and board' in DESIGN.md lists: `inbox`, `service(now_ms)`,
+    `bus_off`, `feed()` for the hardware watchdog, and `show(now_ms, state, faulty)` for the LEDs.
+    `tick(timer)` is one control period, from a hard timer interrupt. An error in it cuts the motors
+    for good. MicroPython would end the interrupt at an uncaught exception, with the last voltage
+    standing.
     """
 
     def __init__(self, board, cell):
@@ -46,7 +46,7 @@ class Runner:
         self.turn = _turning(self, board, cell)
 
     def cut(self):
-        """Take the voltage from the motors, whatever the tick does; awake bridges brake."""
+        """Take the voltage from the motors, in any state of the tick; awake bridges brake."""
         self._registers[CUT] = 1
         self._board.motors_off()
 
@@ -96,7 +96,7 @@ def _turning(runner, board, cell):
 
 
 def _receiving(inbox, cell, registers):
-    """What sorts frames, and hands over `FRAMES_PER_TURN` at most: traffic starves nothing else."""
+    """Return a function that hands over up to `FRAMES_PER_TURN` frames, so traffic is bounded."""
     sort = inbox.sorter(cell.mailboxes)
 
     @micropython.native

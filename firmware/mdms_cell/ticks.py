@@ -5,9 +5,9 @@ from mdms_protocol.compat import const, micropython
 _LAST = const((1 << 30) - 1)
 _HALF = const(1 << 29)
 
-#: Who could not send tries again after so long; so often is looked at what may change at any time.
+#: The retry interval when there is no room, and the period of polls without announcements [ms].
 RETRY_MS = 5
-#: Everything is looked at so often, though nothing be due.
+#: The longest wait of the background when nothing is due [ms].
 IDLE_MS = 1000
 
 

@@ -283,7 +283,7 @@ def coordinator_of(
 ) -> Coordinator:
     """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
-    `cells` are node ids and settings of single cells, if they have any of their own; `main` is a
+    `cells` are those of a real or served table, and None in a simulation; `main` is a
     program in Python, in place of the scenario's tasks, field or goals, and `desk` where its plans
     are made. Raises `InputError` for what does not fit the firmware.
     """
@@ -291,6 +291,8 @@ def coordinator_of(
         scenario = programmed(scenario)
     scenario = believed(scenario)
     refuse_unstoppable(scenario)
+    # Cells are listed on a real or served table only; those of a simulation are virtual.
+    asks_boards = cells is not None
     cells = cells or Cells()
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
     stock = in_stock(scenario)
@@ -316,6 +318,7 @@ def coordinator_of(
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,
         serials=cells.serials,
+        asks_boards=asks_boards,
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
         centres_of_mass_m=centres_of_mass_m(scenario),

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from tests.virtual_array import StandingArray, VirtualTime, virtual_time
 
-from mdms_cell.canopen.objects import Objects, key
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.objects import Objects
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_cell.presence import Presence
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
@@ -62,7 +62,7 @@ class KinematicCell:
         """The object dictionary is the firmware's, with its settings at their defaults."""
         self.objects.reset(self.node_id, record.FROM_NODE)
         read = partial(signature.of, self.objects.data)
-        self.objects.reads[key(indices.SIGNATURE, 0)] = read
+        self.objects.tie(indices.SIGNATURE, 0, read=read)
 
     def alive(self, now_s: float) -> bool:
         return self.boots_s <= now_s < self.dies_s

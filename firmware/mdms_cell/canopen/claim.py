@@ -1,11 +1,11 @@
 """Makes sure at boot that no other node has the node id (beyond CiA 301, with its means).
 
-Before its boot-up message the cell asks, as an SDO client would, the node of its own id for its
-serial number. Any device that has the id answers; a cell that is just asking the same is recognised
-by its serial number in the four bytes that the request leaves free.
+Before its boot-up message the cell reads the serial number of the node with its own id, as an SDO
+client would. Any device with that id answers. Another cell may ask the same at that time. It is
+recognised by its serial number, which lies in the four free bytes of the request.
 
-A cell that is in an SDO transfer, or stopped, answers with a heartbeat instead: a claim is no
-request of the transfer's client, who would take another response for its own.
+A cell that is stopped or in an SDO transfer answers with a heartbeat instead. The transfer's client
+has not sent the claim, and would take another response for its own.
 """
 
 from mdms_cell import ticks

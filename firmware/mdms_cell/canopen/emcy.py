@@ -16,7 +16,7 @@ _REGISTER_BITS = {0x2: 0x02, 0x3: 0x04, 0x4: 0x08, 0x7: 0x20, 0x8: 0x10, 0xF: 0x
 
 
 class Emcy:
-    """The errors of the cell, by what they come from; one source has one error at a time.
+    """The errors of the cell, by source; a source has one error at a time.
 
     `errors` has their codes by their sources, and `queue` the messages that wait to be sent.
     """
@@ -31,8 +31,8 @@ class Emcy:
         objects.tie(indices.ERROR_HISTORY, 0, write=self._clear_history)
         for sub in range(1, _HISTORY_SIZE + 1):
             objects.tie(indices.ERROR_HISTORY, sub, read=self._history_reader(sub))
-        objects.watch(indices.EMCY_COB_ID, self._on_cob_id)
-        objects.watch(indices.EMCY_INHIBIT_TIME, self._on_inhibit_time)
+        objects.watch(self._on_cob_id, indices.EMCY_COB_ID)
+        objects.watch(self._on_inhibit_time, indices.EMCY_INHIBIT_TIME)
         self.load()
 
     def load(self):
@@ -63,7 +63,7 @@ class Emcy:
             self._post(source, _NO_ERROR, bytes(4))
 
     def poll(self, now_ms):
-        """Send what waits, one message an inhibit time; return when to go on, in milliseconds."""
+        """Send waiting messages, one an inhibit time; return when to go on [ms from now]."""
         while self.queue and self.can_id is not None:
             wait_ms = self._inhibited_ms(now_ms)
             if wait_ms:
@@ -94,7 +94,7 @@ class Emcy:
         objects.put(indices.ERROR_HISTORY, 0, count)
 
     def _history_reader(self, sub):
-        """What returns the error at this place, the newest first; raises AbortError without one."""
+        """Return a function that reads the error at this age; without one it raises AbortError."""
 
         def read():
             if sub > self._objects.number(indices.ERROR_HISTORY):

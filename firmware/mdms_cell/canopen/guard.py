@@ -1,14 +1,14 @@
-"""Watches over communication: who has fallen silent, what does not come, who takes the node id.
+"""Watches over communication: silent nodes, missing frames, and other users of the node id.
 
-An error of communication switches the motors off, whatever the error behaviour 0x1029 is; where a
-heartbeat is lost, they may brake first (0x605E).
+An error of communication switches the motors off, for any error behaviour 0x1029. If a heartbeat is
+lost, they may brake first (0x605E).
 """
 
 from mdms_protocol import indices
 from mdms_protocol.codecs import nmt
 from mdms_protocol.compat import micropython
 
-# What errors come from, as it stands in emergency messages; axes count from 1
+# Sources of errors in emergency messages; axes count from 1
 SOURCE_CONSUMER = 3
 SOURCE_RPDO = 4
 SOURCE_NODE_ID = 5
@@ -44,7 +44,7 @@ class Guard:
 
     @micropython.native
     def poll(self, now_ms):
-        """Find out what is missing; return in how many milliseconds something may be."""
+        """Look for missing communication; return in how many milliseconds more may be missing."""
         consumer, pdos, emcy = self._consumer, self._pdos, self._emcy
         if consumer.poll(now_ms):
             emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)

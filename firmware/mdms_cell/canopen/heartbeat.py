@@ -18,7 +18,7 @@ class Heartbeat:
         self._due_ms = 0
         self._owed = False
         self.now_ms = 0
-        objects.watch(indices.PRODUCER_TIME, self._configure)
+        objects.watch(self._configure, indices.PRODUCER_TIME)
 
     def start(self, now_ms):
         """Begin a period, at boot-up or when the period changed."""
@@ -33,7 +33,7 @@ class Heartbeat:
     def poll(self, now_ms, node_id, state):
         """Send a heartbeat if it is due; return in how many milliseconds the next one is.
 
-        One that is late does not delay those after it.
+        A late heartbeat does not delay the next ones.
         """
         self.now_ms = now_ms
         if self._owed:
@@ -69,7 +69,7 @@ class Consumer:
         self._objects = objects
         self._changed = changed
         self._attend = attend
-        objects.watch(indices.CONSUMER_TIMES, self._on_time)
+        objects.watch(self._on_time, indices.CONSUMER_TIMES)
         self.load()
 
     def load(self):

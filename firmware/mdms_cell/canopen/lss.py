@@ -1,7 +1,7 @@
 """Layer setting services (CiA 305): finds a cell by its identity and gives it a node id.
 
-Messages are eight bytes, a command specifier first; what is not addressed to this cell, or makes
-no sense, is left unanswered.
+Messages are eight bytes, a command specifier first. The cell leaves a message unanswered if it
+makes no sense, or is for another cell.
 """
 
 from mdms_protocol.codecs import cob, lss, sdo

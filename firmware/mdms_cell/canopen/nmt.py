@@ -10,10 +10,9 @@ COMMUNICATION = nmt.RESET_COMMUNICATION
 class Nmt:
     """The state of a node.
 
-    It calls the cell's `on_leave()` before each change, while the state and the node id still
-    hold, and then `on_reset(command)` with which of the two resets, `on_boot()` or
-    `on_state(state)`.
-    `pending_node_id` is what LSS has given; the next reset makes it the `node_id`.
+    It calls the cell's `on_leave()` before each change, while the state and the node id still hold.
+    Then it calls `on_reset(command)` with one of the two resets, `on_boot()` or `on_state(state)`.
+    `pending_node_id` is the one that LSS has given; the next reset makes it the `node_id`.
     """
 
     def __init__(self, node_id, serial, cell, send):

@@ -1,11 +1,14 @@
-"""The cell's object dictionary: packed records, one buffer of values, and ties to what is alive."""
+"""The cell's object dictionary: packed records, one buffer of values, and hooks of live entries."""
 
 import struct
+from collections import namedtuple
 
 from mdms_protocol import packed, record
 from mdms_protocol.codecs import sdo
 
 _COUNT = len(packed.RECORDS) // record.RECORD_SIZE - 1
+#: Stands for all entries of an object; CiA 301 (7.4.3) gives this sub-index to no value.
+_WHOLE = 0xFF
 _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<I"}
 
 
@@ -76,7 +79,7 @@ def _position(index, sub):
 
 
 class Collected:
-    """What a client writes to an entry of a few bytes, in one piece or several."""
+    """The value that a client writes to an entry of a few bytes, in one piece or several."""
 
     def __init__(self, objects, entry):
         self._objects = objects
@@ -90,53 +93,54 @@ class Collected:
         self._value += piece
 
     def finish(self):
-        """Write what has come; raises AbortError."""
+        """Write the collected value; raises AbortError."""
         self._objects.write(self._entry, self._value)
 
     def cancel(self):
         """Leave the entry as it is."""
 
 
-class Objects:
-    """The values of all entries.
+#: The functions of one entry, or of a whole object; each is None where the entry has none.
+#: `read()` returns the value, and `write(number)` takes it. `sink(size)` returns the sink of a
+#: value of any length (see `Objects.open`). `stored(index, sub)` follows a write that was stored.
+Hook = namedtuple("Hook", ("read", "write", "sink", "stored"))
+_UNTIED = Hook(None, None, None, None)
 
-    An entry may be tied to what is alive, by `key`: `reads` gives functions that return its value,
-    `writes` functions that take it. `sinks` has, by the same key, functions that return the sink
-    of a value of any length (see `open`), given the bytes that the client announces, or None.
-    `watchers` are called, by index, after an entry was written and stored, and may refuse by
-    raising AbortError.
-    """
+
+class Objects:
+    """The values of all entries, and the hooks of those whose values are alive."""
 
     def __init__(self):
         self.data = bytearray(packed.DEFAULTS)
         self._node_id = 0
-        self.reads = {}
-        self.writes = {}
-        self.sinks = {}
-        self.watchers = {}
+        self._hooks = {}
 
-    def tie(self, index, sub, read=None, write=None):
-        """Have an entry's value come from `read()`, and go to `write(number)`, where given."""
-        if read is not None:
-            self.reads[key(index, sub)] = read
-        if write is not None:
-            self.writes[key(index, sub)] = write
+    def tie(self, index, sub, read=None, write=None, sink=None):
+        """Give an entry these functions of a hook; it keeps its others."""
+        had = self._hook(index, sub)
+        hook = Hook(read or had.read, write or had.write, sink or had.sink, None)
+        self._hooks[index << 8 | sub] = hook
 
-    def watch(self, index, watcher):
-        """Call `watcher(index, sub)` when an entry of the object has been written and stored.
+    def watch(self, watcher, *indices):
+        """Call `watcher(index, sub)` when an entry of these objects has been written and stored.
 
         It refuses the value by raising AbortError.
         """
-        self.watchers[index] = watcher
+        hook = Hook(None, None, None, watcher)
+        for index in indices:
+            self._hooks[index << 8 | _WHOLE] = hook
+
+    def _hook(self, index, sub):
+        return self._hooks.get(index << 8 | sub, _UNTIED)
 
     def read(self, index, sub):
         """An entry's value as bytes, as a client may read it; raises AbortError."""
         entry = find(index, sub)
         if not entry.flags & record.READABLE:
             raise sdo.AbortError(sdo.WRITE_ONLY)
-        live = self.reads.get(key(index, sub))
-        if live is not None:
-            return struct.pack(entry.format, live())
+        read = self._hook(index, sub).read
+        if read is not None:
+            return struct.pack(entry.format, read())
         return bytes(self.data[entry.place : entry.place + entry.size])
 
     def open(self, index, sub, size):
@@ -147,7 +151,7 @@ class Objects:
         entry = find(index, sub)
         if not entry.flags & record.WRITABLE:
             raise sdo.AbortError(sdo.READ_ONLY)
-        sink = self.sinks.get(key(index, sub))
+        sink = self._hook(index, sub).sink
         if sink is not None:
             return sink(size)
         if size is not None:
@@ -159,7 +163,7 @@ class Objects:
         check_length(entry, len(value))
         number = struct.unpack(entry.format, value)[0]
         entry.check(number)
-        take = self.writes.get(key(entry.index, entry.sub))
+        take = self._hook(entry.index, entry.sub).write
         if take is not None:
             take(number)
         else:
@@ -170,7 +174,7 @@ class Objects:
         end = start + entry.size
         before = bytes(self.data[start:end])
         self.data[start:end] = value
-        watcher = self.watchers.get(entry.index)
+        watcher = self._hook(entry.index, _WHOLE).stored
         if watcher is None:
             return
         try:
@@ -182,20 +186,20 @@ class Objects:
     def reader(self, index, sub):
         """A function that returns an entry's number, and its format."""
         entry = find(index, sub)
-        live = self.reads.get(key(index, sub))
-        if live is None:
+        read = self._hook(index, sub).read
+        if read is None:
             return lambda: struct.unpack_from(entry.format, self.data, entry.place)[0], entry.format
-        return live, entry.format
+        return read, entry.format
 
     def stored(self, entries):
         """The bytes of entries, as they are at any time; None if they do not lie in a row.
 
-        Nor does one that is tied to `reads`. Entries begin with index and sub-index.
+        Nor does one whose hook reads it. Entries begin with index and sub-index.
         """
         start = end = 0
         for index, sub, *_ in entries:
             entry = find(index, sub)
-            if key(index, sub) in self.reads or (end and entry.place != end):
+            if self._hook(index, sub).read is not None or (end and entry.place != end):
                 return None
             start = start if end else entry.place
             end = entry.place + entry.size
@@ -204,7 +208,7 @@ class Objects:
     def writer(self, index, sub):
         """A function that takes an entry's number, and its format."""
         entry = find(index, sub)
-        take = self.writes.get(key(index, sub))
+        take = self._hook(index, sub).write
         return take or (lambda number: self._take(entry, number)), entry.format
 
     def _take(self, entry, number):
@@ -220,7 +224,7 @@ class Objects:
         return struct.unpack_from(entry.format, self.data, entry.place)[0]
 
     def put(self, index, sub, number):
-        """Store a number in an entry, whoever may write it."""
+        """Store a number in an entry, also in one that clients may only read."""
         entry = find(index, sub)
         struct.pack_into(entry.format, self.data, entry.place, number)
 
@@ -237,7 +241,7 @@ class Objects:
                 self.data[entry.place : entry.place + entry.size] = default(entry, self._node_id)
 
     def changed(self, flags):
-        """What of these entries is not at its default, as (index, sub-index, type, bytes)."""
+        """Yield the entries that differ from their defaults, as (index, sub-index, type, bytes)."""
         for entry in entries(flags):
             value = bytes(self.data[entry.place : entry.place + entry.size])
             if value != default(entry, self._node_id):
@@ -267,8 +271,3 @@ def check_length(entry, size):
     """Raises AbortError if a value of so many bytes does not fit the entry."""
     if size != entry.size:
         raise sdo.AbortError(sdo.TOO_LONG if size > entry.size else sdo.TOO_SHORT)
-
-
-def key(index, sub):
-    """The key of an entry in `reads` and `writes`."""
-    return index << 8 | sub

@@ -1,4 +1,4 @@
-"""What may be written to COB-IDs, PDO parameters and mappings (CiA 301, table 41, 7.5.2.35-38)."""
+"""Rules for COB-IDs, PDO parameters and mappings (CiA 301, table 41, 7.5.2.35-38)."""
 
 from mdms_cell.canopen.objects import find
 from mdms_protocol import record
@@ -58,7 +58,7 @@ def check_parameter(direction, sub, value, can_id):
 
 
 def check_pdo(objects, parameters, mapping, direction):
-    """Raises AbortError if a PDO may not be as its objects define it, whatever it was before."""
+    """Raises AbortError if the objects of a PDO define one that is not allowed."""
     for sub in (COB_ID, TYPE):
         check_parameter(direction, sub, objects.number(parameters, sub), None)
     count = objects.number(mapping)
@@ -75,7 +75,8 @@ def mapped(objects, mapping, sub):
 def check_mapping(entries, sub, count, direction):
     """Raises AbortError if entries, as (index, sub-index, bits), may not be mapped.
 
-    `sub` is what was written: 0, and the entries are all that count now, or that of the one entry.
+    `sub` is the sub-index that was written. If it is 0, the entries are all that are mapped. Else
+    there is one entry, and it is that of `sub`.
     """
     if sub and count:
         raise sdo.AbortError(sdo.WRONG_STATE)

@@ -1,22 +1,22 @@
 """The common beat: SYNC from outside, or one of the cells takes over.
 
-SYNC has no sender, and two nodes may never send one identifier with different data, so that it
-cannot be given one. What a cell can see is that a SYNC comes which is not its own:
+SYNC has no sender. Two nodes may never send one identifier with different data, so it can have
+none. But a cell can tell another's SYNC from its own:
 
-- Who produces and sees another's SYNC yields. So the host's wins, and of two beats that meet after
-  a partition has healed, the one whose SYNC is seen first.
-- Who misses SYNC for two beats and a half takes over, a millisecond later for each rank, so that
-  the next in rank is silenced by it. Up to rank 22 the gap stays below 50 ms.
-- Two whose SYNCs cross on their way both yield. So who has yielded, and has not seen two beats in
-  turn from elsewhere, returns after one beat and a half, the lower rank first.
+- A producer that sees another's SYNC yields. So the host's SYNC wins. If two beats meet after a
+  partition has healed, the first SYNC wins.
+- A cell that misses SYNC for two beats and a half takes over, a millisecond later for each rank. So
+  the next rank is silenced by it. Up to rank 22 the gap stays below 50 ms.
+- Two producers whose SYNCs cross on their way both yield. So a cell that has yielded, and has not
+  seen two other beats in turn, returns after one beat and a half, the lower rank first.
 
-Two that begin at the same bit send one frame, and are one beat.
+Two producers that begin at the same bit send one frame, and are one beat.
 """
 
 from mdms_cell import ticks
 from mdms_protocol.compat import const, micropython
 
-#: Beats missed, in halves: before a cell takes over, and before one that has just yielded returns.
+#: Half beats without SYNC before a cell takes over, and before it returns after it has yielded.
 MISSED_HALVES = 5
 YIELDED_HALVES = 3
 RANK_MS = 1

@@ -1,15 +1,189 @@
-"""All axes of a cell: commanded, stopped and watched together."""
+"""The axes of a cell on the bus: objects of CiA 402 and settings, tied to drives and speed loop.
 
-from mdms_cell.drive import speed_loop
-from mdms_cell.drive.axis import Axis
-from mdms_cell.drive.state_machine import UNDERVOLTAGE
-from mdms_protocol.codecs import cia402
+Indices are those of axis 1; axis 2 has them `indices.AXIS_OFFSET` higher.
+"""
+
+from mdms_cell.drive import speed_loop, tuning
+from mdms_cell.drive.state_machine import UNDERVOLTAGE, Drive
+from mdms_protocol import indices
+from mdms_protocol.codecs import cia402, sdo
 from mdms_protocol.compat import const, micropython
 
+_VELOCITY_REVERSED = 0x40
+
+# Fault reaction option code (CiA 402-2): 0 V at once, or the quick stop's ramp
+_DISABLE = 0
+_QUICK_STOP_RAMP = 2
+
+#: Where a trial voltage limit is taken: the motor is off, and about to be enabled.
+_ON_THE_WAY = (cia402.READY_TO_SWITCH_ON, cia402.SWITCHED_ON)
+
+_SETTINGS = (
+    indices.GAIN,
+    indices.RESOLUTION,
+    indices.VOLTAGE_LIMIT,
+    indices.STALL_VOLTAGE,
+    indices.STALL_TIME,
+    indices.REVERSAL_VOLTAGE,
+    indices.REVERSAL_TIME,
+    indices.OVER_CURRENT_TIME,
+    indices.SLIPPAGE_TIME,
+    indices.OBSERVER_LAG,
+    indices.ACCELERATION_PER_VOLT,
+    indices.WINDOW,
+    indices.WINDOW_TIME,
+    indices.MAX_CURRENT,
+    indices.RATED_CURRENT,
+    indices.POLARITY,
+    indices.ACCELERATION,
+    indices.DECELERATION,
+    indices.QUICK_STOP,
+    indices.FAULT_REACTION,
+    indices.BRAKING_GAIN,
+    indices.MAX_SLIPPAGE,
+)
 _SWITCHED_ON = const(0x23)
 assert _SWITCHED_ON == cia402.SWITCHED_ON
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
+
+
+class Axis:
+    """Axis `number`, counted from 0.
+
+    A trial voltage limit (0x2010) lowers the stored limit until the axis is off again or in fault.
+    So it ends even if the host that set it is gone, and binds no later enabling.
+    """
+
+    def __init__(self, number, objects, registers):
+        self._objects = objects
+        self._registers = registers
+        self._base = number * speed_loop.AXIS
+        self._offset = number * indices.AXIS_OFFSET
+        self._trial_limit_mv = 0
+        self.drive = Drive(registers, self._base, self._end_trial)
+        self._tie_commands()
+        self._tie_readings()
+        objects.watch(self._on_setting, *[index + self._offset for index in _SETTINGS])
+        self.load()
+
+    def load(self):
+        """Bring the stored settings into the speed loop."""
+        registers = self._registers
+        base = self._base
+        setting = self._setting
+        resolution = setting(indices.RESOLUTION)
+        reversed_ = setting(indices.POLARITY) & _VELOCITY_REVERSED
+        registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
+        tuning.set_encoder(registers, base, resolution, setting(indices.OBSERVER_LAG))
+        tuning.set_feed(registers, base, resolution, setting(indices.ACCELERATION_PER_VOLT))
+        self._load_law(registers, base, setting)
+        acceleration, deceleration = setting(indices.ACCELERATION), setting(indices.DECELERATION)
+        quick_stop = setting(indices.QUICK_STOP)
+        tuning.set_ramps(registers, base, acceleration, deceleration, quick_stop)
+        ramped = setting(indices.FAULT_REACTION) == _QUICK_STOP_RAMP
+        registers[base + speed_loop.REACTION] = 1 if ramped else 0
+        registers[base + speed_loop.WINDOW] = setting(indices.WINDOW)
+        registers[base + speed_loop.WINDOW_TICKS] = setting(indices.WINDOW_TIME)
+        self._load_watching(registers, base, setting, resolution)
+
+    def _load_law(self, registers, base, setting):
+        """Set gains and the voltage limit, the trial's while there is one and it is lower."""
+        limit_mv = setting(indices.VOLTAGE_LIMIT)
+        if self._trial_limit_mv:
+            limit_mv = min(limit_mv, self._trial_limit_mv)
+        tuning.set_law(registers, base, setting(indices.GAIN), limit_mv)
+        tuning.set_brake(registers, base, setting(indices.BRAKING_GAIN), limit_mv)
+
+    def _load_watching(self, registers, base, setting, resolution):
+        """Set the watched limits and their times."""
+        limit_ma = setting(indices.MAX_CURRENT) * setting(indices.RATED_CURRENT) // 1000
+        tuning.set_over_current(registers, base, limit_ma, setting(indices.OVER_CURRENT_TIME))
+        voltage_mv, time_ms = setting(indices.STALL_VOLTAGE), setting(indices.STALL_TIME)
+        tuning.set_stall(registers, base, resolution, voltage_mv, time_ms)
+        voltage_mv, time_ms = setting(indices.REVERSAL_VOLTAGE), setting(indices.REVERSAL_TIME)
+        tuning.set_reversal(registers, base, voltage_mv, time_ms)
+        limit_um_s, time_ms = setting(indices.MAX_SLIPPAGE), setting(indices.SLIPPAGE_TIME)
+        tuning.set_following(registers, base, limit_um_s, time_ms)
+
+    def _on_setting(self, _index, _sub):
+        if self._setting(indices.FAULT_REACTION) not in (_DISABLE, _QUICK_STOP_RAMP):
+            raise sdo.AbortError(sdo.INVALID_VALUE)
+        self.load()
+
+    def _setting(self, index):
+        return self._objects.number(index + self._offset)
+
+    # Methods rather than lambdas, which would take three times the memory, for each axis.
+
+    def _tie_commands(self):
+        drive = self.drive
+        self._tie(indices.CONTROLWORD, self._controlword, drive.control)
+        self._tie(indices.TARGET, self._target_um_s, drive.take_target)
+        self._tie(indices.TRIAL_VOLTAGE_LIMIT, self._trial_limit, self._begin_trial)
+        self._tie(indices.STATUSWORD, drive.statusword)
+        self._tie(indices.ERROR_CODE, self._error_code)
+
+    def _tie_readings(self):
+        self._tie(indices.ACTUAL, self._actual_reader())
+        self._tie(indices.DEMAND, self._demand_um_s)
+        self._tie(indices.POSITION, self._position)
+        self._tie(indices.MOTOR_VOLTAGE, self._voltage_uv)
+        self._tie(indices.SUPPLY, self._supply_mv)
+        self._tie(indices.CURRENT, self._current_per_mille)
+
+    def _tie(self, index, read, write=None):
+        self._objects.tie(index + self._offset, 0, read, write)
+
+    def _actual_reader(self):
+        """A function that returns the speed, called at every SYNC; it looks up nothing."""
+        registers = self._registers
+        actual = self._base + speed_loop.ACTUAL
+        return lambda: registers[actual]
+
+    def _trial_limit(self):
+        return self._trial_limit_mv
+
+    def _begin_trial(self, limit_mv):
+        """Take a limit for the next enabling; raises AbortError unless the axis is about to be."""
+        if self.drive.state not in _ON_THE_WAY:
+            raise sdo.AbortError(sdo.WRONG_STATE)
+        self._trial_limit_mv = limit_mv
+        self._load_law(self._registers, self._base, self._setting)
+
+    def _end_trial(self):
+        if self._trial_limit_mv:
+            self._trial_limit_mv = 0
+            self._load_law(self._registers, self._base, self._setting)
+
+    def _controlword(self):
+        return self.drive.controlword
+
+    def _target_um_s(self):
+        return self.drive.target_um_s
+
+    def _error_code(self):
+        return self.drive.error_code
+
+    def _demand_um_s(self):
+        return self._registers[self._base + speed_loop.DEMAND]
+
+    def _position(self):
+        """Counts since the start as a signed number of 32 bits, as wired."""
+        turns = self._registers[self._base + speed_loop.TURNS]
+        count = self._registers[self._base + speed_loop.LAST_COUNT]
+        return ((turns ^ 0x8000) - 0x8000 << 16) | count
+
+    def _voltage_uv(self):
+        return self._registers[self._base + speed_loop.VOLTAGE]
+
+    def _supply_mv(self):
+        return self._registers[speed_loop.SUPPLY] // 1000
+
+    def _current_per_mille(self):
+        current_ma = self._registers[self._base + speed_loop.CURRENT]
+        per_mille = current_ma * 1000 // self._setting(indices.RATED_CURRENT)
+        return min(max(per_mille, -32768), 32767)
 
 
 class Axes:
@@ -54,9 +228,9 @@ class Axes:
 
     @micropython.native
     def poll(self):
-        """Follow what the speed loop did.
+        """Follow the events of the speed loop.
 
-        Too low a supply is reported in every state; it is a fault from 'switched on' on.
+        Too low a supply is reported in every state. From 'switched on' on it is a fault.
         """
         emcy = self._emcy
         source = 0

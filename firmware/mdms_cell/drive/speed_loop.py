@@ -1,14 +1,14 @@
 """The speed loop of a cell's two axes: one function over one buffer of 32-bit integers.
 
-`step(registers)` is one control period of 1 ms: it tracks both encoders, ramps the targets, applies
-the paper's law V = G (r - v), watches for faults, brakes what is off, and calls the background's
-attention to what has changed. It is integer arithmetic that stays within 31 bits, so that nothing
-is allocated, and the same source runs as plain Python over an `array('i')`, as MicroPython
-bytecode, as viper machine code and compiled by numba.
+`step(registers)` is one control period of 1 ms. It tracks both encoders, ramps the targets, and
+applies the paper's law V = G (r - v). It watches for faults, brakes axes that are off, and reports
+events to the background by ATTENTION. Its integers stay within 31 bits, so nothing is allocated.
+The same source runs as plain Python over an `array('i')`, as MicroPython bytecode, as viper machine
+code, and compiled by numba.
 
 The registers of axis 1 start at 0, those of axis 2 at `AXIS`: `registers[AXIS + TARGET]` is the
-target of axis 2. COUNT, CURRENT and VOLTAGE are as wired, everything else is signed along the
-wheel's own direction. No register may leave -2**30..2**30 - 1; the ranges stand beside each.
+target of axis 2. COUNT, CURRENT and VOLTAGE are as wired. All others are signed along the wheel's
+own direction. No register may leave -2**30..2**30 - 1; the ranges stand beside each.
 """
 
 import sys
@@ -18,7 +18,7 @@ from mdms_protocol.compat import const, micropython, ptr32
 # Of each axis. Commands:
 TARGET = const(0)  # reference r [um/s], within +-SPEED_MAX_UM_S
 MODE = const(1)  # OFF, RUN, STOP, BRAKE or SWITCHED_ON
-AGE = const(2)  # ticks since the last target, counted here, zeroed by whoever writes TARGET
+AGE = const(2)  # ticks since the last target, counted here, zeroed by the writer of TARGET
 # Parameters; those marked * are written by `drive.tuning` only, for they depend on each other:
 INVERTED = const(3)  # 1: motor and encoder are mounted the other way round
 ACCELERATION = const(4)  # ramp of the reference away from 0 [um/s per tick]; 0: it jumps
@@ -51,7 +51,7 @@ POSITION = const(28)  # tracked position [2**-14 counts], modulo 2**30
 RATE = const(29)  # velocity expected in the next tick [2**-14 counts per tick], within 2**28
 ACTUAL = const(30)  # tracked velocity [um/s]
 DEMAND = const(31)  # the ramped reference r that the law sees [um/s]
-VOLTAGE = const(32)  # what the board is to apply [uV], as wired
+VOLTAGE = const(32)  # the voltage for the board to apply [uV], as wired
 MEAN_VOLTAGE = const(33)  # of the last 16 ticks or so, along the wheel's own direction [uV]
 FAULTS = const(34)  # bits below; kept until cleared from outside, and the voltage is 0 while set,
 # but for STALE alone while the wheel is braked
@@ -85,15 +85,15 @@ LOW_COUNT = const(106)  # ticks of too low a supply so far, up to LOW_TICKS
 CUT = const(107)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
 BRAKE_TICKS = const(108)  # ticks after which braking ends, standstill or not
 AWAKE = const(109)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
-ATTENTION = const(110)  # set to 1 when FAULTS or SIGNS change; zeroed by who looks after that
-WIDEN = const(111)  # what sign-extends a loaded register, see `reset`
+ATTENTION = const(110)  # set to 1 when FAULTS or SIGNS change; zeroed by the background
+WIDEN = const(111)  # bits to shift for sign extension of a loaded register, see `reset`
 REGISTERS = const(112)
 
 # Values of MODE; STOP and BRAKE ramp down.
 OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
 RUN = const(1)  # follow TARGET
-STOP = const(2)  # ramp to standstill, whatever TARGET is; over after BRAKE_TICKS at the latest
-#: As STOP, with a gain of its own, and hold the wheel for STILL_TICKS: what it carries may slide.
+STOP = const(2)  # ramp to standstill at any TARGET; over after BRAKE_TICKS at the latest
+#: As STOP, with a gain of its own, and hold the wheel for STILL_TICKS: the parcel may slide.
 BRAKE = const(3)
 #: As OFF, but too low a supply is a fault: from here a cell may drive without another command.
 SWITCHED_ON = const(4)
@@ -133,8 +133,8 @@ LOW_TICKS = const(5)
 def reset(registers):
     """Zero all registers but WIDEN, which depends on the width of a machine word.
 
-    Viper on a 64-bit machine loads a negative register as a large positive number; shifting it up
-    and down again by 32 bits repairs that, and by 0 bits does nothing where it is not needed.
+    Viper on a 64-bit machine loads a negative register as a large positive number. A shift up and
+    down again by 32 bits repairs that. A shift by 0 bits does nothing where no repair is needed.
     """
     for index in range(REGISTERS):
         registers[index] = 0
@@ -350,7 +350,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         registers[base + DEMAND] = demand
         registers[base + VOLTAGE] = voltage
 
-        # Tell the background what it has to look after.
+        # Report events to the background.
         signs = LOW_SUPPLY if low_supply == LOW_TICKS else 0
         if remaining < 0:
             remaining = 0 - remaining
@@ -388,8 +388,8 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
                 ticks += 1
         registers[base + STOP_COUNT] = ticks
 
-        # Off means braked: 0 V with the bridges awake, until the wheel has stood for a while, so
-        # that what it carries has come to rest too, or time is over.
+        # Off means braked: 0 V with the bridges awake. It ends when the wheel has stood for a
+        # while, so that the parcel on it rests too, or when time is over.
         ticks = 0
         if off:
             ticks = registers[base + BRAKE_COUNT]

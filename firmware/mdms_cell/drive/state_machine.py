@@ -1,16 +1,16 @@
 """One axis of the drive: the state machine of CiA 402-2 around the registers of the speed loop.
 
-The motor is driven in 'operation enabled', and in 'quick stop active' and 'fault reaction active'
-until it stands or their time is over; in every other state the speed loop brakes at 0 V, then the
-bridges sleep. A fault that the speed loop finds has cut the voltage in that very tick, or begun to
-brake; `poll` then takes the state after it. Who changes the state calls the background's attention
-to it, as the speed loop does.
+The motor is driven in 'operation enabled'. It is driven in 'quick stop active' and 'fault reaction
+active' too, until it stands or their time is over. In every other state the speed loop brakes at 0
+V, then the bridges sleep. The speed loop cuts the voltage, or begins to brake, in the tick in which
+it finds a fault. `poll` takes the next state afterwards. A change of the state sets ATTENTION for
+the background, as the speed loop does.
 
 The neighbour layer enables an axis that is 'switched on' without another controlword. So too low a
-supply, which is an emergency stop, is a fault there as well. From the states below only a
-controlword of another node leads on.
+supply, which is an emergency stop, is a fault there as well. Only a controlword of another node
+leads on from the states below.
 
-A target is valid in the 'operation enabled' in which it came: every way into and out of that state
+A target is valid in the 'operation enabled' in which it came. Every way into and out of that state
 sets it to 0.
 """
 
@@ -18,7 +18,7 @@ from mdms_cell.drive import speed_loop
 from mdms_protocol.codecs import cia402
 from mdms_protocol.compat import const, micropython
 
-# What is used in every beat of the neighbour layer; constants of another module would be looked up.
+# Used in every beat of the neighbour layer; constants of another module would be looked up.
 _TARGET = const(0)
 _AGE = const(2)
 _FAULTS = const(34)
@@ -39,10 +39,10 @@ FAILURE = 0x100
 STANDSTILL = 0x101
 SILENCE = 0x102
 
-#: All transitions, by state and event in one number, which takes less memory than a pair; with
-#: their numbers in CiA 402-2. What is not here changes nothing.
-#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one. Only where the
-#: wheel can still be trusted, and nobody commands it any more, is it braked in between.
+#: All transitions with their numbers in CiA 402-2, by state and event in one number, which takes
+#: less memory than a pair. Any other event changes nothing.
+#: The reaction to a failure, voltage off, is complete at once, so 13 and 14 are one. The wheel is
+#: braked in between only if it can still be trusted and its commands have ended.
 TRANSITIONS = {
     cia402.SWITCH_ON_DISABLED | cia402.SHUTDOWN << 8: cia402.READY_TO_SWITCH_ON,  # 2
     cia402.READY_TO_SWITCH_ON | cia402.SWITCH_ON << 8: cia402.SWITCHED_ON,  # 3
@@ -112,11 +112,11 @@ def command_of(controlword):
 
 
 class Drive:
-    """The drive of the axis whose registers start at `base`; it starts switched off.
+    """The drive of the axis with registers from `base` on; it starts switched off.
 
-    Unless `may_enable()`, if there is one, to enable operation leads to 'switched on' only.
-    `on_enabled()`, if there is one, is called on the way into 'operation enabled', `on_off()` once
-    the voltage is 0 on the way into 'switch on disabled' and 'fault'.
+    If `may_enable()` is given and false, 'enable operation' leads to 'switched on' only.
+    `on_enabled()`, if given, is called on the way into 'operation enabled'. `on_off()`, if given,
+    is called on the way into 'switch on disabled' and 'fault', once the voltage is 0.
     """
 
     def __init__(self, registers, base, on_off=None):
@@ -149,9 +149,9 @@ class Drive:
 
     @micropython.native
     def set_target(self, target_um_s):
-        """Take a target velocity [um/s], clipped to what the speed loop bears, as fresh.
+        """Take a target velocity [um/s] as fresh, clipped to the range of the speed loop.
 
-        It moves the wheel in 'operation enabled' only; the next such state begins with 0.
+        It moves the wheel in 'operation enabled' only. The next 'operation enabled' begins with 0.
         """
         if target_um_s > _SPEED_MAX_UM_S:
             target_um_s = _SPEED_MAX_UM_S
@@ -182,7 +182,7 @@ class Drive:
             self.error_code = error_code
 
     def fall_silent(self, error_code):
-        """Go to 'fault', for who commands is gone; a motor that is on brakes first, if it may."""
+        """Go to 'fault' after the commands have ended; a motor that is on may brake first."""
         if self.state == cia402.FAULT_REACTION:
             return
         if self.registers[self.base + speed_loop.REACTION] and self._happen(SILENCE):
@@ -192,7 +192,7 @@ class Drive:
 
     @micropython.native
     def poll(self):
-        """Follow what the speed loop did; return the error code of a new fault, or 0."""
+        """Follow the events of the speed loop; return the error code of a new fault, or 0."""
         registers = self.registers
         base = self.base
         faults = registers[base + _FAULTS]

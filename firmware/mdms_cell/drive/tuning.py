@@ -28,9 +28,9 @@ def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
 
     A unit of RATE is 10**9 / (2**14 counts_per_metre) um/s. It is kept as a fraction of 15 bits,
     which is exact to 3e-5. The velocity of an alpha-beta filter trails a steady acceleration by
-    alpha / beta - 1/2 ticks; this one is critically damped (Morrison 1969, 'Introduction to
-    Sequential Smoothing and Prediction', fading memory of first degree), so that with three
-    eighths of its gains, which `step` uses within a count, the loop still has a margin.
+    alpha / beta - 1/2 ticks. This filter is critically damped: the fading memory of first degree of
+    Morrison's 'Introduction to Sequential Smoothing and Prediction' (1969). `step` uses three
+    eighths of its gains within a count, and the loop still has a margin then.
     """
     _check("counts per metre", counts_per_metre, COUNTS_PER_METRE_MIN, COUNTS_PER_METRE_MAX)
     _check("observer lag [us]", lag_us, LAG_MIN_US, LAG_MAX_US)
@@ -50,11 +50,11 @@ def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
 
 
 def set_feed(registers, base, counts_per_metre, acceleration_per_volt=ACCELERATION_PER_VOLT_MM_S2):
-    """Let the observer expect that new voltage speeds the wheel up by so much [mm/s2 per V].
+    """Set by how much the observer expects new voltage to speed the wheel up [mm/s2 per V].
 
-    0 leaves it to the encoder. What counts as new fades with a time constant of 16 ticks, so that
-    the speed of a wheel that carries more than its motor's data say is off for that long only. With
-    more than half a million counts per metre the strongest motors are fed what fits in FEED.
+    0 leaves it to the encoder. The new part of a voltage fades with a time constant of 16 ticks. So
+    the speed of a wheel with more load than its motor's data is off for that time only. With more
+    than half a million counts per metre, FEED limits the value for the strongest motors.
     """
     high = ACCELERATION_PER_VOLT_MAX_MM_S2
     _check("acceleration per volt [mm/s2]", acceleration_per_volt, 0, high)

@@ -1,1 +1,1 @@
-"""Where a parcel is to go, and what the cell's wheels do for it."""
+"""The goal of a parcel, and the part of the cell's wheels in the way to it."""

@@ -12,26 +12,26 @@ from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
-#: From the wish to brake until all cells under the parcel do: HOPS times the beats that `hold` may
-#: take and counts. And how far ahead a cell asks [ms].
+#: From the wish to brake until all cells under the parcel brake: HOPS times the beats that `hold`
+#: may take and counts. And how far ahead a cell asks [ms].
 _REACTION_MS = const(200)
 _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
 #: Without its host a parcel stands for so long in all, while others have the right of way [ms].
 _WAIT_MS = const(30_000)
-#: Without its host a parcel asks for cells that it comes so much nearer to [steps]: it stands that
-#: far from one that it has to wait for, and does not come over it by a hair before its turn.
+#: Without its host a parcel asks for cells that it comes so much nearer to [steps]. So it waits for
+#: a cell at that distance, and does not come over it by a hair before its turn.
 _ROOM = 3_000 // STEP_UM
-#: A parcel that stands for want of a cell goes no nearer to it where it would come over it within
-#: this way; what it gained would be a fraction of that, again and again.
+#: A parcel that stands for want of a cell goes no nearer to it if it would come over it within this
+#: way. It would gain only a fraction of the way, again and again.
 _NEARER_UM = const(10_000)
 #: A parcel keeps this away from another whose edge lies over one of its squares, or from where that
 #: may lie; where no square is shared it is farther anyhow. Nearer than that it may part [steps].
 _APART = 6_000 // STEP_UM
 _PARTING = 500 // STEP_UM
-#: To a wheel that is to join in the parcel's motion, fewer wheels do not show it, nor wheels that
-#: are off what is known of it by more than this [um/s].
+#: A wheel joins in the parcel's motion if this many wheels show the motion at least. They may be
+#: off the known motion by this [um/s].
 _JOIN_WHEELS = const(4)
 _JOIN_OFF_UM_S = const(25_000)
 #: Times without a host are counted up to this.
@@ -41,9 +41,9 @@ _LONG_MS = const(1 << 20)
 class Leading:
     """The wheels of one cell under one parcel, by its program.
 
-    `needs` is the mask of the neighbours that the parcel covers, or will before it can stand, and
-    `wants` that of those that it will cover soon, too. `reported(direction)` returns the outline of
-    the parcel that a neighbour is under, None where its place or its size is not known.
+    `needs` is the mask of the neighbours that the parcel covers, or will cover before it can stand.
+    `wants` adds those that it will cover soon. `reported(direction)` returns the outline of the
+    parcel over a neighbour, None where its place or its size is not known.
     """
 
     def __init__(self, place, footprint, tracking, axes, reported):
@@ -69,9 +69,9 @@ class Leading:
         self._begin_times()
 
     def _begin_times(self):
-        # What of a program's time has passed without a host, for how long the parcel stood
-        # meanwhile for want of a promise, all the time that its way takes (0: not found yet), and
-        # whether that was too long.
+        # The time of a program without a host, the time in which the parcel stood meanwhile for
+        # want of a promise, and the time that its way takes (0: not found yet). Then whether the
+        # first was too long.
         self.alone_ms = self._waited_ms = self._planned_ms = 0
         self._ended = False
 
@@ -103,11 +103,11 @@ class Leading:
 
     @micropython.native
     def look_ahead(self, program, lacking=0):
-        """Find what the parcel `needs` and `wants`.
+        """Find the cells that the parcel `needs` and `wants`.
 
-        Of the cells in the mask `lacking`, for want of which it stands, it needs the nearest
-        already. It asks for those that it may lie over as long as no edge of it has been seen, too,
-        and needs them where another parcel has them.
+        The parcel stands for want of the cells in the mask `lacking`, and already needs the nearest
+        of them. As long as none of its edges has been seen, it also asks for the cells that it may
+        lie over. It needs those of them that another parcel has.
         """
         footprint, parcel, tracking = self._footprint, self._parcel, self._tracking
         present = footprint.present
@@ -196,14 +196,14 @@ class Leading:
 
     @micropython.native
     def may_go_on(self, program, step_ms, alone, held):
-        """Whether a parcel may go on; without its host for twice its planned time, if it is to.
+        """Return whether a parcel may go on; without its host for twice its planned time at most.
 
-        That it is `held`, for want of a promise, does not count, up to `_WAIT_MS`. Once the time is
-        over, or the host of one that is not to go on was gone, a new program has to come: that the
-        host is back moves nothing.
+        Time in which it is `held` for want of a promise does not count, up to `_WAIT_MS`. A parcel
+        needs a new program once its time is over. The same holds if its host was gone and it is not
+        to go on: a host that is back moves nothing.
         """
         if program.identity != self._identity:
-            # What another parcel took of its time is its own.
+            # Time that another parcel took from it still belongs to it.
             self._identity = program.identity
             self.begin(program.identity)
         if alone:
@@ -254,7 +254,7 @@ class Leading:
             steering.commanded[axis] = self._parcel.twist.speeds[axis] if going else 0
 
     def _has_held(self):
-        """The wheels hold the parcel, which stands; returns whether for long, and they are off."""
+        """Hold the parcel, which stands; return whether it was held long, with the wheels off."""
         self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
         if self._driving and self._held_beats < _HOLD_BEATS:
             return False

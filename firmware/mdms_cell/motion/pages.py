@@ -16,8 +16,8 @@ _HAND_ON_BEATS = const(4)
 #: No parcel lies on a cell whose centre is farther from it along x or y.
 _NEAR_PITCHES = const(4)
 
-#: What is against the program of the cell's parcel comes to: nothing, too little to drop it though
-#: it is not handed on, or enough not to be led by it either.
+#: Verdicts on the program of the cell's parcel; 0 is for no objection. A doubted program is not
+#: handed on. An outdated one does not lead the wheels either.
 DOUBTED = const(1)
 OUTDATED = const(2)
 #: It is enough after this, in which the host repeats a page and neighbours hand one on.
@@ -25,22 +25,22 @@ _OUTDATED_BEATS = const(6)
 #: A neighbour is not heard any more after this; it cannot forget its program and get another so
 #: soon.
 _SILENT_BEATS = const(5)
-#: A cell that has heard nobody for so long may have missed three programs, so that the same number
+#: A cell that has heard no other for so long may have missed three programs. Then the same number
 #: tells nothing either.
 _LONG_BEATS = const(10)
 
 
 class Comparison:
-    """What neighbours' estimates say of the program of the cell's parcel.
+    """The neighbours' programs for the cell's parcel, by their estimates.
 
-    Sequence numbers come round again after three, so that two of them alone do not tell which
-    program is newer. But a program is followed by newer ones only: a neighbour that had the same
-    one, and has another by now, is ahead.
+    Sequence numbers come round again after three. So two of them alone do not tell which program is
+    newer. But only newer programs follow a program. So a neighbour is ahead if it had the same
+    program before and has another now.
 
-    `shared` is the mask of the neighbours that had this program when they were heard last, `ahead`
-    that of those that had it, and have had another since. It is `settled` once it is known to be
-    the one of the parcel's cells: the host has sent it, or one of them had the same, since this
-    cell is at the parcel and hears others there. `verdict` is what all that comes to.
+    `shared` is the mask of the neighbours whose last report had this program. `ahead` is the mask
+    of those that had it, and have had another since. The program is `settled` once it is known to
+    be that of the parcel's cells. Either the host has sent it, or one of them had the same, since
+    this cell is at the parcel and hears others there. `verdict` is the conclusion.
     """
 
     def __init__(self, heard):
@@ -55,12 +55,12 @@ class Comparison:
 
     def _forget(self):
         self.shared = self.ahead = self.verdict = 0
-        #: For so many beats something has been against the program, and nobody at the parcel was
-        #: heard; the latter up to _LONG_BEATS.
+        #: Beats with an objection against the program, and beats without a report of another cell
+        #: at the parcel; the latter up to _LONG_BEATS.
         self._against_beats = self._deaf_beats = 0
 
     def begin(self, program, shared=0):
-        """Nothing is known yet of others' programs beside the one that has come."""
+        """Forget the neighbours' programs; nothing is known of them beside the new program."""
         self._identity, self._sequence = program.identity, program.sequence
         self._forget()
         self.shared = shared
@@ -119,9 +119,9 @@ class Comparison:
         return 0
 
     def _judge(self, nobody, other):
-        """What comes of what this beat has shown, and of what those before have.
+        """Return the verdict of this beat together with those before.
 
-        That is whether nobody at the parcel is heard, and whether one has another program for sure.
+        It asks whether any cell at the parcel is heard, and whether one surely has another program.
         """
         has_program = self._sequence != 0
         if nobody:
@@ -175,7 +175,7 @@ class Pages:
         right = self._rights.registers
         return self._tracking.identity, right[IDENTITY], right[PROMISED_TO]
 
-    # What comes
+    # Received pages
 
     def on_page(self, direction, data):
         """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
@@ -193,7 +193,7 @@ class Pages:
         return True
 
     def _on_page_handed_on(self, program, page, direction):
-        """A page of a neighbour counts where the cell has none, or one that is outdated."""
+        """Take a page of a neighbour if the cell has none, or an outdated one."""
         if page[wire.PAGE] == wire.PARCEL:
             if not program.has_parcel:
                 program.take(page)
@@ -238,7 +238,7 @@ class Pages:
                 self._on_host_goal(program, again)
 
     def _on_host_goal(self, program, again):
-        """The host has sent a goal, perhaps the one that the cell has: it is the newest."""
+        """Take a goal of the host, perhaps the same one again: it is the newest."""
         if program.identity == self._tracking.identity:
             self.comparison.begin(program)
             self.comparison.settled = True
@@ -246,7 +246,7 @@ class Pages:
             self._leading.begin(program.identity)
 
     def _put(self, identity, page):
-        """A parcel lies where the host says, perhaps on this cell; one that it has stays."""
+        """Take the host's report of a parcel, perhaps on this cell; a parcel it has stays."""
         tracking, place = self._tracking, self._place
         program = self.programs.find(identity)
         if program is None:
@@ -273,9 +273,9 @@ class Pages:
 
     @micropython.native
     def hand_on(self, program, sent, skipped):
-        """Send a page, if one of those in the mask `sent`, who have sent an estimate, lacks it.
+        """Send a page if a neighbour in the mask `sent` has sent an estimate and lacks it.
 
-        That is in this cell's turn, or where that came in one of the beats `skipped` before.
+        The cell sends in its turn, or if its turn was in one of the `skipped` beats before.
         """
         if (self._heard.beat + self.node_id) % _HAND_ON_BEATS > skipped:
             return

@@ -1,4 +1,4 @@
-"""What a parcel is and where it is to go: the pages that a host sends and cells hand on."""
+"""The data and the goal of a parcel: the pages that a host sends and cells hand on."""
 
 from array import array
 
@@ -6,10 +6,10 @@ from mdms_cell.perception.angle import turn_um
 from mdms_protocol.compat import micropython
 from mdms_protocol.neighbours import frames as wire
 
-#: Programs that a cell keeps of all that the host sends: those that come nearest to it, and the one
-#: that came last, of which it is to be seen yet how near that comes.
+#: Programs that a cell keeps of all that the host sends. They are those that come nearest to it,
+#: and the last one, whose way is still to be seen.
 SLOTS = 13
-#: Of a program of which nothing says where it leads; no way is so far [steps of the wire].
+#: The distance of a program without a known way; no way is so far [steps of the wire].
 _UNKNOWN = 1 << 20
 # Numbers of pages; those of legs follow.
 _PARCEL = 0
@@ -22,11 +22,11 @@ _FLAGS_BIT = 4
 class Program:
     """One parcel's data and the way to its goal, in `pages` as frames have them.
 
-    The parcel's page comes first, then those of the goal and of the legs; the first byte of one
-    that is not there is 0. `complete` is whether parcel and goal are there, `whole` whether the
-    `legs` that follow the goal are, too. These count for the time without a host alone: while there
-    is one, it sets the next goal when that is to be gone to. A `sequence` without a goal is of one
-    that was there: others may be on any leg after it by now.
+    The parcel's page comes first, then those of the goal and of the legs. The first byte of a
+    missing page is 0. `complete` is whether parcel and goal are there. `whole` is whether the
+    `legs` that follow the goal are there, too. Legs count for the time without a host alone: a host
+    sets the next goal itself when it is due. A `sequence` without a goal belongs to an earlier
+    goal: others may be on any leg after it by now.
     """
 
     def __init__(self):
@@ -74,7 +74,7 @@ class Program:
         return fields[wire.SHAPE], length_um, fields[wire.PARCEL_WIDTH] * wire.STEP_UM
 
     def take(self, fields):
-        """Take a page; returns whether it is one that is kept."""
+        """Take a page; return whether it is kept."""
         page = fields[wire.PAGE]
         leg = fields[wire.LEG] if page == wire.GOAL else 0
         if page == wire.PARCEL:
@@ -145,9 +145,9 @@ class Program:
         return True
 
     def outdate(self):
-        """Have no goal until somebody hands on the one that the parcel is on its way to.
+        """Have no goal until a neighbour hands on the present goal of the parcel.
 
-        Sequence numbers come round again after three legs, so that they do not tell.
+        Sequence numbers come round again after three legs, so they do not tell.
         """
         if self.complete:
             self._drop_from(_GOAL)
@@ -200,7 +200,7 @@ class Program:
     def pack(self, number, frame, at):
         """Write a page as a frame: the parcel's, or from 1 on those of the goal and the legs.
 
-        Returns False for one that is not there.
+        Return False for a missing page.
         """
         if not self._has(number):
             return False
@@ -221,16 +221,16 @@ def _nobody():
 
 
 class Programs:
-    """The programs that a cell keeps; the one that stays farthest from it makes room for another.
+    """The programs that a cell keeps; the one that stays farthest away makes room for another.
 
-    `x` and `y` are the cell's place [steps of the wire; table frame], and `own` returns the
-    identities of the parcels that it is at or promised to: their programs stay.
+    `x` and `y` are the cell's place [steps of the wire; table frame]. `own` returns the parcels
+    that it is at or promised to, by identity; their programs stay.
     """
 
     def __init__(self, own=_nobody):
         self.x = self.y = 0
         self._own = own
-        # The one that was used last comes first.
+        # The last used program comes first.
         self._slots = [Program() for _ in range(SLOTS)]
 
     def clear(self):

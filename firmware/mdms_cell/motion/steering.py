@@ -19,7 +19,7 @@ _TOLERANCE_TURN_UM = const(1_500)
 _SETTLED_BEATS = const(30)
 #: The same as a time [ms].
 SETTLED_MS = const(300)
-#: A beat may change the twist by at least this, whatever the program says: every ramp ends [um/s].
+#: A beat may change the twist by at least this under any program: every ramp ends [um/s].
 _CHANGE_MIN_UM_S = const(100)
 #: Near the goal the speed is so many times the way left a second.
 _STIFFNESS_PER_S = const(3)
@@ -38,11 +38,11 @@ _FLAGS = const(5)
 
 
 class Steering:
-    """How one parcel goes to the goal of its program, as one cell steers it.
+    """The way of one parcel to the goal of its program, as one cell steers it.
 
-    `commanded` is the twist [um/s], changed no faster than the program allows; `wish` what it is to
-    become; `left` what is left to go: x, y and turn [um]. `arrived` lasts until the parcel is found
-    outside twice the tolerance.
+    `commanded` is the twist [um/s]; it changes no faster than the program allows. `wish` is the
+    twist that it approaches. `left` is the rest of the way: x, y and turn [um]. `arrived` lasts
+    until the parcel is found outside twice the tolerance.
     """
 
     def __init__(self):
@@ -77,7 +77,7 @@ class Steering:
 
     @micropython.native
     def find_wish(self, parcel, x_um, y_um):
-        """Find what is left to go, whether the parcel has arrived, and the twist to its goal.
+        """Find the rest of the way, whether the parcel has arrived, and the twist to its goal.
 
         The parcel's pose is from the cell's own centre, which is at `x_um` and `y_um`.
         """
@@ -205,7 +205,7 @@ def length(x: int, y: int, z: int) -> int:
     x >>= 5
     y >>= 5
     z >>= 5
-    # Squares of (4 * a + r), whose sum words may have no room for: of 16ths, and what is left.
+    # Squares of (4 * a + r), whose sum may not fit a word: their 16ths, and the rest.
     sixteenths = (x >> 2) * (x >> 2) + (y >> 2) * (y >> 2) + (z >> 2) * (z >> 2)
     rest = (x & 3) * (2 * x - (x & 3)) + (y & 3) * (2 * y - (y & 3)) + (z & 3) * (2 * z - (z & 3))
     if sixteenths + (rest + 15 >> 4) > int(ROOT_MAX) >> 4:

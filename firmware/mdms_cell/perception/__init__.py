@@ -1,1 +1,1 @@
-"""What a cell believes of the parcel over it: from wheels, sensors, and what neighbours say."""
+"""A cell's belief of the parcel over it: from wheels, sensors, and reports of neighbours."""

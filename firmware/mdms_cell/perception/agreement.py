@@ -1,9 +1,9 @@
-"""What the other cells under the same parcel believe, and how far they are to be followed.
+"""Beliefs of the other cells under the same parcel, and how far to follow them.
 
-A pose that is far off counts for nothing at once, whoever is right. Who is wrong is decided by
-number: a neighbour is, if there are as many that agree with this cell as do not; this cell is, if
-more agree with one another than with it. Those that agree move towards their weighted mean, which
-is one step of average consensus (Olfati-Saber and Murray 2004).
+A pose that is far off counts for nothing at once, in either cell. Number decides which one is
+wrong. A neighbour is wrong if as many cells agree with this cell as do not. This cell is wrong if
+more cells agree with one another than with it. Cells that agree move towards their weighted mean,
+which is one step of average consensus (Olfati-Saber and Murray 2004).
 """
 
 from array import array
@@ -24,8 +24,8 @@ _FAR_UM = const(25_000)
 class Agreement:
     """The poses of the neighbours under the same parcel, as they came in a beat.
 
-    `peers` is the mask of those that have sent one, `near` of those that agree with this cell, and
-    `outvoted_beats` counts how long more have agreed with one another.
+    `peers` is the mask of those that have sent one. `near` is the mask of those that agree with
+    this cell. `outvoted_beats` counts how long more have agreed with one another.
     """
 
     def __init__(self, place, heard, suspicion):
@@ -61,7 +61,7 @@ class Agreement:
         return self.outvoted_beats >= POSE_BEATS
 
     def _judge(self, peers, near):
-        """Find who is wrong by number."""
+        """Find the wrong cells by number."""
         outvoted = False
         count = _count(near)
         if near != peers:
@@ -110,10 +110,10 @@ class Agreement:
 
     @micropython.native
     def move(self, belief, certainty):
-        """Move a belief towards those that agree, by what was sent with this certainty.
+        """Move a belief towards those that agree, with the certainty of the estimate sent.
 
-        Each weighs the more, the more certain it is; those that are suspected weigh nothing. The
-        outline is left to be placed.
+        Each neighbour weighs the more, the more certain it is. Suspects weigh nothing. The outline
+        is left to be placed.
         """
         sent, its, sums = belief.sent, self._pose, self._sums
         weights = x = y = turn = variance = 0

@@ -1,7 +1,8 @@
-"""Where a cell believes its parcel to be: rolled on by the wheels, corrected at edges, agreed.
+"""The believed place of a parcel: rolled on by wheels, corrected at edges, agreed.
 
-An extended Kalman filter over the pose (x, y, turn) [um; from the cell's own centre, turn at the
-arm of `angle`] in whole numbers of 32 bits. Variances are in squares of 1/16 mm.
+It is an extended Kalman filter over the pose (x, y, turn) in whole numbers of 32 bits. The pose is
+in um from the cell's own centre, the turn at the arm of `angle`. Variances are in squares of 1/16
+mm.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
@@ -39,10 +40,10 @@ YT = const(5)
 
 
 class Belief(Outline):
-    """The outline of a parcel where it is believed to be, with pose, covariance and twist.
+    """The outline of a parcel at its believed place, with pose, covariance and twist.
 
-    `pose` counts if it is `known`; `sent` is the one that was sent last. `way_um` has made nothing
-    less sure yet.
+    `pose` counts if it is `known`. `sent` is the last pose that was sent. `way_um` is the way that
+    is still to be added to the uncertainty.
     """
 
     def __init__(self):
@@ -164,7 +165,7 @@ def send(pose: ptr32, speeds: ptr32, per_s: int, sent: ptr32):
 def roll(  # noqa: PLR0917 - viper takes words
     pose: ptr32, covariance: ptr32, speeds: ptr32, before: ptr32, halves_per_s: int, way_um: int
 ) -> int:
-    """Move a pose on, see `Belief.roll`; returns what is left of the way.
+    """Move a pose on, see `Belief.roll`; return the rest of the way.
 
     Halves of the time go so often into a second.
     """
@@ -186,9 +187,10 @@ def roll(  # noqa: PLR0917 - viper takes words
 def correct(  # noqa: PLR0917 - viper takes words
     pose: ptr32, covariance: ptr32, normal: ptr32, off: int, error: int, exact: bool
 ) -> bool:
-    """The Kalman filter's update by a distance `off`, whose derivative by the pose is `normal`.
+    """The Kalman filter's update by a distance `off`, with derivative `normal` by the pose.
 
-    One that is too far off is not believed, and makes the pose less sure; see `Belief.correct`.
+    A distance that is too far off is not believed, and makes the pose less sure; see
+    `Belief.correct`.
     """
     widen = int(WIDEN)
     if off > _FAR or off < -_FAR:

@@ -1,7 +1,7 @@
 """Which cells a parcel covers.
 
-It belongs to those whose wheels or sensors are under it, and what lies between does not count. It
-needs those whose squares it lies over, which are what it may move within.
+A parcel belongs to the cells whose wheels or sensors are under it; the space between does not
+count. It needs the cells whose squares it lies over, since it may move within those squares only.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
@@ -28,12 +28,12 @@ POINTS = AXES + SENSORS
 class Footprint:
     """The points of a cell and its neighbours, in steps of 16 um from the cell's own centre.
 
-    Neighbours are cells alike, whose points are the cell's own, shifted: `points` has x and y of
-    each point, `shifts` those of each centre by direction, and last the cell's own. `along` is the
-    direction in which each wheel pushes, x and y by axis [1/512]; `levers` are those of the wheels
-    about a parcel's centre, see `find_levers`. `present` is the mask of the neighbours that there
-    are. A parcel that comes within `half` of a centre, along x and y, needs that cell: squares, not
-    points, are what a parcel needs, for two parcels may not meet between two cells' sensors either.
+    Neighbours have the cell's own points, shifted. `points` has x and y of each point. `shifts` has
+    those of each centre by direction, the cell's own last. `along` is the direction in which each
+    wheel pushes, x and y by axis [1/512]. `levers` are the levers of the wheels about a parcel's
+    centre, see `find_levers`. `present` is the mask of the neighbours that exist. A parcel that
+    comes within `half` of a centre, along x and y, needs that cell. It needs squares and not
+    points, because two parcels may not meet between two cells' sensors either.
     """
 
     def __init__(self, place):

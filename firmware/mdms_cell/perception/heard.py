@@ -1,4 +1,4 @@
-"""What a cell has last received from its neighbours, by direction, and since when."""
+"""The last frames of a cell's neighbours, by direction, with their age."""
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
 
@@ -22,7 +22,7 @@ EDGES = const(16)
 #: In the place of presence bits: they are known, and the bits themselves.
 SEEN = const(0x80)
 BITS = const(0x1F)
-#: The beat of what has never come; beats count below it.
+#: The beat of a frame that has never come; beats count below it.
 NEVER = const(1 << 24)
 #: The box of a direction's speeds is so many behind that of its estimates.
 SPEEDS_AT = const(8)
@@ -31,12 +31,11 @@ SPEEDS_AT = const(8)
 class Heard:
     """Speeds, presence, edges and estimates, the cell's own under `OWN`.
 
-    `beat` is the present one. The boxes have the neighbours' estimates by direction, and behind
-    them the frames with their speeds, which are read where they are, stamped with their beat.
-    `presence[d]` are a cell's sensors' bits, known with `SEEN`. `estimates` has the fields of
-    `neighbours.frames`, `estimate_beat[d]` the beat in which they came; they are to be passed on
-    once, while their box is fresh. Of the `edges` that wait, `edge_ms` has the times and
-    `edge_bytes` the rest; see `edge`.
+    `beat` is the present one. The boxes have the neighbours' estimates by direction. Behind them
+    they have the frames with speeds, stamped with their beat and read in place. `presence[d]` are a
+    cell's sensor bits, known with `SEEN`. `estimates` has the fields of `neighbours.frames`, and
+    `estimate_beat[d]` the beat in which they came. They are to be passed on once, while their box
+    is fresh. Of the waiting `edges`, `edge_ms` has the times and `edge_bytes` the rest; see `edge`.
     """
 
     def __init__(self):
@@ -49,7 +48,7 @@ class Heard:
         self.estimates = array("h", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
         self.estimate_beat = array("i", [NEVER] * DIRECTIONS)
         self.edges = 0
-        self.edge_bytes = bytearray(EDGES)  # direction, sensor and what it shows now, in one byte
+        self.edge_bytes = bytearray(EDGES)  # direction, sensor and its present value, in one byte
         self.edge_ms = array("i", [0] * EDGES)
 
     def reset(self):
@@ -64,9 +63,9 @@ class Heard:
 
     @micropython.native
     def begin_beat(self, registers):
-        """SYNC: what comes from now on is of the next beat.
+        """Begin a beat at SYNC: frames from now on belong to it.
 
-        As are the speeds of the cell's own wheels, from the registers of the speed loop.
+        The speeds of the cell's own wheels belong to it too, from the registers of the speed loop.
         """
         boxes = self.boxes
         beat = self.beat = self.beat + 1 & 0xFFFFFF
@@ -104,8 +103,8 @@ class Heard:
         words, at = self._words, 2 * direction
         known = words[at] == first and words[at + 1] == second
         if not known or self.age_ms(direction, now_ms) < 0:
-            # Sent for another reason than a sensor, as one before it may have been that was lost:
-            # what sensors show may have changed long ago.
+            # The frame has another cause than a sensor. A lost frame before it may have had one:
+            # the sensors may have changed long ago.
             self.presence[direction] &= BITS
         words[at] = first
         words[at + 1] = second
@@ -129,7 +128,7 @@ class Heard:
 
     @micropython.native
     def take_presence(self, direction, bits, now_ms):
-        """Presence bits as they are now; what has changed are edges."""
+        """Take presence bits as they are now; changes are edges."""
         before = self.presence[direction]
         if before & SEEN:
             changed = bits ^ before & BITS

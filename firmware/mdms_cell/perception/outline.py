@@ -1,4 +1,4 @@
-"""A parcel's bottom seen from above: where it lies, what it covers, and where its nearest edge is.
+"""A parcel's bottom seen from above: its place, the points under it, and its nearest edge.
 
 Lengths are whole steps of 16 um, so that a product with a cosine fits 30 bits within 0.6 m.
 """

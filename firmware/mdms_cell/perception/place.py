@@ -1,9 +1,9 @@
-"""Where a cell and its up to eight neighbours stand, from the object dictionary.
+"""Places of a cell and its up to eight neighbours, from the object dictionary.
 
 Lengths are whole micrometres from the cell's own centre, along the axes of the table's frame.
-Neighbours are numbered by direction, counterclockwise from +x: 0 east, 1 north-east, 2 north, 3
-north-west, 4 west, 5 south-west, 6 south, 7 south-east; the opposite of d is d ^ 4. They are taken
-for cells like this one, a pitch away: their wheels and sensors are its own, moved by `shift_um`.
+Directions are numbered counterclockwise in steps of 45 degrees, from 0 for +x (east) to 7 for
+south-east. The opposite of d is d ^ 4. Neighbours are taken for cells like this one, a pitch away.
+Their wheels and sensors are its own, moved by `shift_um`.
 """
 
 from array import array
@@ -17,7 +17,7 @@ DIRECTIONS = 8
 OWN = 8
 HOST = 8
 
-# What comes from a neighbour, in the order of its transmit PDOs
+# Kinds of frames of a neighbour, in the order of its transmit PDOs
 SPEEDS = 0
 STATE = 1
 ESTIMATE = 2
@@ -37,9 +37,9 @@ _MICRO = 1_000_000
 class Place:
     """Integer tables, in small ints; `changed()` is called when other nodes are neighbours.
 
-    `column` and `row` count from 1; where one is 0 the place is unknown. `x_um` and `y_um` are the
-    cell's centre [table frame]. Of direction d, `nodes[d]` is the node id, 0 for none, and
-    `shifts_um` from 2 * d on where its centre is, x and y [from the cell's own centre].
+    `column` and `row` count from 1, and 0 means that the place is unknown. `x_um` and `y_um` are
+    the cell's centre [table frame]. `nodes[d]` is the node id in direction d, 0 for none.
+    `shifts_um` has its centre from 2 * d on, x and y [from the cell's own centre].
     """
 
     def __init__(self, objects, changed):
@@ -48,11 +48,11 @@ class Place:
         self.nodes = array("B", bytes(DIRECTIONS))
         self.shifts_um = array("i", [0] * (2 * DIRECTIONS))
         on_setting = self._on_setting
-        for index in (indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS):
-            objects.watch(index, on_setting)
-        for index in (indices.DIRECTION, indices.CONTACT_X, indices.CONTACT_Y):
-            for axis in range(AXES):
-                objects.watch(index + axis * indices.AXIS_OFFSET, on_setting)
+        objects.watch(on_setting, indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS)
+        for axis in range(AXES):
+            at = axis * indices.AXIS_OFFSET
+            own = (indices.DIRECTION + at, indices.CONTACT_X + at, indices.CONTACT_Y + at)
+            objects.watch(on_setting, *own)
         self.load()
 
     @property

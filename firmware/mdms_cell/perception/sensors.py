@@ -13,7 +13,7 @@ from mdms_protocol.compat import const, micropython
 _LATENCY_MS = const(3)
 #: An edge passes over a sensor no slower.
 _PASSING_UM_S = const(1_000)
-#: A sensor so far outside is not covered by this parcel, whatever its place is off, 30 mm [steps].
+#: A sensor so far outside is not covered by this parcel, even if its place is off, 30 mm [steps].
 _ELSEWHERE = const(1875)
 #: A parcel moves on by no more than this while a state is lost, 32 mm [1/16 mm].
 _MOST_LATE = const(512)
@@ -24,10 +24,10 @@ _TOGETHER = const(125)
 class Comparison:
     """A cell's presence bits beside the outline of a parcel.
 
-    `wrong` is the mask of the sensors on the wrong side of it. Whether: all sensors deep under it
-    are free (`missing`); a sensor far from it is covered (`far`); there are sensors deep under it,
-    or far from it (`clearly`); it covers a wheel or a sensor, or nearly, as by `Footprint.covers`
-    (`nearly`).
+    `wrong` is the mask of the sensors on the wrong side of it. `missing` is whether all sensors
+    deep under it are free. `far` is whether a sensor far from it is covered. `clearly` is whether
+    there are sensors deep under it or far from it. `nearly` is whether it covers a wheel or a
+    sensor, or nearly, as by `Footprint.covers`.
     """
 
     def __init__(self):
@@ -48,7 +48,7 @@ class Comparison:
 
 
 class Sensors:
-    """What the sensors of a cell and of its neighbours show of the parcel that `tracking` follows.
+    """The sensors of a cell and of its neighbours, as they show the parcel that `tracking` follows.
 
     An edge is reported `edge_late_ms` after it has passed the sensor.
     """
@@ -217,9 +217,9 @@ class Sensors:
         return False
 
     def weigh(self, direction, found, age_ms):
-        """Judge a cell's sensors by what was found, or correct the belief by them.
+        """Judge a cell's sensors by the result, or correct the belief by them.
 
-        Returns whether that may have moved it.
+        Return whether that may have moved it.
         """
         if found.clearly and (direction != OWN or self.turn == OWN):
             self._judge(direction, found.missing or found.far)

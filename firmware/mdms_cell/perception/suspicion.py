@@ -1,20 +1,20 @@
-"""Who contradicts what a cell believes, and for how long: the neighbours that are left out.
+"""Suspicion: neighbours that contradict a cell's belief for long are left out.
 
-A verdict turns when all evidence of half a second has been against it, either way: a suspect is
+A verdict turns when all evidence of half a second has been against it, either way. So a suspect is
 taken in again when it has agreed for as long. A beat without evidence counts for nothing.
 """
 
 from mdms_cell.perception.place import DIRECTIONS
 from mdms_protocol.compat import const, micropython
 
-# What a neighbour is suspected of; in an emergency, bits
-PRESENCE = const(0)  # its sensors do not show what lies there, or show what does not
+# Kinds of suspicion of a neighbour; in an emergency, bits
+PRESENCE = const(0)  # its sensors miss a parcel that lies there, or show one that does not
 WHEELS = const(1)  # one of its wheels turns otherwise than the parcel moves
 POSE = const(2)  # it believes the parcel elsewhere than all others
 SILENCE = const(3)  # it believes and promises nothing, and the parcel needs it
 KINDS = const(4)
 
-#: In emergency messages: what they come from, and their code.
+#: The source and the code of emergency messages.
 SOURCE = const(9)
 CODE = const(0xFF01)
 
@@ -33,10 +33,10 @@ MISLEADING = 1 << POSE | 1 << PRESENCE
 class Suspicion:
     """Verdicts on the eight neighbours and, in the place of a ninth, on the cell's own sensors.
 
-    `out[d]` has a bit for each kind that is left out of direction d. `evidence` counts what is
-    against a verdict, for each kind of each cell. `cases` is the mask of those kinds of which
-    somebody is suspected, or evidence is counted: of the others evidence counts that contradicts,
-    and no other. `turn` is the cell that is judged in this beat.
+    `out[d]` has a bit for each kind of report that is left out of direction d. `evidence` counts
+    the evidence against a verdict, for each kind of each cell. `cases` is the mask of the kinds
+    with a suspect or with evidence. Of the other kinds only contradicting evidence counts. `turn`
+    is the cell that is judged in this beat.
     """
 
     def __init__(self):
@@ -88,16 +88,17 @@ class Suspicion:
         return self.out[direction] & MISLEADING
 
     def trusts(self, direction):
-        """Whether presence bits of that direction may correct a belief.
+        """Return whether presence bits of that direction may correct a belief.
 
-        One that contradicts it may not, for it may be wrong; several at once are right.
+        Those of one cell that contradicts it may not, since the cell may be wrong. Several cells at
+        once are right.
         """
         if self.has(direction, PRESENCE):
             return False
         return not self.evidence[CELLS * PRESENCE + direction] or self.crowd()
 
     def crowd(self):
-        """Whether so many contradict by their presence bits that it is not they who are wrong."""
+        """Return whether so many presence bits contradict that the belief is wrong, not they."""
         count = 0
         for cell in range(CELLS):
             if self.evidence[CELLS * PRESENCE + cell] and not self.has(cell, PRESENCE):

@@ -1,8 +1,8 @@
-"""What a cell makes of what it and its neighbours have seen: where the parcel is, how it moves.
+"""Tracking: place and motion of the parcel, by all that a cell and its neighbours have seen.
 
-A cell under the parcel keeps a belief of its own: it rolls it on by the wheels of its
-neighbourhood, corrects it where sensors see an edge, and agrees with the neighbours under the same
-parcel. A cell beside the parcel follows those that are under it.
+A cell under the parcel keeps a belief of its own. It rolls the belief on by the wheels of its
+neighbourhood. It corrects the belief where sensors see an edge, and agrees with the neighbours
+under the same parcel. A cell beside the parcel follows the cells under it.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
@@ -24,7 +24,7 @@ _FEW_WHEELS = const(5)
 _AHEAD_MAX_MS = const(50)
 #: A cell beside a parcel follows its neighbours for so long after the last of them.
 _FOLLOW_BEATS = const(5)
-#: Whoever has been silent for less has lost a frame.
+#: A neighbour that has been silent for less has lost a frame.
 _LATE_BEATS = const(3)
 #: A wheel has to be so far inside the outline to be found wrong, 10 mm [steps].
 _INSIDE = const(625)
@@ -91,7 +91,7 @@ class Tracking:
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS)
 
     def may_be_elsewhere(self):
-        """Whether the parcel may lie over cells by its edges, none of which has been seen yet.
+        """Return whether the parcel may lie over cells by its edges, all of them unseen so far.
 
         Where ways are planned the plan keeps others away from it.
         """
@@ -256,9 +256,9 @@ class Tracking:
 
     @micropython.native
     def judge(self, asked):
-        """Compare what a cell sends and measures with the belief of this one under its parcel.
+        """Compare the reports of a cell under the parcel with the belief of this one.
 
-        One cell a beat; `asked` is the mask of those asked for the parcel.
+        One cell is compared in a beat. `asked` is the mask of the cells asked for the parcel.
         """
         suspicion, heard = self._suspicion, self._heard
         cell = suspicion.turn = suspicion.turn + 1 if suspicion.turn < OWN else 0

@@ -28,19 +28,19 @@ _SLIP_UM_S = const(12_000)
 #: So fast is no wheel, and differences with it fit 32 bits [um/s].
 _WILD_UM_S = const(100_000_000)
 
-# What wheels show: that one or the parcel above it moves, that one does not turn with the parcel
+# Motion of wheels: a wheel or the parcel above it moves; a wheel does not turn with the parcel
 TURNS = const(1)
 SLIPS = const(2)
 
-# Numbers of what the last fit has `shown`
+# Indices of `shown`, the result of the last fit
 WHEELS = const(0)  # how many wheels there were
 OFF = const(1)  # how far these were off the twist before, on the average [um/s]
 
 
 class Twist:
-    """The three `speeds` of a parcel, the last one that of a point at the arm of `angle` [um/s].
+    """The three `speeds` of a parcel; the last is that of a point at the arm of `angle` [um/s].
 
-    `before` are those of the beat before, `shown` what the wheels have shown at last.
+    `before` are the speeds of the beat before, and `shown` the last speeds of the wheels.
     """
 
     def __init__(self):
@@ -59,9 +59,9 @@ class Twist:
 def fit(  # noqa: PLR0915, PLR0917 - one thought, and viper takes words
     speeds: ptr32, before: ptr32, shown: ptr32, along: ptr32, levers: ptr32, frames, wheels: int
 ):
-    """Move the twist towards what the wheels in a mask show, by their frames in a `Heard`.
+    """Move the twist towards the speeds of the wheels in a mask, by their frames in a `Heard`.
 
-    A direction that no wheel shows stays as it was.
+    The twist keeps its part in a direction that no wheel shows.
     """
     widen = int(WIDEN)
     vx = speeds[0] << widen >> widen
@@ -130,7 +130,7 @@ def fit(  # noqa: PLR0915, PLR0917 - one thought, and viper takes words
 def against(  # noqa: PLR0917 - viper takes words
     speeds: ptr32, along: ptr32, levers: ptr32, frames, direction: int, axes: int
 ) -> int:
-    """What those wheels of a cell show that are in a mask: TURNS, SLIPS, or both; see `fit`."""
+    """Return how the wheels of a cell in a mask move: TURNS, SLIPS, or both; see `fit`."""
     widen = int(WIDEN)
     vx = speeds[0] << widen >> widen
     vy = speeds[1] << widen >> widen
@@ -143,7 +143,7 @@ def against(  # noqa: PLR0917 - viper takes words
             expected = (along[2 * axis] << widen >> widen) * vx
             expected += (along[2 * axis + 1] << widen >> widen) * vy
             expected = expected + (levers[wheel] << widen >> widen) * turn >> 9
-            # What a broken neighbour sends may be anything.
+            # A broken neighbour may send any speed.
             speed = int(speed_um_s(frames, wheel, _WILD_UM_S))
             off = speed - expected if speed > expected else expected - speed
             speed = speed if speed > 0 else 0 - speed

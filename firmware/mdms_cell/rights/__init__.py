@@ -1,1 +1,1 @@
-"""Which parcel a cell belongs to, and whom it is promised to."""
+"""The parcel that a cell belongs to, and the parcel that it is promised to."""

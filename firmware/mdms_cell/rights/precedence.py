@@ -1,22 +1,22 @@
-"""Which parcel comes over this cell before which, as the host had planned it when it was gone.
+"""The order in which parcels come over this cell without the host, as the host had planned it.
 
-While the host is there it sees to that itself, for it sets each goal when the way to it is free.
-Without it promises alone keep parcels apart, and parcels that have to pass each other would be
-promised cells in an order that leaves both without a way. So a cell that misses the host does not
-take in that a parcel asks for it which others of the order are to precede: as if that estimate had
+The host keeps the order itself while it is there: it sets each goal when the way to it is free.
+Without it promises alone keep parcels apart. Parcels that have to pass each other could then be
+promised cells in an order that leaves both without a way. So a cell that misses the host ignores
+the request of a parcel while others of the order are to precede it. That is as if the estimate had
 been lost, which breaks no rule of right of way.
 """
 
+from mdms_cell.rights.right_of_way import DIRECTIONS
 from mdms_protocol.compat import const
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import precedence as frame
 
-_DIRECTIONS = const(8)
 #: A parcel that has left may come back while it turns, and has gone only after so many beats in
 #: which it is under a neighbour, or a twelfth of that elsewhere.
 _GONE = const(500)
 _ELSEWHERE = const(12)
-#: Others are kept waiting for so long; whoever is to precede them comes no more.
+#: Others are kept waiting for so long; then the parcel to precede them comes no more.
 _PATIENCE_BEATS = const(1500)
 
 
@@ -44,9 +44,9 @@ class Precedence:
         return self._identities[0] != 0
 
     def take(self, data, column, row):
-        """Keep the order that a frame of the host has, if it is for the cell at this place.
+        """Keep the order in a frame of the host, if it is for the cell at this place.
 
-        One that is repeated changes nothing. Returns False for what is no such frame.
+        A repeated frame changes nothing. Return False for a frame that is no order.
         """
         if not frame.is_precedence(data):
             return False
@@ -66,9 +66,9 @@ class Precedence:
         return place
 
     def turn(self, here, state, estimates, fresh):
-        """A beat has passed: take in who is here; returns whose turn it is, by place in the order.
+        """Take in the parcel of this beat; return whose turn it is, by place in the order.
 
-        `here` and `state` are what the right of way has decided last.
+        `here` and `state` are the last decision of the right of way.
         """
         last = self._identities[self._come - 1] if self._come else 0
         if last and here == last and state >= wire.PROMISED and self._away < _GONE:
@@ -78,18 +78,19 @@ class Precedence:
             self._away = min(self._away + passing, _GONE)
             place = self._place_of(here, self._come) if state == wire.UNDER else frame.PLACES
             if place < frame.PLACES:
-                # Whoever was to come before it has been here, or comes no more.
+                # The parcels before it have been here, or come no more.
                 self._come = place + 1
                 self._away = self._kept_beats = 0
         return self._come - 1 if self._come and self._away < _GONE else self._come
 
     def keep(self, now, estimates, fresh):
-        """Let no parcel ask for this cell whose turn is after the one that is `now`.
+        """Let no parcel ask for this cell before the one whose turn is `now`.
 
-        Its fresh estimates want it no more. Whoever it waits for in vain is passed over.
+        Its fresh estimates no longer want the cell. If the cell waits for a parcel in vain, that
+        parcel is passed over.
         """
         kept = False
-        for direction in range(_DIRECTIONS):
+        for direction in range(DIRECTIONS):
             at = wire.ESTIMATE_FIELDS * direction
             place = self._place_of(estimates[at + wire.IDENTITY], now)
             own = 1 << (direction ^ 4)
@@ -107,7 +108,7 @@ class Precedence:
 
 def _is_under_any(identity, estimates, fresh):
     """Whether a neighbour has just said that it is under this parcel."""
-    for direction in range(_DIRECTIONS):
+    for direction in range(DIRECTIONS):
         at = wire.ESTIMATE_FIELDS * direction
         its, state = estimates[at + wire.IDENTITY], estimates[at + wire.STATE]
         if fresh[direction] and its == identity and state == wire.UNDER:

@@ -1,18 +1,19 @@
-"""Decides which parcel a cell belongs to, whom it promises itself to, and whether it may drive.
+"""Decides the parcel that a cell belongs to, its promise to a parcel, and whether it may drive.
 
-Pure: no clock, no bus, integers only. The layer passes every estimate that a neighbour sent to
-`on_estimates`, calls `on_beat` once after each SYNC, and sends `identity`, `state` and `hold` in
+Pure: no clock, no bus, integers only. The layer passes every estimate of a neighbour to
+`on_estimates`. It calls `on_beat` once after each SYNC. It sends `identity`, `state` and `hold` in
 its estimate at the next SYNC.
 
-Each cell is the only arbiter of itself. Time is counted in beats, and estimates carry no number:
-whatever a neighbour said is taken as said at most `late_beats` SYNCs ago, so that it counts from
-its arrival for `lease_beats - late_beats` beats and never beyond `lease_beats` after it was sent.
-A cell that stopped announcing a promise makes none to another parcel before every wheel that may
-have turned by it stands: the lease, and the time that `hold` takes to the last cell under the
-parcel. After a reset it has no record of whom it was promised to, and waits as long. Nor does it
-know what lies over its square: until its first promise it goes by what its neighbours report
-(`hear`), from when all that it may have let come stands, and promises nothing while one of them
-that lives has not been heard.
+Each cell is the only arbiter of itself. Time is counted in beats, and estimates carry no number. An
+estimate is taken as sent at most `late_beats` SYNCs ago. So it counts from its arrival for
+`lease_beats - late_beats` beats, and never beyond `lease_beats` after it was sent.
+
+A cell that has stopped announcing a promise waits before it makes one to another parcel. Every
+wheel that may have turned by the old promise must stand by then. That takes the lease, and the time
+in which `hold` reaches the last cell under the parcel. After a reset the cell has no record of its
+promise, and waits as long. Nor does it know the parcel over its square. Until its first promise it
+goes by the reports of its neighbours (`hear`), and only from when every parcel stands that it may
+have let come. It promises nothing while a neighbour that lives has not been heard.
 """
 # Viper takes any buffer, and the stubs bytes alone.
 # pyright: reportArgumentType=false
@@ -58,8 +59,8 @@ _PATIENCE_BEATS = const(16)
 _BLOCKED_BEATS = const(17)
 _REGISTERS = const(18)
 
-# What neighbours said that counts, a column of each by direction: identity, state, hold, and for
-# how many more beats it does
+# Reports of neighbours that count, a column of each by direction: identity, state, hold, and the
+# beats for which it still counts
 IDENTITIES = const(0)
 STATES = const(8)
 HOLDS = const(16)
@@ -108,7 +109,7 @@ class RightOfWay:
         self.said = bytearray(_COLUMNS)
         self.unsure = False
         self._neighbours = 0
-        #: For so long what neighbours report may have been sent before all stood.
+        #: Reports of neighbours may have been sent before all parcels stood, for so many beats.
         self.unheeded_beats = 0
         self.silent_beats = bytearray(DIRECTIONS)
         self.reported = bytearray(DIRECTIONS)
@@ -185,19 +186,19 @@ class RightOfWay:
 
     @micropython.native
     def on_estimates(self, estimates, fresh):
-        """What neighbours sent, at most `late_beats` SYNCs ago: a row by direction, where fresh.
+        """Take the estimates of neighbours, at most `late_beats` SYNCs old: a row by direction.
 
-        A cell under a parcel counts what cells of the same parcel say, and promises to it; any
-        other counts the cells under a parcel that want it. Returns the mask of those that were
-        fresh; none is after this.
+        A cell under a parcel counts the cells of the same parcel, and promises to it. Any other
+        cell counts the cells under a parcel that want it. Return the mask of the fresh estimates;
+        none is fresh after this.
         """
         return _take_in(self.registers, self.said, estimates, fresh)
 
     def hear(self, direction, over):
-        """A neighbour is heard in this beat, which counts while the cell is `unsure`.
+        """Hear a neighbour in this beat, which counts while the cell is `unsure`.
 
-        `over` is the parcel that it reports over this cell's square, 0 for none, UNKNOWN for one
-        of which it cannot be told.
+        `over` is the parcel that it reports over this cell's square. It is 0 for none, and UNKNOWN
+        for a parcel whose place cannot be told.
         """
         if self.unheeded_beats == 0:
             self.silent_beats[direction] = 0
@@ -232,9 +233,9 @@ class RightOfWay:
         _clear_the_wheels(registers, said, wants)
 
     def _by_report(self, over):
-        """A beat has passed: what lies over the square by neighbours too, UNKNOWN if they differ.
+        """Pass a beat; return the parcel over the square by neighbours, UNKNOWN if they differ.
 
-        Or if one of them has not been heard, and may live.
+        It is UNKNOWN too if one of them has not been heard, and may live.
         """
         if self.unheeded_beats:
             self.unheeded_beats -= 1
@@ -305,10 +306,10 @@ class RightOfWay:
         return registers[WAITING] < (patience_beats >> 2 if other < promised else patience_beats)
 
     def _be_free(self, occupied, here):
-        """No parcel stands here by belief, and no promise is to be kept: promise to who asks.
+        """Promise the cell to the best request: no parcel stands here, and no promise is kept.
 
-        The parcel that had the promise before goes last. What covers a sensor and belongs to no
-        parcel keeps all others away; so does what is `here` by report.
+        The parcel that had the promise before goes last. A covered sensor that belongs to no parcel
+        keeps all others away. So does a parcel that is `here` by report.
         """
         registers = self.registers
         registers[WAITING] = 0

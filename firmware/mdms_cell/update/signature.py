@@ -1,4 +1,4 @@
-"""What proves that the array's key has been used: HMAC-SHA256 (RFC 2104)."""
+"""The proof that a sender has the array's key: HMAC-SHA256 (RFC 2104)."""
 
 import hashlib
 

@@ -1,19 +1,17 @@
 """Firmware over the bus (CiA 302-3): cleared, received, started on trial, confirmed.
 
-0x1F51 takes the commands, 0x1F50 the bundle, 0x1F57 has the reason of the last refusal, 0x1F56
-which firmware runs, and 0x3030 what a host has to ask before.
+0x1F51 takes the commands, and 0x1F50 the bundle. 0x1F57 gives the reason of the last refusal, and
+0x1F56 the running firmware. 0x3030 answers the host's questions before an update.
 """
 
 from mdms_cell import ticks
-from mdms_cell.update import admission
-from mdms_cell.update.receipt import Receipt
-from mdms_cell.update.signature import key_id
+from mdms_cell.update.signature import key_id, same, sign
 from mdms_protocol import indices
 from mdms_protocol.codecs import sdo
 from mdms_protocol.update import bundle, codes
 from mdms_protocol.version import VERSION
 
-#: Firmware on trial that nobody confirms for so long makes way for the one before.
+#: Firmware on trial without a confirmation for so long makes way for the one before.
 TRIAL_MS = 60_000
 #: The answer to the command leaves before the restart.
 RESTART_MS = 50
@@ -34,9 +32,9 @@ _CODES = {
 class Update:
     """Ties the objects to the board's `slots`.
 
-    `board` has `number`, `bytecode`, `slots_room()`, `image_room()` and `restart()` besides.
-    `driving()` is whether a motor is on, `sound()` whether the cell passes its self-test,
-    `attend()` the time [ms].
+    `board` also has `number`, `bytecode`, `slots_room()`, `image_room()` and `restart()`.
+    `driving()` is whether a motor is on. `sound()` is whether the cell passes its self-test.
+    `attend()` is the time [ms].
     """
 
     def __init__(self, objects, board, driving, sound, attend):
@@ -57,8 +55,8 @@ class Update:
 
     def _tie(self, objects):
         slots, board = self._slots, self._board
-        objects.sinks[indices.PROGRAM_DATA << 8 | 1] = self._open
-        objects.sinks[indices.UPDATE << 8 | 1] = self._open_key
+        objects.tie(indices.PROGRAM_DATA, 1, sink=self._open)
+        objects.tie(indices.UPDATE, 1, sink=self._open_key)
         objects.tie(indices.PROGRAM_CONTROL, 1, _running, self._control)
         objects.tie(indices.PROGRAM_IDENTIFICATION, 1, self._identify)
         objects.tie(indices.FLASH_STATUS, 1, self._status)
@@ -140,7 +138,7 @@ class Update:
         self._restart_soon()
 
     def _confirm(self):
-        """The firmware that runs stays: it has come up, was asked what it is, and is sound."""
+        """Confirm the running firmware, which has come up, was identified, and is sound."""
         if not self._slots.on_trial:
             raise self._refusal(codes.NOT_ON_TRIAL)
         if not self._asked or not self._sound():
@@ -159,19 +157,19 @@ class Update:
         if not self._cleared:
             raise self._refusal(codes.NOT_CLEARED)
         self._cleared, self._receiving = False, True
-        return Receipt(self._slots, self._admit, self._on_received, self._refusal)
+        return _Receipt(self._slots, self._admit, self._on_received, self._refusal)
 
     def _admit(self, data):
         """The head of a bundle that begins so; raises AbortError if it is not for this cell."""
         slots = self._slots
         counter, room = slots.record.counter, (self._board.slots_room(), self._board.image_room())
-        reason = admission.refusal(data, slots.key(), self._target, counter, room)
+        reason = _refusal_of(data, slots.key(), self._target, counter, room)
         if reason:
             raise self._refusal(reason)
         return bundle.unpack(data)
 
     def _on_received(self, head):
-        """The bundle is whole, or what has come of it is thrown away (None)."""
+        """Keep the head of a whole bundle; None means that the bundle was thrown away."""
         self._receiving = False
         self._received = head
 
@@ -234,3 +232,112 @@ class _KeySink:
 
 def _running():
     return codes.START
+
+
+class _Receipt:
+    """Takes a bundle in pieces.
+
+    `admit(data)` returns the head of a bundle that is for this cell, and `received(head)` takes it
+    at the end. `refusal(reason)` returns an AbortError.
+    """
+
+    def __init__(self, slots, admit, received, refusal):
+        self._slots = slots
+        self._admit = admit
+        self._received = received
+        self._refusal = refusal
+        self._start = b""
+        self._slot = None
+
+    def write(self, piece):
+        """Take some bytes; raises AbortError."""
+        slot = self._slot
+        if slot is None:
+            self._start += piece
+            if len(self._start) < bundle.HEAD_SIZE:
+                return
+            slot = self._slot = self._open()
+            piece, self._start = self._start[bundle.HEAD_SIZE :], b""
+        slot.left -= len(piece)
+        if slot.left < 0:
+            raise self._refusal(codes.TOO_LARGE)
+        try:
+            slot.file.write(piece)
+        except OSError:
+            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904 - MicroPython has no `from`
+
+    def _open(self):
+        try:
+            return _Slot(self._admit(self._start), self._slots.create())
+        except OSError:
+            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904
+
+    def finish(self):
+        """End the bundle; raises AbortError if its bytes differ from the signed ones."""
+        slot = self._slot
+        if slot is None:
+            known = self._start[:4] == bundle.MAGIC
+            raise self._refusal(codes.TRUNCATED if known else codes.NO_BUNDLE)
+        if slot.left:
+            raise self._refusal(codes.TRUNCATED)
+        try:
+            slot.file.close()
+            found = self._slots.digest()
+        except OSError:
+            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904
+        if found != (slot.head.size, slot.head.digest):
+            raise self._refusal(codes.DAMAGED)
+        self._received(slot.head)
+
+    def cancel(self):
+        """Discard the received bytes."""
+        self._received(None)
+        if self._slot is None:
+            return
+        try:
+            self._slot.file.close()
+        except OSError:
+            return  # the file is then incomplete, and is removed
+        finally:
+            self._slots.remove()
+
+
+class _Slot:
+    """The spare slot while it is written: the head of the bundle, and the bytes still to come."""
+
+    def __init__(self, head, file):
+        self.head = head
+        self.file = file
+        self.left = head.size
+
+
+def _refusal_of(data, key, target, counter, room):
+    """Return the reason to refuse a bundle with these first bytes, 0 to take it.
+
+    `target` is board, bytecode and version number of this cell. `counter` is that of the last
+    confirmed bundle. `room` is the size of a slot, and the memory for its image [bytes].
+    """
+    head = bundle.unpack(data)
+    if head is None:
+        return codes.NO_BUNDLE
+    if not key:
+        return codes.NO_KEY
+    if head.key_id != key_id(key):
+        return codes.FOREIGN
+    if not same(sign(key, data[: bundle.SIGNED_SIZE]), data[bundle.SIGNED_SIZE : bundle.HEAD_SIZE]):
+        return codes.FORGED
+    return _unfit(head, *target) or _unwanted(head, target[2], counter, room)
+
+
+def _unfit(head, board, bytecode, _version):
+    if not head.boards >> board & 1:
+        return codes.OTHER_BOARD
+    return codes.OTHER_BYTECODE if head.bytecode != bytecode else 0
+
+
+def _unwanted(head, version, counter, room):
+    if head.counter <= counter:
+        return codes.REPLAYED
+    if head.version < version and not head.flags & bundle.OLDER_ALLOWED:
+        return codes.OLDER
+    return codes.TOO_LARGE if head.size > room[0] or head.image_size > room[1] else 0

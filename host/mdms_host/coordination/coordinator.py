@@ -51,7 +51,8 @@ class Coordinator:
     are written to every cell, `own_settings` to the cell of that number besides. All other stored
     settings must be at their defaults. The cell of a number in `serials` must have that serial
     number, or the run ends before any wheel is driven. Cells that steer (the program is a
-    `ByCells`) are written their places, too; others may have any. `policy` is the reaction to cells
+    `ByCells`) are written their places, too; others may have any. The run also ends if the board
+    of one of them cannot steer, unless `asks_boards` is false. `policy` is the reaction to cells
     that fall out of action. `centres_of_mass_m` are those of parcels that have them beside their
     origins, in their frames. Raises ValueError for cells of more wheels than the wire has axes.
     """
@@ -65,6 +66,7 @@ class Coordinator:
         settings: tuple[Setting, ...] = (),
         own_settings: Mapping[int, tuple[Setting, ...]] = MappingProxyType({}),
         serials: Mapping[int, int] = MappingProxyType({}),
+        asks_boards: bool = True,
         timing: Timing | None = None,
         host_node_id: int = cob.NODE_MAX,
         policy: Policy | None = None,
@@ -85,6 +87,7 @@ class Coordinator:
             serials,
             status_period_s=timing.status_period_s,
             steered_beside=host_node_id if by_cells else None,
+            asks_boards=asks_boards,
         )
         debounce_s = tuple(cell.debounce_s for cell in self.cells)
         self.tracker = Tracker(layout, parcels, timing.status_period_s, debounce_s)

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from mdms_host.can_link import boards
 from mdms_host.commissioning.network import (
     Commissioning,
     CommissioningError,
     Identity,
     RefusedError,
 )
-from mdms_host.updating.reasons import BOARDS
 from mdms_protocol import indices
 from mdms_protocol.update import codes
 
@@ -36,7 +36,7 @@ class Candidate:
     @property
     def board_name(self) -> str:
         """The board in words."""
-        return BOARDS.get(self.board, f"board {self.board}")
+        return boards.NAMES.get(self.board, f"board {self.board}")
 
 
 def read_candidates(
@@ -65,7 +65,7 @@ def read_candidate(commissioning: Commissioning, node_id: int, identity: Identit
         refusal = f"firmware {identity.software} takes none over the bus yet; {_USB}"
         return Candidate(node_id, identity, refusal=refusal)
     if not room:
-        name = BOARDS.get(board, f"board {board}")
+        name = boards.NAMES.get(board, f"board {board}")
         refusal = f"{name} has no room for a second firmware beside the first; {_USB}"
         return Candidate(node_id, identity, board=board, refusal=refusal)
     return Candidate(

@@ -2,14 +2,6 @@
 
 from mdms_protocol.update import codes
 
-BOARDS = {
-    codes.UNKNOWN_BOARD: "a board that does not say what it is",
-    codes.TEENSY41: "Teensy 4.1",
-    codes.WEACT_H743: "WeAct MiniSTM32H743",
-    codes.PYBV11: "PYBv1.1",
-    codes.NUCLEO_G474RE: "NUCLEO-G474RE",
-    codes.VIRTUAL: "virtual",
-}
 REASONS = {
     codes.NO_ROOM: "its board has no room for a second firmware",
     codes.NO_KEY: "it has no update key; mdms commission --key FILE gives it one",

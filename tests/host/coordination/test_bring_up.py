@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.host.coordination.arrays import BOTTOM, LAYOUT, running, still
 
-from mdms_cell.canopen.objects import Objects, key
+from mdms_cell.canopen.objects import Objects
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
@@ -208,7 +208,7 @@ def test_cells_of_another_protocol_are_named_and_nothing_is_written_to_any_cell(
     coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
     for cell, revision in ((array.cells[2], 0x00020001), (array.cells[16], 0x00020000)):
-        cell.objects.reads[key(0x1018, 3)] = lambda revision=revision: revision
+        cell.objects.tie(0x1018, 3, read=lambda revision=revision: revision)
     array.run(coordinator, 2.0, lambda: coordinator.stopped)
     assert coordinator.fault == (
         "cell 3 (node 3), cell 17 (node 17): each speaks revision 2 of the protocol, this host 1; "
@@ -221,7 +221,7 @@ def test_cells_of_another_protocol_are_named_and_nothing_is_written_to_any_cell(
 def test_a_later_revision_of_the_same_protocol_is_taken(rolling_array) -> None:
     coordinator = Coordinator(LAYOUT, still())
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
-    array.cells[0].objects.reads[key(0x1018, 3)] = lambda: 0x00010007
+    array.cells[0].objects.tie(0x1018, 3, read=lambda: 0x00010007)
     array.run(coordinator, 1.0, lambda: coordinator.phase == Phase.RUNNING)
     assert coordinator.phase == Phase.RUNNING
 

@@ -2,6 +2,10 @@
 
 from tests.host.coordination.arrays import BOTTOM, LAYOUT, still
 
+from mdms_array.host import Cells, coordinator_of
+from mdms_cell.canopen.objects import Objects
+from mdms_cell.canopen.sdo_server import SdoServer
+from mdms_host.coordination.cell_setup.identification import Identification
 from mdms_host.coordination.cell_setup.steering_settings import HEARTBEAT_LIMIT_MS
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import Phase
@@ -10,10 +14,12 @@ from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.places import all_values
 from mdms_model.bus_time import WATCHED_HEARTBEAT_S
-from mdms_protocol import indices, pdo
+from mdms_model.scenario.file import load_scenario
+from mdms_protocol import indices, pdo, record
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import messages
+from mdms_protocol.update import codes
 
 
 def tell_place(array, row: int) -> None:
@@ -57,6 +63,58 @@ def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array)
         assert cell.objects.number(indices.CONTROL) == 1
         written = [int.from_bytes(data[1:3], "little") for data in cell.writes]
         assert written[-1] == indices.CONTROL
+
+
+def run_with_slow_boards(rolling_array, coordinator):
+    """The array after a run on which the boards of cells 3 and 17 are too slow to steer."""
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.cells[2].objects.put(indices.UPDATE, 3, codes.PYBV11)
+    array.cells[16].objects.put(indices.UPDATE, 3, codes.NUCLEO_G474RE)
+    array.run(coordinator, 3.0, lambda: coordinator.stopped or coordinator.phase == Phase.RUNNING)
+    return array
+
+
+def test_boards_that_cannot_steer_are_named_and_nothing_is_written_to_any_cell(
+    rolling_array,
+) -> None:
+    coordinator = Coordinator(LAYOUT, CellsProgram(LAYOUT, (), {}))
+    array = run_with_slow_boards(rolling_array, coordinator)
+    assert coordinator.fault == (
+        "cell 17 (node 17): each is a NUCLEO-G474RE, which is too slow to steer; "
+        'set motion.control = "host"; '
+        "cell 3 (node 3): each is a PYBv1.1, which is too slow to steer; "
+        'set motion.control = "host"'
+    )
+    assert coordinator.phase == Phase.FAILED
+    assert not any(cell.writes for cell in array.cells)
+    assert all(cell.states == [cia402.SWITCH_ON_DISABLED] * 2 for cell in array.cells)
+
+
+def test_the_host_steers_any_board(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    run_with_slow_boards(rolling_array, coordinator)
+    assert coordinator.phase == Phase.RUNNING
+
+
+def test_a_table_is_asked_for_its_boards(rolling_array) -> None:
+    coordinator = coordinator_of(load_scenario("neighbours"), Cells())
+    run_with_slow_boards(rolling_array, coordinator)
+    assert "cell 3 (node 3): each is a PYBv1.1, which is too slow to steer" in coordinator.fault
+
+
+def test_cell_that_comes_back_with_a_board_that_cannot_steer_is_not_taken() -> None:
+    identification = Identification(1, axes=2, asks_board=True)
+    objects = Objects()
+    objects.put(indices.UPDATE, 3, codes.NUCLEO_G474RE)
+    objects.reset(1, record.FROM_NODE)
+    server = SdoServer(objects, identification.on_response)
+    for _ in range(3):
+        for frame in identification.poll(0.0):
+            server.on_request(frame.data)
+    assert identification.done
+    assert identification.refusal == (
+        'it is a NUCLEO-G474RE, which is too slow to steer; set motion.control = "host"'
+    )
 
 
 def test_cell_that_was_left_to_steer_by_itself_is_made_to_obey(rolling_array) -> None:

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell.canopen.objects import Objects, key
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.objects import Objects
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_host.updating.block_download import BlockDownload
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, sdo
@@ -36,7 +36,7 @@ class Sink:
 def transfer(data, sink, lost=frozenset()):
     """A download to its end; frames of these numbers are lost, counted over both directions."""
     objects = Objects()
-    objects.sinks[key(indices.PROGRAM_DATA, 1)] = lambda _size: sink
+    objects.tie(indices.PROGRAM_DATA, 1, sink=lambda _size: sink)
     answers = []
     server = SdoServer(objects, lambda answer: answers.append(answer) or True)
     client = BlockDownload(NODE, indices.PROGRAM_DATA, 1, data)

@@ -121,7 +121,6 @@ def spoil(bank):
     cells[7]._axes.load()
     objects[8].put(indices.CONTROL, 0, 1)
     objects[18].put(indices.SUSPECT, 0, 8)
-    objects[18].reads.pop(indices.SUSPECT << 8, None)
     objects[12].put(indices.IDENTITY, 3, 0x00020000)
     version = find(indices.SOFTWARE_VERSION, 0).place
     objects[13].data[version : version + 1] = b"9"

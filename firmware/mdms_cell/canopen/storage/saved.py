@@ -1,9 +1,9 @@
-"""Saved settings as bytes, and how they get into the two banks of a memory.
+"""Saved settings as bytes, and the way into the two banks of a memory.
 
-A bank holds a header (see `_HEADER`), a CRC-32 and the values that differ from their defaults, each
-as index u16, sub-index u8, type and size u8 and the bytes of the value. The LSS node id lies there
-as an entry of index 0. What an entry is called by and how it is coded lies with its value, so that
-values outlive a table that grows or shrinks; `restoration` gives them back.
+A bank holds a header (see `_HEADER`), a CRC-32 and the values that differ from their defaults. Each
+value has its index u16, sub-index u8, type and size u8, and bytes. The LSS node id is an entry of
+index 0. Name and coding of an entry lie beside its value. So values outlive a table that grows or
+shrinks, and `store` gives them back.
 """
 
 import binascii
@@ -97,7 +97,7 @@ def of(objects, flags):
 
 
 def items(values):
-    """What is saved, as (index, sub-index, type, bytes)."""
+    """Yield the saved values, as (index, sub-index, type, bytes)."""
     at = 0
     while at < len(values):
         index, sub, kind = struct.unpack_from(_ITEM, values, at)

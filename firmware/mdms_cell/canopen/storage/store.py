@@ -1,15 +1,22 @@
 """Settings that outlive the power supply (CiA 301, 7.5.2.13 and 7.5.2.14: 0x1010 and 0x1011).
 
-A save goes to the bank of the memory that is not in use and counts only when all of it is there, so
-that power may fail at any byte: what was saved before stays valid.
+A save goes to the bank of the memory that is not in use. It counts only when all of it is there.
+So power may fail at any byte, and the save before stays valid.
 
 The memory has `read(bank)`, which returns the whole bank, `erase(bank)` and
-`write(bank, offset, data)`, and raises OSError where it fails.
+`write(bank, offset, data)`. It raises OSError where it fails.
+
+Between a save and a start the firmware may have been updated. A saved value belongs to an entry of
+the same index, sub-index and type. An object whose meaning or unit changes gets another index. A
+value is not taken if it has no entry, lies out of today's limits, or would make a PDO that no
+client could make. Then the entry has its default, and the value is a misfit to be reported.
 """
 
-from mdms_cell.canopen.storage import restoration, saved
+from mdms_cell.canopen import rules
+from mdms_cell.canopen.objects import find
+from mdms_cell.canopen.storage import saved
 from mdms_protocol import indices, record
-from mdms_protocol.codecs import sdo
+from mdms_protocol.codecs import cob, sdo
 
 SOURCE_SETTINGS = 8
 SETTINGS_LOST = 0x6310
@@ -23,8 +30,13 @@ _GROUPS = {
     2: record.STORED_COMMUNICATION,
     3: record.STORED_APPLICATION,
 }
-#: What reading returns: saved on command, not by itself; defaults can be restored.
+#: The value of a read: saved on command, not by itself; defaults can be restored.
 _ON_COMMAND = 1
+_PDOS = (
+    (indices.RPDO_PARAMETERS, indices.RPDO_MAPPING, record.IN_RPDO),
+    (indices.TPDO_PARAMETERS, indices.TPDO_MAPPING, record.IN_TPDO),
+)
+_STORED = record.STORED_COMMUNICATION | record.STORED_APPLICATION
 
 
 class Store:
@@ -45,9 +57,9 @@ class Store:
     def restore(self, objects, flags):
         """Give the entries that have one of these flags their saved values.
 
-        Returns (index, sub-index) of the saved values that were not taken; see `restoration`.
+        Returns (index, sub-index) of the saved values that were not taken.
         """
-        return restoration.restore(self._values, objects, flags)
+        return _restore(self._values, objects, flags)
 
     def save(self, objects, flags):
         """Save the entries that have one of these flags; raises AbortError."""
@@ -83,8 +95,8 @@ class Parameters:
         self._driving = driving
         self._emcy = emcy
         self._misfits = []
-        objects.watch(indices.STORE, self._on_store)
-        objects.watch(indices.RESTORE, self._on_restore)
+        objects.watch(self._on_store, indices.STORE)
+        objects.watch(self._on_restore, indices.RESTORE)
 
     def restore(self, flags):
         """Give the entries that have one of these flags their saved values."""
@@ -111,7 +123,7 @@ class Parameters:
 
     def _give_up(self, flags):
         """Saved values with these flags, and those of no entry, are there no more."""
-        self._misfits = restoration.remaining(self._misfits, flags)
+        self._misfits = _remaining(self._misfits, flags)
         self._report()
 
     def _take(self, index, sub, expected):
@@ -121,3 +133,63 @@ class Parameters:
             raise sdo.AbortError(sdo.CANNOT_STORE)
         if self._driving():
             raise sdo.AbortError(sdo.WRONG_STATE)
+
+
+def _restore(values, objects, flags):
+    """Give the entries that have one of these flags their saved values.
+
+    Returns (index, sub-index) of all that was not taken, whatever its flags; where values do not go
+    together, that of the COB-ID.
+    """
+    misfits = []
+    for index, sub, type_, value in saved.items(values):
+        if index == saved.NODE_ID:
+            continue
+        entry = _home(index, sub, type_, value)
+        if entry is None:
+            misfits.append((index, sub))
+        elif entry.flags & flags:
+            objects.data[entry.place : entry.place + entry.size] = value
+    for sub, places in _unsound(objects):
+        for index in places:
+            objects.restore_default(index)
+        misfits.append((places[0], sub))
+    return misfits
+
+
+def _remaining(misfits, flags):
+    """Those that are still among the saved values when entries with these flags were saved anew."""
+    return [each for each in misfits if saved.outlives(each[0], each[1], flags)]
+
+
+def _home(index, sub, type_, value):
+    """The entry that a saved value belongs to, None if there is none that it fits."""
+    try:
+        entry = find(index, sub)
+        if not entry.flags & _STORED or entry.type != type_ or entry.size != len(value):
+            return None
+        entry.check_bytes(value)
+    except sdo.AbortError:
+        return None
+    return entry
+
+
+def _unsound(objects):
+    """Yield settings that no client could have written: sub-index of the COB-ID, and objects."""
+    if not _allowed(rules.check_plain, objects.number(indices.SYNC_COB_ID)):
+        yield 0, (indices.SYNC_COB_ID,)
+    if not _allowed(rules.check_cob_id, objects.number(indices.EMCY_COB_ID), None):
+        yield 0, (indices.EMCY_COB_ID,)
+    for number in range(len(cob.TPDO_BASES)):
+        for first_parameters, first_mapping, direction in _PDOS:
+            parameters, mapping = first_parameters + number, first_mapping + number
+            if not _allowed(rules.check_pdo, objects, parameters, mapping, direction):
+                yield rules.COB_ID, (parameters, mapping)
+
+
+def _allowed(check, *arguments):
+    try:
+        check(*arguments)
+    except sdo.AbortError:
+        return False
+    return True

@@ -1,6 +1,6 @@
 """Supervision of the cells: heartbeats, and states that the phase requires."""
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import inf
 
 from mdms_host.can_link.emergencies import LOW_SUPPLY
@@ -111,18 +111,17 @@ class Supervision:
     def misfits_text(self, phase: Phase, taking_part: Collection[BringUpCell]) -> str | None:
         """All cells that are not as a run expects them at the end of a phase, None without any.
 
-        They speak another protocol than the host, have another serial number, or other settings.
+        They speak another protocol than the host, have another serial number, a board that cannot
+        steer a run of cells that steer, or other settings.
         """
         if phase is Phase.CONFIGURING:
             found = (f"{cell.name} is {cell.mismatch}" for cell in taking_part if cell.mismatch)
             return "; ".join(found) or None
         if phase is not Phase.IDENTIFYING:
             return None
-        others = {cell.name: cell.other_protocol for cell in taking_part}
-        texts = {text for text in others.values() if text}
         listed = (
-            f"{', '.join(name for name, text in others.items() if text == each)}: each {each}"
-            for each in sorted(texts)
+            *_listed({cell.name: cell.other_protocol for cell in taking_part}),
+            *_listed({cell.name: cell.cannot_steer for cell in taking_part}),
         )
         return "; ".join((*listed, *_other_boards(taking_part))) or None
 
@@ -137,6 +136,12 @@ class Supervision:
         if not self.silent(cell, now_s):
             return None
         return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
+
+
+def _listed(reasons: Mapping[str, str | None]) -> Iterator[str]:
+    """Each reason once, behind the names of the cells that have it."""
+    for reason in sorted({reason for reason in reasons.values() if reason}):
+        yield f"{', '.join(name for name, one in reasons.items() if one == reason)}: each {reason}"
 
 
 def _other_boards(cells: Iterable[BringUpCell]) -> Iterator[str]:

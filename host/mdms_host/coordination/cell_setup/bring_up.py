@@ -31,7 +31,8 @@ class BringUpCell(RemoteCell):
     difference is a trouble: a stored polarity turns a wheel the wrong way, and a stored time-out
     lets it drive on alone. Only those of `spare` do not matter (`Configuration`), and those of
     `steering_settings` are set back where a run has left them behind. With `steers` the cell
-    enables its drives by itself, and these settings are taken back at the end.
+    enables its drives by itself, and these settings are taken back at the end. With `asks_board`
+    its board must be one that can steer.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class BringUpCell(RemoteCell):
         serial: int | None = None,
         bus: int | None = None,
         steers: bool = False,
+        asks_board: bool = False,
     ) -> None:
         super().__init__(number, node_id, bus)
         self._axes = axes
@@ -54,7 +56,7 @@ class BringUpCell(RemoteCell):
         self._set_back = SdoClient(node_id, taken_back() if steers else (), attempts=PATIENT)
         self._settings = tuple(settings)
         self._configuration = Configuration(node_id, self._settings, spare)
-        self._identification = Identification(node_id, axes, serial)
+        self._identification = Identification(node_id, axes, serial, asks_board=asks_board)
         self._set_up = SetUp(node_id, self._settings, self._configuration)
         self.restarted = False
         self._written = False
@@ -93,6 +95,11 @@ class BringUpCell(RemoteCell):
     def other_board(self) -> str | None:
         """The message about a cell with an unexpected serial number; None if the number fits."""
         return self._identification.other_board
+
+    @property
+    def cannot_steer(self) -> str | None:
+        """Why its board cannot steer, if that was asked; None where it can."""
+        return self._identification.cannot_steer
 
     @property
     def refusal(self) -> str | None:

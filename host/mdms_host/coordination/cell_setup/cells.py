@@ -19,11 +19,13 @@ def cells_of(
     *,
     status_period_s: float,
     steered_beside: int | None,
+    asks_boards: bool,
 ) -> tuple[BringUpCell, ...]:
     """All cells, cell 1 first; they steer beside the host of a node id, if that is given.
 
     `settings` are written to every cell, `own_settings` to the cell of that number besides;
-    `serials` are those that cells must have, by number. Raises `OutOfRangeError` for a place that
+    `serials` are those that cells must have, by number. With `asks_boards`, cells that steer are
+    asked whether their board can. Raises `OutOfRangeError` for a place that
     does not fit the wire, where cells steer.
     """
     # Cells report their state on change, and repeat it, which makes up for a lost frame.
@@ -48,6 +50,7 @@ def cells_of(
             serial=serials.get(number),
             bus=bus if layout.bus_count > 1 else None,
             steers=steers,
+            asks_board=steers and asks_boards,
         )
         for number, (bus, node_id) in enumerate(addresses, 1)
     )

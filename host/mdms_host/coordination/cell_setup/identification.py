@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
+from mdms_host.can_link import boards
 from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.protocol_revision import other_protocol
 from mdms_host.can_link.sdo_client import PATIENT, Read, SdoClient
@@ -9,10 +10,10 @@ from mdms_host.places import Place
 from mdms_protocol import indices
 from mdms_protocol.codecs.frame import Frame
 
-#: Where a cell reports the revision of its object table, and its serial number.
+#: Where a cell reports the revision of its object table, its serial number, and its board.
 REVISION = Read(indices.IDENTITY, 3)
 SERIAL = Read(indices.IDENTITY, 4)
-_IDENTITY = (REVISION, SERIAL)
+BOARD = Read(indices.UPDATE, 3)
 
 #: Errors of communication, which are over when communication is: the host's heartbeat lost, bus
 #: off, no setpoint. With all others drives shut off for a reason that a person has to look after.
@@ -24,17 +25,21 @@ class Identification:
 
     `done` is whether all answers are there. `failure` is why they do not come, None as long as they
     may. `refusal` is the reason to refuse a cell that comes back, None to take it. `serial` is the
-    expected serial number, None for any.
+    expected serial number, None for any. With `asks_board` it also reads the board. Some
+    boards cannot steer.
     """
 
-    def __init__(self, node_id: int, axes: int, serial: int | None = None) -> None:
+    def __init__(
+        self, node_id: int, axes: int, serial: int | None = None, *, asks_board: bool = False
+    ) -> None:
         self._node_id = node_id
         self._serial = serial
         self._errors = tuple(
             Read(indices.ERROR_CODE + axis * indices.AXIS_OFFSET, 0) for axis in range(axes)
         )
         self._first: Mapping[Place, int] = {}
-        self._client = SdoClient(node_id, _IDENTITY, attempts=PATIENT)
+        self._identity = (REVISION, SERIAL, BOARD) if asks_board else (REVISION, SERIAL)
+        self._client = SdoClient(node_id, self._identity, attempts=PATIENT)
 
     @property
     def done(self) -> bool:
@@ -61,12 +66,20 @@ class Identification:
         return f"has serial number {serial:08X}, but the array file lists {self._serial:08X} there"
 
     @property
+    def cannot_steer(self) -> str | None:
+        """Why its board cannot steer, if that was asked; None where it can."""
+        board = self._client.answers.get((BOARD.index, BOARD.sub))
+        return None if board is None else boards.cannot_steer(board)
+
+    @property
     def refusal(self) -> str | None:
         """See above; an error stays in a cell's drive until it is reset, or the cell restarts."""
         if self.other_protocol:
             return f"it {self.other_protocol}"
         if self.other_board:
             return f"it {self.other_board}"
+        if self.cannot_steer:
+            return f"it {self.cannot_steer}"
         answers = self._client.answers
         for read, meaning in ((SERIAL, "serial number"), (REVISION, "firmware revision")):
             before, now = (each.get((read.index, read.sub)) for each in (self._first, answers))
@@ -82,7 +95,7 @@ class Identification:
         """Read anew; the answers to the first read are kept for comparison."""
         if self._client.done and not self._first:
             self._first = dict(self._client.answers)
-        self._client = SdoClient(self._node_id, (*_IDENTITY, *self._errors), attempts=PATIENT)
+        self._client = SdoClient(self._node_id, (*self._identity, *self._errors), attempts=PATIENT)
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The request to send now, if any."""

@@ -3,9 +3,8 @@
 from refusal import code_of
 
 from mdms_cell import ticks
-from mdms_cell.canopen.objects import Objects, find, key
-from mdms_cell.canopen.pdo.rpdo import Rpdo
-from mdms_cell.canopen.pdo.tpdo import Tpdo
+from mdms_cell.canopen.objects import Objects, find
+from mdms_cell.canopen.pdos import Rpdo, Tpdo
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 
@@ -26,11 +25,11 @@ class Bench:
         self.room = True
         self.sent = []
         for index in (0x60FF, 0x68FF, 0x6040, 0x6840):
-            self.objects.writes[key(index, 0)] = self.taker(index)
+            self.objects.tie(index, 0, write=self.taker(index))
         for index in (0x606C, 0x686C, 0x6041, 0x6841):
             self.values[index] = 0
-            self.objects.reads[key(index, 0)] = self.giver(index)
-        self.objects.reads[key(0x3001, 0)] = lambda: self.presence
+            self.objects.tie(index, 0, read=self.giver(index))
+        self.objects.tie(0x3001, 0, read=lambda: self.presence)
         self.rpdo = Rpdo(0, self.objects, lambda: self.now_ms, self.on_change)
         self.tpdo = Tpdo(0, self.objects, self.send, self.on_change)
 

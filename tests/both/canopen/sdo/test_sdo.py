@@ -1,7 +1,7 @@
 """The SDO server: transcripts of every kind of transfer, and the abort code of every error."""
 
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo.server import SdoServer
+from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 

@@ -1,7 +1,7 @@
 """Segmented transfers come to an end: nothing of them is left, and nothing is sent later."""
 
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo.server import TIMEOUT_MS, SdoServer
+from mdms_cell.canopen.sdo_server import TIMEOUT_MS, SdoServer
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 

@@ -1,1 +1,0 @@
-"""The SDO server of a cell (CiA 301, 7.2.4)."""

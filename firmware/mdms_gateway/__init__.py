@@ -1,1 +1,0 @@
-"""A gateway between two buses; plain MicroPython, needs the protocol and a clock of the cell."""
