@@ -14,7 +14,7 @@ CORE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")
     if not module.name.startswith(
-        ("mdms_host.cli", "mdms_host.page.simulated", "mdms_host.page.faults_by_hand")
+        ("mdms_host.cli", "mdms_host.page.simulated", "mdms_host.page.simulated")
     )
 )
 

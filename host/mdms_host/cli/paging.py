@@ -7,13 +7,13 @@ from contextlib import contextmanager
 
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
+from mdms_host.page.commands import ShownTable
 from mdms_host.page.page import Page
-from mdms_host.page.table import Table
-from mdms_host.page.web.gate import LOOPBACK
+from mdms_host.page.server import LOOPBACK
 
 
 @contextmanager
-def opened_page(table: Table, arguments: Namespace) -> Iterator[Page]:
+def opened_page(table: ShownTable, arguments: Namespace) -> Iterator[Page]:
     """The page of a table as `--page`, `--host` and `--open` have it. Raises `PageError`."""
     host = arguments.host or LOOPBACK
     with Page(table, MonotonicClock(), arguments.page, host) as page:

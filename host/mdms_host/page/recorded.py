@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 
 from mdms_host.layout import Layout
 from mdms_host.page import commands
+from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.shown.bus_watch import KINDS, BusWatch, CellState
-from mdms_host.page.shown.description import PHASES, describe
-from mdms_host.page.shown.events import events_of
-from mdms_host.page.shown.offered import planned
-from mdms_host.page.shown.signals import Signals
-from mdms_host.page.shown.things import Thing
+from mdms_host.page.description import PHASES, Signals, Thing, describe, planned
+from mdms_host.page.events import events_of
 from mdms_model.arrays import Floats
 from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
 from mdms_model.run.planned import goals_at, goals_given, plan_at

@@ -2,7 +2,7 @@
 
 import pytest
 
-from mdms_host.page.shown.readings import name_of, reading_of
+from mdms_host.page.cell_objects import name_of, reading_of
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import WRITE
 

@@ -20,9 +20,9 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.live import LiveTable
-from mdms_host.page.seat import Seat
-from mdms_host.page.shown.bus_watch import BusWatch
+from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_protocol.codecs import nmt
@@ -36,9 +36,9 @@ def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit
     """
     with open_links(arguments, belief.channels) as (link, clock):
         refuse_other_host(link, clock)
-        seat, table = _seated(belief, link, clock, main)
+        slot, table = _slot_and_table(belief, link, clock, main)
         with opened_page(table, arguments) as page, interrupted() as pressed:
-            seat.start()
+            slot.start()
             incidents = 0
 
             def attended() -> None:
@@ -53,15 +53,15 @@ def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit
                 late = arguments.limit is not None and clock.now_s() > arguments.limit
                 return late or pressed() is not None
 
-            _drive_and_end(seat, link, clock, over, attended)
-    if seat.coordinator is not None and seat.coordinator.fault is not None:
-        raise CommandError(seat.coordinator.fault, Exit.NODE_FAULT)
+            _drive_and_end(slot, link, clock, over, attended)
+    if slot.coordinator is not None and slot.coordinator.fault is not None:
+        raise CommandError(slot.coordinator.fault, Exit.NODE_FAULT)
     return Exit.OK
 
 
-def _seated(
+def _slot_and_table(
     belief: Belief, link: AnyLink, clock: Clock, main: Main | None
-) -> tuple[Seat, LiveTable]:
+) -> tuple[RunSlot, LiveTable]:
     """The host's place, and what a page shows of it."""
 
     def make() -> Coordinator:
@@ -70,23 +70,23 @@ def _seated(
     layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)
     watch = BusWatch(layout, timing.silence_s)
-    seat = Seat(make, layout.bus_count, watch)
+    slot = RunSlot(make, layout.bus_count, watch)
     table = LiveTable(
         belief.scenario.title,
         layout,
         parcels_of(belief.scenario),
-        seat=seat,
+        slot=slot,
         watch=watch,
         now_s=clock.now_s,
         error_frames=lambda: link.counts.error_frames,
         report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
     )
-    seat.on_cycle = table.on_cycle
-    return seat, table
+    slot.on_cycle = table.on_cycle
+    return slot, table
 
 
 def _drive_and_end(
-    seat: Seat,
+    slot: RunSlot,
     link: AnyLink,
     clock: Clock,
     over: Callable[[], bool],
@@ -96,17 +96,17 @@ def _drive_and_end(
 
     def ended() -> bool:
         attended()
-        return not seat.busy
+        return not slot.busy
 
     try:
         with punctual(clock):
             try:
-                drive(seat, link, clock, over)
+                drive(slot, link, clock, over)
             except DeviceGoneError:
                 if link.leave_gone():
-                    _stop(seat, link, clock, ended)
+                    _stop(slot, link, clock, ended)
                 raise
-            _stop(seat, link, clock, ended)
+            _stop(slot, link, clock, ended)
     except DeviceGoneError:
         raise
     except BaseException:
@@ -114,18 +114,18 @@ def _drive_and_end(
         raise
 
 
-def _stop(seat: Seat, link: AnyLink, clock: Clock, ended: Callable[[], bool]) -> None:
+def _stop(slot: RunSlot, link: AnyLink, clock: Clock, ended: Callable[[], bool]) -> None:
     """Turn the array off in order, on the buses whose devices are there.
 
     Raises DeviceGoneError after that where one has gone meanwhile.
     """
-    if not seat.busy:
+    if not slot.busy:
         return
-    seat.stop()
+    slot.stop()
     gone: DeviceGoneError | None = None
-    while seat.busy:
+    while slot.busy:
         try:
-            drive(seat, link, clock, ended)
+            drive(slot, link, clock, ended)
         except DeviceGoneError as error:
             gone = gone or error
             if not link.leave_gone():

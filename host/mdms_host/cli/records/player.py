@@ -8,8 +8,8 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.signals import interrupted
 from mdms_host.clock import MonotonicClock
+from mdms_host.page.description import things_of
 from mdms_host.page.recorded import RecordedTable
-from mdms_host.page.shown.things import things_of
 from mdms_model.run.folder import StoredRun, read_run
 from mdms_model.scenario.belief import believed
 

@@ -4,8 +4,7 @@ import asyncio
 
 import pytest
 
-from mdms_host.page.web.client import MOST_UNSEEN, MOST_WAITING, Client, LeaveError
-from mdms_host.page.web.hub import Hub
+from mdms_host.page.hub import MOST_UNSEEN, MOST_WAITING, Client, Hub, LeaveError
 
 
 @pytest.fixture

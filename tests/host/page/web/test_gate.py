@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from mdms_host.page.web.gate import Gate
+from mdms_host.page.server import Gate
 
 GATE = Gate(8642, token="secret")
 

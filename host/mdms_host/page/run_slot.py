@@ -6,9 +6,9 @@ from math import inf
 from mdms_host.coordination.care.supervision import OTHER_HOST
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import OtherHost
+from mdms_host.page.bus_watch import BusWatch
+from mdms_host.page.cell_objects import ObjectReader
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.shown.bus_watch import BusWatch
-from mdms_host.page.shown.objects import ObjectReader
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
@@ -32,7 +32,7 @@ def _is_request(frame: Frame) -> bool:
     return frame.data[:4] != _CLAIM or not any(frame.data[4:])
 
 
-class Seat:
+class RunSlot:
     """A participant of the buses whose coordinator comes and goes, made anew for every start.
 
     `watch` is given every frame of the buses, received or sent, where nobody else does that.

@@ -1,13 +1,21 @@
-"""The server of the page: a few files, the schema of commands, and one WebSocket a client."""
+"""The server of the page: its gate, a few files, the schema of commands, one WebSocket a client.
+
+The gate knows the page's own addresses, and the token of clients that may move something.
+"""
 
 import asyncio
 import json
+import secrets
+import socket
 import traceback
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from importlib.resources import files
+from ipaddress import ip_address
 from pathlib import PurePosixPath
 from typing import Any
+from urllib.parse import urlsplit
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -18,9 +26,85 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from mdms_host.page import commands
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.web.client import Client, LeaveError
-from mdms_host.page.web.gate import Gate
-from mdms_host.page.web.hub import Hub
+from mdms_host.page.hub import Client, Hub, LeaveError
+
+LOOPBACK = "127.0.0.1"
+_LOOPBACKS = ("127.0.0.1", "localhost", "[::1]")
+#: Stand for all addresses that this machine has.
+_ALL = ("0.0.0.0", "::")
+_TOKEN_BYTES = 18
+#: A browser leaves this port out.
+_HTTP_PORT = 80
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """The port and the address that a page is open at, and the token of whoever may move something.
+
+    A browser that a foreign site has send it here names that site as `Origin`, or, where the
+    site's name leads to this machine, as `Host`. An address in numbers leads nowhere else.
+    """
+
+    port: int
+    host: str = LOOPBACK
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(_TOKEN_BYTES), repr=False)
+
+    @property
+    def address(self) -> str:
+        """What to open; the token is in its fragment, which browsers send to nobody."""
+        name = socket.gethostname() if self.host in _ALL else _bracketed(self.host)
+        return f"http://{name}:{self.port}/#token={self.token}"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine reaches it."""
+        with suppress(ValueError):
+            return ip_address(self.host).is_loopback
+        return self.host == "localhost"
+
+    def admits(self, host: str | None, origin: str | None) -> bool:
+        """Whether a request with these headers may be answered."""
+        if host is None or not self._is_own(_with_port(host)):
+            return False
+        if origin is None:
+            return True
+        parts = urlsplit(origin)
+        return parts.scheme == "http" and _with_port(parts.netloc) == _with_port(host)
+
+    def _is_own(self, host: str) -> bool:
+        name, _, port = host.rpartition(":")
+        if port != str(self.port):
+            return False
+        if name in (*_LOOPBACKS, _bracketed(self.host).lower()):
+            return True
+        if self.is_loopback:
+            return False
+        return name == socket.gethostname().lower() or _is_in_numbers(name)
+
+    def accepts(self, token: object) -> bool:
+        """Whether this is the token."""
+        if not isinstance(token, str):
+            return False
+        return secrets.compare_digest(token.encode(errors="replace"), self.token.encode())
+
+
+def _bracketed(host: str) -> str:
+    """A host as it stands before a port."""
+    return f"[{host}]" if ":" in host else host
+
+
+def _with_port(host: str) -> str:
+    """A host as browsers compare it: no capitals, and with the port that they leave out."""
+    named = host.rpartition("]")[2].count(":") == 1
+    return host.lower() if named else f"{host.lower()}:{_HTTP_PORT}"
+
+
+def _is_in_numbers(name: str) -> bool:
+    with suppress(ValueError):
+        ip_address(name.strip("[]"))
+        return True
+    return False
+
 
 _STATIC = files("mdms_host.page") / "static"
 _TYPES = {
