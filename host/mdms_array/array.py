@@ -20,7 +20,7 @@ from mdms_host.commissioning.parameters import WIRING
 from mdms_host.commissioning.wheels.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_model.errors import InputError
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.rules.every import check_rules
+from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_protocol.codecs import cob
 

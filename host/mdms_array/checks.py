@@ -21,8 +21,14 @@ from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.footing import Footing, Load, least_footing
 from mdms_host.motion.goal import Goal
 from mdms_model.array import build_wheels
-from mdms_model.bus_time import CROWDED, OVERLOADED, SENT_AT_SYNC, BusTraffic
-from mdms_model.buses import address_cells, foreign_nodes
+from mdms_model.buses import (
+    CROWDED,
+    OVERLOADED,
+    SENT_AT_SYNC,
+    BusTraffic,
+    address_cells,
+    foreign_nodes,
+)
 from mdms_model.errors import InputError
 from mdms_model.log import LOG
 from mdms_model.motor import drive_of, rim_mass_kg

@@ -35,10 +35,8 @@ from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
 from mdms_model.errors import InputError
 from mdms_model.run.folder import BUS_LOG, fresh_folder
-from mdms_model.run.history import MOST_SAMPLES
-from mdms_model.run.record import Record
-from mdms_model.scenario.scenario import Scenario
-from mdms_model.scenario.task import Signal
+from mdms_model.run.record import MOST_SAMPLES, Record
+from mdms_model.scenario.scenario import Scenario, Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.referee.truth import HostReport, Pose

@@ -36,7 +36,7 @@ from mdms_protocol.codecs import cob, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
 from mdms_sim.driver import Driver
-from mdms_sim.faults.node import PRIORITY
+from mdms_sim.faults import PRIORITY
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
 from mdms_sim.referee.rules import Violation

@@ -61,7 +61,7 @@ class Reader:
         self._boards = False
         self._table = None
         # Documents are not about how long the animation of several parcels is.
-        monkeypatch.setattr("mdms_sim.plots.moving.animation.MOST_FRAMES", 5)
+        monkeypatch.setattr("mdms_sim.plots.animation.MOST_FRAMES", 5)
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
         monkeypatch.setattr("mdms_host.cli.array.run.open_links", simulated_table)

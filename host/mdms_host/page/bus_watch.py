@@ -9,10 +9,8 @@ from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.coordination.schedule import Timing
 from mdms_host.layout import Layout
 from mdms_model.arrays import Floats
-from mdms_model.bus_time import worst_bits
-from mdms_model.buses import Addresses
-from mdms_model.run.cell_reports import CellReports
-from mdms_model.run.references import References
+from mdms_model.buses import Addresses, worst_bits
+from mdms_model.run.frame_readers import CellReports, References
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame

@@ -15,10 +15,9 @@ from mdms_host.page.commands import Command, RefusedError
 from mdms_host.page.description import PHASES, Signals, Thing, describe, planned
 from mdms_host.page.events import events_of
 from mdms_model.arrays import Floats
+from mdms_model.run.derived import goals_at, goals_given, plan_at, slip_m_s
 from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
-from mdms_model.run.planned import goals_at, goals_given, plan_at
 from mdms_model.run.record import Event, Record
-from mdms_model.run.slip import slip_m_s
 from mdms_protocol.codecs.frame import Frame
 
 #: Instants of a run that are shown, and of these as many that the plots have.

@@ -18,12 +18,11 @@ from mdms_host.page.events import events_of
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.rules.fault import check_faults
+from mdms_model.scenario.run_rules import check_faults
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 from mdms_sim.bus.bus import Bus
-from mdms_sim.faults.node import PRIORITY
-from mdms_sim.faults.schedule import Ongoing
+from mdms_sim.faults import PRIORITY, Ongoing
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.simulation import NS_PER_S, Simulation
 

@@ -15,11 +15,19 @@ from numpy.typing import NDArray
 
 from mdms_model.array import Wheels, build_wheels
 from mdms_model.arrays import Floats
+from mdms_model.run.derived import slip_m_s
 from mdms_model.run.record import Contact, Record
-from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
-from mdms_sim.plots.scales import label_time, share_outside, shown_until_s, usual_most
+from mdms_sim.plots.canvas import (
+    FAINT,
+    INK,
+    label_time,
+    new_figure,
+    share_outside,
+    shown_until_s,
+    tidy,
+    usual_most,
+)
 
 #: In the order of the codes of `Contact`; forward and backward are told apart by warmth.
 CONTACT_COLOURS = ListedColormap(["#e3e6e9", "#16191d", "#d9795d", "#6d9fc9"])

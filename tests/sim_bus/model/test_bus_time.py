@@ -4,10 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_model.bus_time import BusTraffic, worst_bits
+from mdms_model.buses import BusTraffic, worst_bits
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.length import frame_bits
-from mdms_sim.bus.wire import INTERFRAME_BITS
+from mdms_sim.bus.wire import INTERFRAME_BITS, frame_bits
 
 
 def traffic(bitrate=1_000_000, sync_period_s=0.01):

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import check_own, replacing, writing
-from mdms_model.run.csv_export import CELLS_HEADER, PARCELS_HEADER, export_csv
-from mdms_model.run.folder import read_run
+from mdms_model.run.folder import CELLS_HEADER, PARCELS_HEADER, export_csv, read_run
 
 #: What stands at the top of each table.
 TABLES = {"parcels.csv": PARCELS_HEADER, "cells.csv": CELLS_HEADER}

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from mdms_host.cli.reference.api_page import row_of
 from mdms_host.cli.reference.keys import list_in, table_of
 from mdms_host.cli.reference.names import Name, names_of
-from mdms_model.scenario.rules.task import ALLOWED, NEEDED
-from mdms_model.scenario.task import Task
+from mdms_model.scenario.run_rules import ALLOWED, NEEDED
+from mdms_model.scenario.scenario import Task
 
 _HEAD = """\
 # Programs

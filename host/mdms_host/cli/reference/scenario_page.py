@@ -7,17 +7,18 @@ from mdms_model.scenario.motion import Motion, Part, Region
 from mdms_model.scenario.scenario import (
     Array,
     Cell,
+    Exit,
     Goal,
     Parcel,
     Patch,
     Run,
     Scenario,
+    Signal,
     Stop,
+    Stream,
     Wheel,
     Wire,
 )
-from mdms_model.scenario.stream import Exit, Stream
-from mdms_model.scenario.task import Signal
 
 _HEAD = """\
 # Scenarios

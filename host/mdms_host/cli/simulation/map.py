@@ -12,10 +12,9 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import replacing
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario
-from mdms_sim.physics.analysis.field_map import FieldMap, map_field
-from mdms_sim.physics.analysis.held_parcel import Law
+from mdms_sim.physics.analysis.field_map import FieldMap, Law, map_field
 from mdms_sim.plots.canvas import MARK, form_of, save
-from mdms_sim.plots.fields.map import draw_field_map
+from mdms_sim.plots.field_map import draw_field_map
 
 
 def run(arguments: Namespace) -> Exit:

@@ -18,18 +18,19 @@ from mdms_model.arrays import Floats
 from mdms_model.outline import area_and_moment, outline_of, own_outline_m
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
-from mdms_model.squeeze.plan import SqueezePlan, plan_squeezes
-from mdms_model.squeeze.turning import alike_turns, squeeze_function
-from mdms_sim.physics.analysis.squeeze_outcome import (
+from mdms_model.squeeze import SqueezePlan, alike_turns, plan_squeezes, squeeze_function
+from mdms_sim.physics.analysis.squeeze_trials import (
     WITHIN_DEG,
     Ending,
+    Trials,
     final_error_rad,
+    random_poses,
     share_within,
     step_outcomes,
+    try_squeezes,
 )
-from mdms_sim.physics.analysis.squeeze_trials import Trials, random_poses, try_squeezes
 from mdms_sim.plots.canvas import MARK, form_of, save
-from mdms_sim.plots.fields.squeeze_plan import draw_squeeze_plan
+from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
 
 #: Of the simulation; with steps of 1 ms one trial in sixty ended otherwise, and no share of angles.
 STEP_S = 0.004

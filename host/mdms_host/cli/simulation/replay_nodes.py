@@ -22,7 +22,7 @@ from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.run.folder import BUS_LOG, read_run
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.length import frame_bits
+from mdms_sim.bus.wire import frame_bits
 from mdms_sim.simulation import simulate
 
 NS_PER_S = 1_000_000_000

@@ -18,7 +18,7 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import BUS_LOG, fresh_folder
-from mdms_model.run.history import MOST_SAMPLES
+from mdms_model.run.record import MOST_SAMPLES
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank

@@ -8,8 +8,7 @@ import pytest
 from mdms_host.cli.reference import program_page, scenario_page
 from mdms_host.cli.reference.keys import keys_of, list_in, table_of
 from mdms_model.scenario.fault import FAULTS, Fault
-from mdms_model.scenario.scenario import Array, Cell, Run, Scenario
-from mdms_model.scenario.task import TASKS, Task
+from mdms_model.scenario.scenario import TASKS, Array, Cell, Run, Scenario, Task
 
 
 def tables_within(kind, found=()):

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from mdms_model.run.csv_export import export_csv
+from mdms_model.run.folder import export_csv
 from mdms_model.run.record import Contact
 
 

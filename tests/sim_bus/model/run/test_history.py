@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_model.run.history import History
+from mdms_model.run.record import History
 
 
 def filled(offered, most):

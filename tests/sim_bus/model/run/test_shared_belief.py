@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdms_model.run.shared_belief import belief_error, cell_counts, host_error, shared_belief
+from mdms_model.run.derived import belief_error, cell_counts, host_error, shared_belief
 from mdms_protocol.neighbours import frames as wire
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mdms_model.array import build_wheels
+from mdms_model.run.derived import slip_m_s
 from mdms_model.run.record import Contact, Record
-from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.physics.plane.ideal import solve_ideal
 

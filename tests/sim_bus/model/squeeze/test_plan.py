@@ -15,8 +15,7 @@ from tests.sim_bus.model.squeeze.polygons import (
     regular,
 )
 
-from mdms_model.squeeze.plan import plan_squeezes
-from mdms_model.squeeze.turning import SqueezeFunction, squeeze_function
+from mdms_model.squeeze import SqueezeFunction, plan_squeezes, squeeze_function
 
 YAWS_RAD = np.arange(720) * np.pi / 360 + 1e-3
 UNEVEN = regular(8) * [1.0, 0.93] + 0.02 * np.sin(np.arange(16)).reshape(8, 2)

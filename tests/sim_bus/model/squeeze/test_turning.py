@@ -15,8 +15,7 @@ from tests.sim_bus.model.squeeze.polygons import (
     regular,
 )
 
-from mdms_model.squeeze.bisectors import Bisectors
-from mdms_model.squeeze.turning import alike_turns, squeeze_function
+from mdms_model.squeeze import Bisectors, alike_turns, squeeze_function
 
 
 @settings(max_examples=20, deadline=None)

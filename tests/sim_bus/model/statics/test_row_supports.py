@@ -3,7 +3,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mdms_model.statics.row_supports import stretches_of, unloading
+from mdms_model.statics.supports import stretches_of, unloading
 
 PITCH_M = 0.127
 WHEELS_M = (np.arange(10) - 4.5) * PITCH_M

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from tests.sim_bus.physics.tables import BOX, plane, rigid_speed
 
-from mdms_model.scenario.scenario import Parcel
-from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.scenario import Exit, Parcel, Stream
 from mdms_sim.physics.plane.handling import lift, set_down
 from mdms_sim.physics.plane.world import World
 

@@ -5,8 +5,7 @@ from mdms_model.array import build_wheels
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, Wheel
 from mdms_sim.physics.analysis.field_map import map_field
 from mdms_sim.plots.canvas import save
-from mdms_sim.plots.fields.map import draw_field_map
-from mdms_sim.plots.fields.marks import marker_size
+from mdms_sim.plots.field_map import draw_field_map, marker_size
 
 PLANE = (Wheel(0.0, (-0.03, 0.0)), Wheel(np.pi / 2, (0.03, 0.0)))
 

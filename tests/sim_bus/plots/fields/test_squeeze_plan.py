@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, Wheel
-from mdms_model.squeeze.plan import plan_squeezes
-from mdms_model.squeeze.turning import squeeze_function
+from mdms_model.squeeze import plan_squeezes, squeeze_function
 from mdms_sim.physics.analysis.squeeze_trials import Trials
 from mdms_sim.plots.canvas import save
-from mdms_sim.plots.fields.squeeze_plan import draw_squeeze_plan
+from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
 
 CORNERS = ((-0.2, -0.17), (0.2, -0.17), (0.02, 0.19))
 PART = Parcel("part", 1.0, 0.4, 0.38, shape="polygon", corners_m=CORNERS)

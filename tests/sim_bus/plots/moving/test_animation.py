@@ -13,13 +13,12 @@ from PIL import Image
 from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Plan, Record, Tile
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.plots import check_name, drawable, save_picture
+from mdms_sim.plots import animation, check_name, drawable, save_picture
+from mdms_sim.plots.animation import EncoderMissingError
 from mdms_sim.plots.canvas import MARK, new_figure
-from mdms_sim.plots.held_cells import FREE, HeldCells
-from mdms_sim.plots.moving import animation, video
-from mdms_sim.plots.moving.video import EncoderMissingError
-from mdms_sim.plots.moving.view import MovingView
+from mdms_sim.plots.moving_view import MovingView
 from mdms_sim.plots.plane import draw_plane
+from mdms_sim.plots.top_view import FREE, HeldCells
 
 
 def until(record, samples):
@@ -115,7 +114,7 @@ def test_frames_go_to_the_encoder_in_its_own_terms_and_what_it_says_is_passed_on
     encoder = tmp_path / "ffmpeg"
     encoder.write_text(f"#!{sys.executable}\n" + ENCODER)
     encoder.chmod(0o755)
-    monkeypatch.setattr(video, "find_encoder", lambda: str(encoder))
+    monkeypatch.setattr(animation, "find_encoder", lambda: str(encoder))
     save_picture(tmp_path / "run.mp4", plane, until(short, 3))
     taken = (tmp_path / "run.mp4").read_text()
     # Six frames in 0.2 s, both ends among them, and two seconds of the last.
