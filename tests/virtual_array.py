@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mdms_host.can_link.incidents import LinkCounts
+from mdms_host.can_link.link import LinkCounts
 from mdms_host.clock import MonotonicClock
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import nmt

@@ -14,11 +14,11 @@ from mdms_host.commissioning.array_file import (
     FiledCell,
     channels_of,
     read_array,
+    without_places,
 )
-from mdms_host.commissioning.filed_places import without_places
-from mdms_host.commissioning.parameters import WIRING
-from mdms_host.commissioning.wheels.loop_margin import GainError, Observer, check_gain, observer_for
+from mdms_host.commissioning.cell_settings import WIRING
 from mdms_model.errors import InputError
+from mdms_model.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError

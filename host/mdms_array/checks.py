@@ -8,14 +8,6 @@ from math import degrees
 
 import numpy as np
 
-from mdms_host.commissioning.wheels.loop_margin import (
-    GainError,
-    WheelMotor,
-    check_gain,
-    largest_gain,
-    observer_for,
-    phase_margin,
-)
 from mdms_host.coordination.schedule import Timing
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.footing import Footing, Load, least_footing
@@ -31,6 +23,14 @@ from mdms_model.buses import (
 )
 from mdms_model.errors import InputError
 from mdms_model.log import LOG
+from mdms_model.loop_margin import (
+    GainError,
+    WheelMotor,
+    check_gain,
+    largest_gain,
+    observer_for,
+    phase_margin,
+)
 from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed

@@ -5,8 +5,7 @@ from functools import partial
 from math import ceil
 
 from mdms_host.can_link.delays import Delays
-from mdms_host.can_link.incidents import Incidents, LinkCounts
-from mdms_host.can_link.link import Link
+from mdms_host.can_link.link import Incidents, Link, LinkCounts
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
 

@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from math import inf
 from typing import Any
 
-from mdms_host.can_link.emergencies import code_text
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES, OBJECTS
+from mdms_protocol.emergencies import code_text
 from mdms_protocol.entry import WRITE, Entry
 
 GROUPS = {item.index: item.name for item in OBJECTS}

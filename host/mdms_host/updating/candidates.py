@@ -9,7 +9,7 @@ from mdms_host.commissioning.network import (
     Identity,
     RefusedError,
 )
-from mdms_host.updating.reasons import BOARDS
+from mdms_host.updating.cell_update import BOARDS
 from mdms_protocol import indices
 from mdms_protocol.update import codes
 

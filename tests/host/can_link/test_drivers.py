@@ -5,8 +5,7 @@ from argparse import Namespace
 import can
 import pytest
 
-from mdms_host.can_link.drivers import remedy
-from mdms_host.can_link.link import NoBusError, open_bus
+from mdms_host.can_link.link import NoBusError, open_bus, remedy
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from mdms_cell.canopen import guard
 from mdms_cell.canopen.storage import store
 from mdms_cell.drive import state_machine
 from mdms_cell.perception import suspicion
-from mdms_host.can_link.emergencies import CODES, code_text, error_text
+from mdms_protocol.emergencies import CODES, code_text, error_text
 
 #: What a cell sends, by the modules that send it.
 SENT = {

@@ -13,8 +13,7 @@ import pytest
 import serial
 from can.interfaces.socketcan import SocketcanBus
 
-from mdms_host.can_link.link import Link
-from mdms_host.can_link.transmitter import is_full
+from mdms_host.can_link.link import Link, is_full
 from mdms_host.clock import MonotonicClock
 from mdms_protocol.codecs.frame import Frame
 

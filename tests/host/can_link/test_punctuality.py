@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from mdms_host.can_link.punctuality import first_in_line, punctual
+from mdms_host.can_link.delays import first_in_line, punctual
 from mdms_host.clock import MonotonicClock
 
 
@@ -38,7 +38,7 @@ class Machine:
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Machine:
     machine = Machine()
-    monkeypatch.setattr("mdms_host.can_link.punctuality.os", machine)
+    monkeypatch.setattr("mdms_host.can_link.delays.os", machine)
     return machine
 
 
@@ -71,7 +71,7 @@ def test_time_that_is_not_the_machines_needs_nothing(machine: Machine) -> None:
 
 def test_a_priority_that_was_given_already_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     machine = Machine(policy=Machine.SCHED_FIFO)
-    monkeypatch.setattr("mdms_host.can_link.punctuality.os", machine)
+    monkeypatch.setattr("mdms_host.can_link.delays.os", machine)
     with first_in_line():
         assert set(machine.policies) == {Machine.SCHED_FIFO}
     assert set(machine.policies) == {Machine.SCHED_FIFO}
@@ -81,7 +81,7 @@ def test_a_priority_that_was_given_already_stays(monkeypatch: pytest.MonkeyPatch
 def test_who_may_not_come_first_runs_all_the_same(
     machine: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mdms_host.can_link.punctuality.os", machine)
+    monkeypatch.setattr("mdms_host.can_link.delays.os", machine)
     ran = False
     with first_in_line():
         ran = True

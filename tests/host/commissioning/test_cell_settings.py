@@ -3,6 +3,7 @@ from dataclasses import replace
 import pytest
 
 from mdms_host.commissioning.cell_settings import (
+    BY_NAME,
     CellSettings,
     Change,
     NotTakenError,
@@ -13,7 +14,6 @@ from mdms_host.commissioning.cell_settings import (
     read_settings,
 )
 from mdms_host.commissioning.network import Identity, RefusedError
-from mdms_host.commissioning.parameters import BY_NAME
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 
 GAIN, LAG = BY_NAME["axis1.gain"], BY_NAME["axis1.observer_lag"]

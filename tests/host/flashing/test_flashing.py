@@ -2,8 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_host.flashing.board_survey import Survey, hashes_of
-from mdms_host.flashing.firmware_build import Firmware
-from mdms_host.flashing.firmware_sources import START
+from mdms_host.flashing.firmware import START, Firmware
 from mdms_host.flashing.flashing import Plan, plan_flash
 
 paths = st.sampled_from(["cell.mpy", "boards/a.mpy", "boards/b.mpy", "mdms_cell/c.mpy"])

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from mdms_cell import cell
-from mdms_host.flashing.parsing import tree_of, value_of
+from mdms_host.flashing.firmware import tree_of, value_of
 
 REPLY = repr([("a", 1, b"x")] * 50)
 

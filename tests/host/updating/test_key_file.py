@@ -5,7 +5,7 @@ import os
 import pytest
 
 from mdms_cell.update import signature
-from mdms_host.updating.key_file import KeyFileError, key_beside, key_id, make_key, read_key
+from mdms_host.updating.bundles import KeyFileError, key_beside, key_id, make_key, read_key
 
 
 def test_new_key_is_its_owners_alone_and_is_read_again(tmp_path):

@@ -12,7 +12,7 @@ from mdms_cell.canopen.objects import find
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.commissioning.doctor.findings import KINDS
-from mdms_host.commissioning.doctor.pains import PAINS
+from mdms_host.commissioning.doctor.known_issues import PAINS
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame

@@ -15,8 +15,7 @@ from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
-from mdms_host.commissioning.scan import scan_bus, scan_table
-from mdms_host.commissioning.status import StatusModel, status_table
+from mdms_host.commissioning.status import StatusModel, scan_bus, scan_table, status_table
 from mdms_host.commissioning.stop import not_off_text, stop_all
 
 #: Ten heartbeats at their default period.

@@ -11,8 +11,8 @@ from mdms_array.host import (
     layout_of,
     parcels_of,
 )
+from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
-from mdms_host.can_link.punctuality import punctual
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.paging import opened_page
 from mdms_host.cli.signals import interrupted

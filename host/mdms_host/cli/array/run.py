@@ -15,10 +15,10 @@ from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
 from mdms_array.recording import PlanLog, keep_run, lasting
 from mdms_array.run import Run
 from mdms_array.source import open_program
+from mdms_host.can_link.bus_log import LogWriter
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
-from mdms_host.cli.records.bus_log import LogWriter
 from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
 from mdms_host.coordination.operation import Ending, Operation, operate

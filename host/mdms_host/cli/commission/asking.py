@@ -14,9 +14,9 @@ from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.commissioning.roll_call import RollCall
+from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheels.wheel_turn import REVERSED
+from mdms_host.commissioning.wheel_turn import REVERSED
 
 #: Longer than a person looks for a light; the answer ends it.
 _BLINK_S = 60.0
@@ -26,7 +26,7 @@ _NUMBER = re.compile(r"(\d+)(?:\s*[, ]\s*(\d+))?")
 
 
 def ask_places(
-    commissioning: Commissioning, roll: RollCall, grid: Spot, *, again: bool
+    commissioning: Commissioning, roll: FoundCells, grid: Spot, *, again: bool
 ) -> dict[int, Spot]:
     """Column and row of each cell by its serial number; each is stored as soon as it is given.
 
@@ -106,7 +106,7 @@ class AtTerminal:
         return "\n" in keys or "\r" in keys
 
 
-def _stored(commissioning: Commissioning, roll: RollCall, grid: Spot) -> dict[int, Spot]:
+def _stored(commissioning: Commissioning, roll: FoundCells, grid: Spot) -> dict[int, Spot]:
     """The places that cells have stored, but for those beside the grid or given twice."""
     told: dict[int, Spot] = {}
     for serial, node_id in roll.node_ids.items():

@@ -18,23 +18,19 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import (
+    MARK,
     ArrayFile,
     FiledCell,
     FiledTable,
+    array_document,
     cells_on,
+    placed_cells,
     read_array,
 )
-from mdms_host.commissioning.array_writing import MARK, array_document
-from mdms_host.commissioning.filed_places import placed_cells
 from mdms_host.commissioning.network import Commissioning, CommissioningError
-from mdms_host.commissioning.node_ids import Assignment, carry_out
-from mdms_host.commissioning.roll_call import RollCall, call_roll
+from mdms_host.commissioning.node_ids import Assignment, FoundCells, carry_out, find_cells
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheels.wheel_turn import (
-    StoppedError,
-    refuse_busy,
-    refuse_steering,
-)
+from mdms_host.commissioning.wheel_turn import StoppedError, refuse_busy, refuse_steering
 
 #: A cell that shares its node id is reset with the one that hides it, which needs so long to boot.
 _BOOT_S = 0.3
@@ -69,7 +65,7 @@ def run(arguments: Namespace) -> Exit:
         count = len(cells)
         if not agreed(arguments, f"Write ids, places and settings to {count} cells?"):
             raise CommandError("nothing was written", Exit.FAILURE)
-        _give_ids(job, call_roll(commissioning), {cell.serial: cell.node_id for cell in cells})
+        _give_ids(job, find_cells(commissioning), {cell.serial: cell.node_id for cell in cells})
         cells = _nudged(job, cells, asking=_asks(arguments))
         done = _write(job, cells)
         if key is not None:
@@ -83,8 +79,8 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _call_roll(commissioning: Commissioning) -> RollCall:
-    roll = call_roll(commissioning)
+def _call_roll(commissioning: Commissioning) -> FoundCells:
+    roll = find_cells(commissioning)
     if not roll.serials:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
     refuse_busy(commissioning, [*roll.present])
@@ -98,7 +94,7 @@ def _asks(arguments: Namespace) -> bool:
     return not (arguments.file or arguments.list or arguments.plate)
 
 
-def _placed(job: _Job, roll: RollCall) -> ArrayFile:
+def _placed(job: _Job, roll: FoundCells) -> ArrayFile:
     """The array as a person, a list or a plate says it is."""
     arguments = job.arguments
     columns, rows = arguments.columns, arguments.rows
@@ -121,7 +117,7 @@ def _placed(job: _Job, roll: RollCall) -> ArrayFile:
     return _array(arguments, (columns, rows), spots)
 
 
-def _spots_listed(roll: RollCall, path: Path, columns: int) -> dict[int, Spot]:
+def _spots_listed(roll: FoundCells, path: Path, columns: int) -> dict[int, Spot]:
     """Serial numbers in a text file, one a line, along x first."""
     try:
         words = path.read_text(encoding="ascii").split()
@@ -155,7 +151,7 @@ def _array(arguments: Namespace, grid: Spot, spots: Mapping[int, Spot]) -> Array
     return ArrayFile(Path("array"), table, tuple(cells))
 
 
-def _checked(job: _Job, roll: RollCall, file: ArrayFile, *, whole: bool) -> list[FiledCell]:
+def _checked(job: _Job, roll: FoundCells, file: ArrayFile, *, whole: bool) -> list[FiledCell]:
     """The cells with all that their places imply, and with `whole` the defaults of all else.
 
     What a file says is the whole of it; a cell that was placed otherwise keeps what it has.
@@ -166,7 +162,7 @@ def _checked(job: _Job, roll: RollCall, file: ArrayFile, *, whole: bool) -> list
     return [steps.at_defaults(cell) if whole else cell for cell in cells]
 
 
-def _give_ids(job: _Job, roll: RollCall, wanted: Mapping[int, int]) -> RollCall:
+def _give_ids(job: _Job, roll: FoundCells, wanted: Mapping[int, int]) -> FoundCells:
     """Cells get their node ids, and keep them; who is there then."""
     moves = steps.plan_ids(roll, wanted)
     if not moves:
@@ -180,7 +176,7 @@ def _give_ids(job: _Job, roll: RollCall, wanted: Mapping[int, int]) -> RollCall:
         say(f"mdms: {move.address.serial:08X} has no memory for settings, and is blank when off")
     if roll.hidden:
         MonotonicClock().sleep(_BOOT_S)
-    return call_roll(job.commissioning)
+    return find_cells(job.commissioning)
 
 
 def _nudged(job: _Job, cells: list[FiledCell], *, asking: bool) -> list[FiledCell]:

@@ -6,8 +6,8 @@ from pathlib import Path
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell
 from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.updating.bundles import key_beside, key_id, make_key, read_key
 from mdms_host.updating.candidates import give_key, read_candidate
-from mdms_host.updating.key_file import key_beside, key_id, make_key, read_key
 
 
 def array_key(named: Path | None, array: Path | None) -> bytes | None:

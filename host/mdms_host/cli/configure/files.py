@@ -21,15 +21,14 @@ from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.array_file import (
-    FiledCell,
-    array_text,
-    read_array,
+from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
+from mdms_host.commissioning.cell_settings import (
+    PARAMETERS,
+    CellSettings,
+    identify_cells,
+    read_settings,
 )
-from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
-from mdms_host.commissioning.filed_places import placed_cells
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.commissioning.parameters import PARAMETERS
 
 STDOUT = Path("-")
 

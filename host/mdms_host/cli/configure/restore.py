@@ -11,7 +11,7 @@ from mdms_host.cli.configure.cells import (
     show_changes,
 )
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.commissioning.parameters import PARAMETERS, WIRING
+from mdms_host.commissioning.cell_settings import PARAMETERS, WIRING
 
 
 def run(arguments: Namespace) -> Exit:

@@ -14,9 +14,14 @@ from mdms_host.cli.configure.cells import (
 )
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.cell_settings import CellSettings, Change
-from mdms_host.commissioning.parameters import BY_NAME, Parameter, parse_assignments
-from mdms_host.commissioning.wheels.loop_margin import GainError, Observer, check_gain
+from mdms_host.commissioning.cell_settings import (
+    BY_NAME,
+    CellSettings,
+    Change,
+    Parameter,
+    parse_assignments,
+)
+from mdms_model.loop_margin import GainError, Observer, check_gain
 from mdms_model.scenario.file import load_scenario
 
 #: What the speed loop's margin depends on, by axis; while it brakes it has another gain.

@@ -11,8 +11,13 @@ from mdms_host.cli.configure.cells import open_commissioning, ranges, read_cells
 from mdms_host.cli.console import show
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.cell_settings import CellSettings
-from mdms_host.commissioning.parameters import PARAMETERS, WIRING, Parameter, find_parameters
+from mdms_host.commissioning.cell_settings import (
+    PARAMETERS,
+    WIRING,
+    CellSettings,
+    Parameter,
+    find_parameters,
+)
 
 LEGEND = "* not the default   ! cells differ"
 

@@ -17,8 +17,8 @@ from mdms_host.flashing.board_survey import MACHINES
 
 if TYPE_CHECKING:
     from mdms_host.cli.flash.flash_board import Outcome
-    from mdms_host.flashing.board_port import BoardPort
-    from mdms_host.flashing.firmware_build import Firmware
+    from mdms_host.flashing.board_link import BoardPort
+    from mdms_host.flashing.firmware import Firmware
 
 JOBS = 8
 NOBODY = (
@@ -85,7 +85,7 @@ def run(arguments: Namespace) -> Exit:
 
 def _chosen(arguments: Namespace) -> "list[BoardPort]":
     """The ports to flash. Raises `CommandError` when there are none, or too many to guess."""
-    from mdms_host.flashing.board_port import NoPortError, board_ports, list_ports, named_port
+    from mdms_host.flashing.board_link import NoPortError, board_ports, list_ports, named_port
 
     ports = list_ports()
     if arguments.ports:
@@ -109,7 +109,7 @@ def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]
     from concurrent.futures import ThreadPoolExecutor, as_completed
 
     from mdms_host.cli.flash.flash_board import Job, flash_board
-    from mdms_host.flashing.firmware_build import compiler
+    from mdms_host.flashing.firmware import compiler
 
     if not arguments.list:
         # What is not installed is told before any board is touched.
@@ -135,7 +135,7 @@ class _Compiled:
 
     def __call__(self, architecture: str) -> "Firmware":
         """Raises FirmwareError."""
-        from mdms_host.flashing.firmware_build import compiled_firmware
+        from mdms_host.flashing.firmware import compiled_firmware
 
         with self._lock:
             if architecture not in self._made:
@@ -174,7 +174,7 @@ def _show(outcomes: "Sequence[Outcome]") -> None:
 def _telling_of_missing_packages() -> Iterator[None]:
     """Turns packages that are not installed into a `CommandError` (failure)."""
     from mdms_host.flashing.board_link import MpremoteMissingError
-    from mdms_host.flashing.firmware_build import FirmwareError
+    from mdms_host.flashing.firmware import FirmwareError
 
     try:
         yield

@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 
 from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
-from mdms_host.flashing.board_link import BoardError, BoardLink, NoBoardError
-from mdms_host.flashing.board_port import BoardPort
+from mdms_host.flashing.board_link import BoardError, BoardLink, BoardPort, NoBoardError
 from mdms_host.flashing.board_survey import BoardInfo, identify, survey
-from mdms_host.flashing.board_way import VersionError, firmware_for
-from mdms_host.flashing.firmware_build import Firmware
-from mdms_host.flashing.flashing import Plan, carry_out, plan_flash
+from mdms_host.flashing.firmware import Firmware
+from mdms_host.flashing.flashing import Plan, VersionError, carry_out, firmware_for, plan_flash
 from mdms_protocol.version import VERSION
 
 

@@ -64,7 +64,7 @@ class Row:
 def run(arguments: Namespace) -> Exit:
     """Ask the cells, sign bundles for them, send, start and confirm; a line for each."""
     from mdms_host.cli.configure.cells import open_commissioning, present_nodes
-    from mdms_host.commissioning.wheels.wheel_turn import refuse_busy
+    from mdms_host.commissioning.wheel_turn import refuse_busy
     from mdms_host.updating.candidates import read_candidates
 
     with open_commissioning(arguments) as commissioning:
@@ -98,9 +98,9 @@ def _planned(arguments: Namespace, cells: "Sequence[Candidate]") -> list[Row]:
 
 def _bundles(arguments: Namespace, cells: "Sequence[Candidate]") -> "dict[int, Bundle]":
     """A bundle for each bytecode that the cells read."""
-    from mdms_host.flashing.firmware_build import FirmwareError
+    from mdms_host.flashing.firmware import FirmwareError
     from mdms_host.updating import bundles
-    from mdms_host.updating.key_file import key_beside, read_key
+    from mdms_host.updating.bundles import key_beside, read_key
     from mdms_protocol.update.bundle import HEAD_SIZE
     from mdms_protocol.version import VERSION
 

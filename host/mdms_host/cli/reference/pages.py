@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from mdms_host.cli.reference import api_page, program_page, scenario_page
-from mdms_host.commissioning.doctor.troubleshooting import troubleshooting_text
+from mdms_host.commissioning.doctor.known_issues import troubleshooting_text
 from mdms_protocol.generators.writing import write_or_check
 
 _FOLDER = Path(__file__).parents[4] / "docs"

@@ -15,9 +15,9 @@ from functools import partial
 from mdms_array.figures import report, simulated_run
 from mdms_array.run import Run
 from mdms_array.simulation import timed
+from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.run.folder import BUS_LOG, read_run
 from mdms_model.scenario.scenario import Scenario

@@ -7,7 +7,7 @@ from threading import Event, Thread
 import can
 import pytest
 
-from mdms_host.can_link.incidents import LinkCounts
+from mdms_host.can_link.link import LinkCounts
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.coordination.operation import Ending, Operation

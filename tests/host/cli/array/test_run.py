@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from tests.host.motion.believing import beliefs
 
-from mdms_host.can_link.incidents import LinkCounts
-from mdms_host.can_link.link import DeviceGoneError
+from mdms_host.can_link.link import DeviceGoneError, LinkCounts
 from mdms_host.cli import main
 from mdms_host.cli.array import run
 from mdms_host.cli.exits import Exit

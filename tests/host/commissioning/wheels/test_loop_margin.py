@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from mdms_array.checks import motor_of
 from mdms_cell.drive import speed_loop, tuning
-from mdms_host.commissioning.wheels import loop_margin
-from mdms_host.commissioning.wheels.loop_margin import (
+from mdms_model import loop_margin
+from mdms_model.loop_margin import (
     DEFAULT,
     NEW_TICKS,
     SHARES,

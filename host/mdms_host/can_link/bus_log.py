@@ -1,4 +1,4 @@
-"""The bus log of a run: written, read again, by sender, sent once more, in other tools' forms."""
+"""The bus log of a run: written, read again, by sender, sent once more, in forms of other tools."""
 
 from collections.abc import Iterable, Iterator
 from math import inf
@@ -7,7 +7,7 @@ from typing import TextIO
 
 import can
 
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_model.errors import InputError
 from mdms_model.run.folder import START_S, interface_of
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
@@ -18,22 +18,21 @@ _TO_NODES = (*cob.RPDO_BASES, cob.SDO_REQUEST_BASE)
 
 
 def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
-    """Times since the run's start [s] and frames of its log. Raises `CommandError` (bad input).
+    """Times since the run's start [s] and frames of its log. Raises `InputError`.
 
     A log of several buses is refused, for its frames go back to one.
     """
     if not path.is_file():
-        raise CommandError(f"{path}: no such bus log; runs of the firmware have one", Exit.USAGE)
+        raise InputError(f"{path}: no such bus log; runs of the firmware have one")
     try:
         with can.CanutilsLogReader(path) as reader:
             only = None
             for message in reader:
                 only = only or message.channel
                 if message.channel != only:
-                    raise CommandError(
+                    raise InputError(
                         f"{path}: a log of several buses ({only}, {message.channel}), which cannot "
-                        "be replayed to one",
-                        Exit.USAGE,
+                        "be replayed to one"
                     )
                 if not (message.is_extended_id or message.is_remote_frame):
                     time_s = message.timestamp
@@ -41,7 +40,7 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
                     time_s -= START_S if time_s >= START_S else 0
                     yield time_s, Frame(message.arbitration_id, bytes(message.data))
     except (ValueError, IndexError) as error:
-        raise CommandError(f"{path}: not a candump log: {error}", Exit.USAGE) from None
+        raise InputError(f"{path}: not a candump log: {error}") from None
 
 
 class LogWriter:

@@ -1,14 +1,18 @@
-"""Frequent troubles of users of other boards and buses, and our behaviour: one table.
+"""Known issues of users of other boards and buses, and `docs/troubleshooting.md` made of them.
 
-`docs/troubleshooting.md` is made of it too. Each row names the tests that show how this project
-behaves; `tests` are paths from the project's folder, with the function behind `::`.
+Each row names the tests that show how this project behaves; `tests` are paths from the project's
+folder, with the function behind `::`. The page also has the table of findings.
 """
 
 from dataclasses import dataclass
+from textwrap import TextWrapper
+
+from mdms_host.commissioning.doctor.findings import KINDS
+from mdms_protocol.emergencies import CODES
 
 
 @dataclass(frozen=True, slots=True)
-class Pain:
+class KnownIssue:
     """One trouble: where it was reported, its symptom, cause and cure, and our tests."""
 
     reported: tuple[str, ...]
@@ -24,7 +28,7 @@ _BRING_UP = "tests/host/coordination/test_bring_up.py::"
 _COORDINATOR = "tests/host/coordination/test_coordinator.py::"
 
 PAINS = (
-    Pain(
+    KnownIssue(
         ("micropython/micropython#15946",),
         "Several boards are connected, and nobody can say which is which.",
         "Serial ports are numbered as boards are found, anew each time.",
@@ -35,7 +39,7 @@ PAINS = (
             "tests/host/cli/commission/test_places.py::test_each_cell_blinks_and_a_key_says_where_it_is",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("Klipper3d/klipper#3902",),
         "Two nodes have one id, and a command goes to the wrong one.",
         "Ids were given by hand, or a board came from another table.",
@@ -48,7 +52,7 @@ PAINS = (
             f"{_COMMISSION}test_two_cells_that_answer_under_one_node_id_both_get_their_own",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("mjbots/moteus#13",),
         "Settings are gone after an update.",
         "The tool restores them but does not store them, or the new firmware has another layout.",
@@ -63,7 +67,7 @@ PAINS = (
             "test_array_is_backed_up_and_restored_by_serial_number",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("odriverobotics/ODrive#575",),
         "An update reports success, the version stays as it was, and settings are not restored.",
         "The flashed firmware was built with the old version. The tool took the transfer for "
@@ -76,7 +80,7 @@ PAINS = (
             f"{_FLASH}test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("Factor-Robotics/odrive_ros2_control#2",),
         "After an update of one side nothing works, or wrongly.",
         "Host and firmware speak different versions of a protocol that changes with each.",
@@ -87,7 +91,7 @@ PAINS = (
             f"{_BRING_UP}test_a_later_revision_of_the_same_protocol_is_taken",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("vedderb/bldc#836", "Arksine/katapult#111"),
         "An update over the bus 'succeeds', and after the restart the old firmware runs.",
         "All blocks were sent and answered, but another firmware starts. The new one was never "
@@ -105,7 +109,7 @@ PAINS = (
             "test_bundle_that_is_not_for_this_cell_is_refused_with_the_reason",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("Klipper3d/klipper#214",),
         "Everything stops with an error that names no cause.",
         "Only the last link of the chain is reported.",
@@ -119,7 +123,7 @@ PAINS = (
             "test_fault_of_the_loop_is_reported_from_its_axis_until_it_is_reset",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("Klipper3d/klipper#2900",),
         "'Lost communication', for no apparent reason, hours into a job.",
         "A supply that dips, or a computer that is held up. The bus only shows it.",
@@ -133,7 +137,7 @@ PAINS = (
             "tests/system/commissioning/test_doctor.py::test_each_fault_is_found_at_its_cell_and_nothing_else",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("hardbyte/python-can#2004",),
         "'No buffer space available', at once, though a time-out was given.",
         "The transmit queue of SocketCAN has room for ten frames, and a socket before it is always "
@@ -148,7 +152,7 @@ PAINS = (
             "test_a_queue_that_stays_full_is_shown_and_is_no_dead_device",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("canopen-python/canopen#623",),
         "A transfer is aborted (0x05040000) though the node has answered in time.",
         "The answer came right behind a SYNC, and the reader lost it.",
@@ -158,7 +162,7 @@ PAINS = (
             "test_answers_right_behind_a_sync_are_all_received",
         ),
     ),
-    Pain(
+    KnownIssue(
         ("CANopenNode/CanOpenSTM32#128",),
         "A node that was bus off stays silent until it is switched off and on.",
         "Controllers of the FDCAN kind do not leave bus-off by themselves: the program must "
@@ -173,3 +177,64 @@ PAINS = (
         ),
     ),
 )
+
+
+_HEAD = """\
+# Troubleshooting
+
+By symptom, in the order in which it pays to look. `mdms doctor` checks all of this and names the
+nodes. Its exit code is 5 if it finds anything serious.
+
+| option | checks |
+| --- | --- |
+| `--turn` | wheels: it turns each by some centimetres |
+| `--empty` | sensors, on an empty table |
+| `--array FILE` | missing cells, and settings |
+| `--stop` | the emergency stop: it asks you to press and to release it; exit code 1 if it fails |
+
+`make generate` makes this page from the same tables.
+"""
+_LINES = TextWrapper(100, subsequent_indent="  ", break_on_hyphens=False, break_long_words=False)
+_PAINS = """\
+## What others ran into
+
+Reports of users of other boards, buses and libraries, and the behaviour of this project. The tests
+show it. Those of `on_board_bus` run on MicroPython for each board, by `test_boards`.
+"""
+
+
+def troubleshooting_text() -> str:
+    """The page."""
+    parts = [_HEAD]
+    for name, kind in KINDS.items():
+        weight = "serious" if kind.serious else "a warning"
+        parts.append(
+            f"## {kind.symptom.rstrip('.')}\n`{name}`, {weight}.\n\n"
+            f"{_item('Cause', kind.cause)}{_item('Cure', kind.cure)}"
+        )
+    parts += [_PAINS, *map(_pain, PAINS)]
+    parts.append("## Error codes of cells\n" + _codes())
+    return "\n".join(parts)
+
+
+def _pain(pain: KnownIssue) -> str:
+    tests = ", ".join(f"`{test}`" for test in pain.tests)
+    return (
+        f"### {pain.symptom.rstrip('.')}\n{', '.join(map(_reference, pain.reported))}\n\n"
+        f"{_item('Cause', pain.cause)}{_item('Cure', pain.cure)}{_item('Tests', f'{tests}.')}"
+    )
+
+
+def _item(name: str, text: str) -> str:
+    """One item of a list, in lines that a terminal shows whole."""
+    return _LINES.fill(f"- **{name}.** {text}") + "\n"
+
+
+def _reference(issue: str) -> str:
+    repository, _, number = issue.partition("#")
+    return f"[{issue}](https://github.com/{repository}/issues/{number})"
+
+
+def _codes() -> str:
+    rows = [f"| 0x{code:04X} | {text} |" for code, text in CODES.items()]
+    return "\n".join(["| code | meaning |", "|---|---|", *rows]) + "\n"

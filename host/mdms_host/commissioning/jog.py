@@ -1,20 +1,20 @@
 """One wheel of one cell turned slowly, for the first sign of life: a participant on the bus.
 
 The wheel turns while setpoints come. Should the host end in the middle, the cell misses them and
-brakes by itself within its setpoint timeout (0x3000, 50 ms). A stop by another host, a fault and
-a restart of the cell end a jog for good: it starts the node once, and resets no fault on the way.
+brakes by itself within its setpoint timeout (0x3000, 50 ms). A stop by another host, a fault and a
+restart of the cell end a jog for good: it starts the node once, and resets no fault on the way.
 """
 
 from collections.abc import Iterator
 from enum import Enum
 
-from mdms_host.can_link.emergencies import error_text
-from mdms_host.can_link.foreign_stops import ForeignStops
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import SdoClient, Setting
+from mdms_host.commissioning.network import ForeignStops
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.emergencies import error_text
 from mdms_protocol.entry import MICROMETRES_PER_SECOND, steps_per_unit
 
 #: A wheel that is to be looked at turns no faster.
@@ -35,7 +35,7 @@ _NMT_NAMES: dict[int | None, str] = {
 }
 
 
-class Phase(Enum):
+class JogPhase(Enum):
     """What a jog is about."""
 
     ENABLING = "enabling"
@@ -68,7 +68,7 @@ class Jog:
         limit_mv: int | None = None,
     ) -> None:
         self.cell = RemoteCell(node_id, node_id)
-        self.phase = Phase.ENABLING
+        self.phase = JogPhase.ENABLING
         self.failure: str | None = None
         self.stopped = False
         self.resets = False
@@ -87,7 +87,7 @@ class Jog:
     @property
     def over(self) -> bool:
         """Whether the wheel has been switched off again."""
-        return self.phase is Phase.OVER
+        return self.phase is JogPhase.OVER
 
     @property
     def distance_m(self) -> float:
@@ -107,8 +107,8 @@ class Jog:
 
     def end(self) -> None:
         """Switch the wheel off now."""
-        if self.phase in (Phase.ENABLING, Phase.TURNING):
-            self._enter(Phase.STOPPING)
+        if self.phase in (JogPhase.ENABLING, JogPhase.TURNING):
+            self._enter(JogPhase.STOPPING)
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """Take in a frame of the cell, or a command of another host."""
@@ -126,23 +126,23 @@ class Jog:
         if self._since_s is None:
             self._since_s = now_s
         elapsed_s = now_s - self._since_s
-        if self.phase in (Phase.ENABLING, Phase.TURNING):
+        if self.phase in (JogPhase.ENABLING, JogPhase.TURNING):
             self._look_for_stops()
         match self.phase:
-            case Phase.ENABLING:
+            case JogPhase.ENABLING:
                 yield from self._enable(elapsed_s, now_s)
-            case Phase.TURNING:
+            case JogPhase.TURNING:
                 yield from self._turn(elapsed_s)
-            case Phase.STOPPING:
+            case JogPhase.STOPPING:
                 yield from self._stop()
-        self.wake_s = now_s + (_COMMAND_S if self.phase is Phase.ENABLING else _SETPOINT_S)
+        self.wake_s = now_s + (_COMMAND_S if self.phase is JogPhase.ENABLING else _SETPOINT_S)
 
-    def _enter(self, phase: Phase) -> None:
+    def _enter(self, phase: JogPhase) -> None:
         self.phase, self._since_s = phase, None
 
     def _fail(self, reason: str) -> None:
         self.failure = self.failure or reason
-        self._enter(Phase.STOPPING)
+        self._enter(JogPhase.STOPPING)
 
     def _look_for_stops(self) -> None:
         """End at another host's command, and at a cell that has been operational and is not now."""
@@ -158,7 +158,7 @@ class Jog:
     def _enable(self, elapsed_s: float, now_s: float) -> Iterator[Frame]:
         state = self._state
         if state == cia402.OPERATION_ENABLED and self._limiting.done:
-            self._enter(Phase.TURNING)
+            self._enter(JogPhase.TURNING)
         elif state == cia402.OPERATION_ENABLED:
             self._fail("another host has enabled the drive")
         elif elapsed_s > _ENABLE_S:
@@ -197,7 +197,7 @@ class Jog:
         if self._state != cia402.OPERATION_ENABLED:
             self._fail(f"the drive went off: {self.cell.drive_text}{self._errors}")
         elif elapsed_s >= self._seconds:
-            self._enter(Phase.STOPPING)
+            self._enter(JogPhase.STOPPING)
         else:
             yield from self._setpoint(self._speed_um_s)
 
@@ -208,7 +208,7 @@ class Jog:
         """
         yield self._control(cia402.DISABLE_VOLTAGE)
         yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.cell.node_id)
-        self.phase = Phase.OVER
+        self.phase = JogPhase.OVER
 
     def _setpoint(self, speed_um_s: int) -> Iterator[Frame]:
         targets = tuple(speed_um_s if axis == self._axis else 0 for axis in range(1, _AXES + 1))

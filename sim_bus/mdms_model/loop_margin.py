@@ -1,10 +1,10 @@
 """How large a cell's gain may be: the phase margin of its sampled speed loop.
 
-The loop is worked out exactly at its sampling instants: the wheel under a held voltage (paper,
-eq 8), the position read once a tick, the firmware's observer, an alpha-beta filter that takes
-new voltage in, and the time from reading the encoder to setting the voltage. Within half a count
-the observer takes only a share of an innovation; the margin is the smaller one of the loop with all
-of it and with that.
+The loop is worked out exactly at its sampling instants: the wheel under a held voltage (paper, eq
+8), the position read once a tick, the firmware's observer, an alpha-beta filter that takes new
+voltage in, and the time from reading the encoder to setting the voltage. Within half a count the
+observer takes only a share of an innovation; the margin is the smaller one of the loop with all of
+it and with that.
 """
 
 import math
