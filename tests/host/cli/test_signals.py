@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from mdms_host.cli.signals import Interrupted, Terminated, ended_by_signals
+from mdms_host.cli.exits import Interrupted, Terminated, ended_by_signals
 from mdms_model.compiled import compiled
 
 PATIENCE_S = 5.0

@@ -14,7 +14,7 @@ from tests.host.page.bench import OpenPage, Recorder
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from mdms_host.cli.paging import opened_page
+from mdms_host.cli.live_page import opened_page
 from mdms_host.clock import MonotonicClock
 from mdms_host.page import commands
 from mdms_host.page.hub import MOST_CLIENTS

@@ -7,7 +7,7 @@ import pytest
 from tests.host.page.bench import unpacked
 
 from mdms_array.simulation import run_scenario
-from mdms_host.cli.records.player import table_of
+from mdms_host.cli.live_page import table_of
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError

@@ -6,7 +6,7 @@ import zipfile
 
 import pytest
 
-from mdms_host.cli.topics import TOPICS
+from mdms_host.cli.about import TOPICS
 from mdms_protocol.generators.files import data_sheet
 
 NAMES = ("mdms-cell.dbc", "mdms-cell.eds")

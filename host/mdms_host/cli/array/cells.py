@@ -10,9 +10,9 @@ from rich.live import Live
 from mdms_array.checks import warn_of_load, wire_of
 from mdms_array.connection import open_link
 from mdms_host.can_link.link import Link, drive, open_bus
-from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.status import StatusModel, scan_bus, scan_table, status_table

@@ -31,7 +31,7 @@ def run(arguments: Namespace) -> Exit:
         )
     require(SIMULATION, "mdms replay --nodes")
     # A log is sent to a bus without the simulator.
-    from mdms_host.cli.simulation.replay_nodes import run_cells  # noqa: PLC0415
+    from mdms_host.cli.simulation.simulate import run_cells  # noqa: PLC0415
 
     return run_cells(arguments)
 
@@ -45,9 +45,9 @@ def _show(arguments: Namespace) -> Exit:
         )
     require(PAGE, "mdms replay --page")
     # A log is sent to a bus without what a page needs.
-    from mdms_host.cli.records.player import show  # noqa: PLC0415
+    from mdms_host.cli.live_page import show_recorded  # noqa: PLC0415
 
-    return show(arguments)
+    return show_recorded(arguments)
 
 
 def _send(arguments: Namespace) -> Exit:

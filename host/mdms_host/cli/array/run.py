@@ -17,9 +17,8 @@ from mdms_array.run import Run
 from mdms_array.source import open_program
 from mdms_host.can_link.bus_log import LogWriter
 from mdms_host.can_link.link import DeviceGoneError
-from mdms_host.cli.exits import CommandError, Exit, exit_of
+from mdms_host.cli.exits import CommandError, Exit, exit_of, interrupted
 from mdms_host.cli.files import writing
-from mdms_host.cli.signals import interrupted
 from mdms_host.cli.streams import say
 from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
@@ -56,9 +55,9 @@ def run(arguments: Namespace) -> int:
     _check(belief, arguments)
     if arguments.page is not None:
         # The page is an extra.
-        from mdms_host.cli.array.live import show  # noqa: PLC0415
+        from mdms_host.cli.live_page import show_array  # noqa: PLC0415
 
-        return show(belief, arguments, main)
+        return show_array(belief, arguments, main)
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     if arguments.out is None:

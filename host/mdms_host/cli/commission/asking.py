@@ -1,14 +1,19 @@
-"""What a person is asked: where a cell is that blinks, how a wheel has turned, and single keys."""
+"""The questions to a person: where a cell is that blinks, how a wheel has turned; single keys.
+
+`mdms identify` has cells blink, so that a person sees which they are.
+"""
 
 import os
 import re
 import select
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from mdms_host.cli.commission.identify import blink
+from mdms_host.cli.cell_options import nodes_of
+from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
@@ -17,6 +22,25 @@ from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import Spot
 from mdms_host.commissioning.wheel_turn import REVERSED
+from mdms_protocol import indices
+
+_MS_PER_S = 1000
+
+
+def identify(arguments: Namespace) -> Exit:
+    """Have the cells blink; they end it by themselves."""
+    with open_commissioning(arguments) as commissioning:
+        node_ids = present_nodes(commissioning, nodes_of(arguments.nodes))
+        for node_id in node_ids:
+            blink(commissioning, node_id, arguments.seconds)
+    print(f"node {ranges(node_ids)}: both LEDs blink together for {arguments.seconds:g} s")
+    return Exit.OK
+
+
+def blink(commissioning: Commissioning, node_id: int, seconds: float) -> None:
+    """Have a cell blink for so long, 0 to end it. Raises SilentError, RefusedError."""
+    commissioning.write(node_id, indices.IDENTIFY, 0, round(seconds * _MS_PER_S))
+
 
 #: Longer than a person looks for a light; the answer ends it.
 _BLINK_S = 60.0

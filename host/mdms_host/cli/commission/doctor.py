@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from mdms_array.checks import motor_of
+from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
 from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
-from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say

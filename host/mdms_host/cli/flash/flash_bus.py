@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdms_host.cli.configure.options import add_nodes, nodes_of
+from mdms_host.cli.cell_options import add_nodes, nodes_of
 from mdms_host.cli.console import bars, progress, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
@@ -25,7 +25,7 @@ KEY = Path("array.key")
 def add_options(parser: ArgumentParser) -> None:
     """Those that `--bus` brings with it."""
     # python-can is costly to import.
-    from mdms_host.cli.array.bus import add_bus
+    from mdms_host.cli.options import add_bus
 
     bus = parser.add_argument_group("with --bus")
     bus.add_argument("--array", metavar="FILE", type=Path, help="its key lies beside it (FILE.key)")

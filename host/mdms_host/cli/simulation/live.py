@@ -12,9 +12,8 @@ from mdms_array.host import (
     parcels_of,
 )
 from mdms_array.simulation import host_report_of
-from mdms_host.cli.exits import Exit
-from mdms_host.cli.paging import opened_page
-from mdms_host.cli.signals import interrupted
+from mdms_host.cli.exits import Exit, interrupted
+from mdms_host.cli.live_page import opened_page
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable

@@ -11,9 +11,8 @@ from mdms_array.figures import simulated_run
 from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ENDS, Exit, interrupted
 from mdms_host.cli.files import writing
-from mdms_host.cli.signals import ENDS, interrupted
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main

@@ -5,10 +5,10 @@ import re
 import pytest
 
 import mdms_array as mdms
-from mdms_host.cli.reference import api_page, pages
-from mdms_host.cli.reference.api_page import PACKAGE, SECTIONS, held
+from mdms_host.cli.reference import pages
+from mdms_host.cli.reference.keys import unit_of
 from mdms_host.cli.reference.names import names_of
-from mdms_host.cli.reference.units import unit_of
+from mdms_host.cli.reference.pages import PACKAGE, SECTIONS, held
 from mdms_protocol.generators.writing import write_or_check
 
 #: Numbers of no unit by their nature, and `seconds`, which is one.
@@ -40,7 +40,7 @@ def test_every_public_name_is_there_with_meaning_types_and_units(name):
 
 
 def test_functions_are_shown_with_the_types_that_a_caller_gives():
-    shown = api_page.text()
+    shown = pages.api_text()
     assert "with `connect(array_file: str or Path or None=None, interface:" in shown
     assert "**bus_options: Any) -> BlockingTable`" in shown
     assert "program: Callable[[Table], Coroutine[Any, Any, None]] or None=None" in shown

@@ -69,7 +69,7 @@ def test_box_that_does_not_arrive_in_time_is_told(monkeypatch, tmp_path, capsys)
     from mdms_model.scenario.file import load_scenario
 
     short = load_scenario("array18", ["run.duration_s=1"])
-    monkeypatch.setattr("mdms_host.cli.simulation.demo.open_program", lambda *_: (short, None))
+    monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
     assert main(["demo", "--out", str(tmp_path / "run")]) == Exit.TIME_LIMIT
     assert "goal not reached: box is " in capsys.readouterr().err
 
@@ -78,6 +78,6 @@ def test_demo_has_its_figures_as_json(monkeypatch, tmp_path, capsys):
     from mdms_model.scenario.file import load_scenario
 
     short = load_scenario("array18", ["run.duration_s=1"])
-    monkeypatch.setattr("mdms_host.cli.simulation.demo.open_program", lambda *_: (short, None))
+    monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
     assert main(["demo", "--json", "--out", str(tmp_path / "run")]) == Exit.TIME_LIMIT
     assert json.loads(capsys.readouterr().out)["goals"][0]["reached"] is False

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.simulation.replay_nodes import ready_s
+from mdms_host.cli.simulation.simulate import ready_s
 from mdms_protocol.codecs.frame import Frame
 
 

@@ -1,15 +1,77 @@
-"""`mdms help TOPIC`: the documents, without a network."""
+"""The verbs `help` and `completion`, and the version: the command on itself."""
 
+import subprocess
 import sys
-from argparse import Namespace
+from argparse import Action, Namespace, _SubParsersAction
+from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
+import shtab
 from rich.console import Console
 from rich.markdown import Markdown
 from rich.table import Table
 
 from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.parser import Parser
+from mdms_protocol.dictionary import REVISION
+
+_PACKAGE = Path(__file__).parents[1]
+_GIT_S = 5.0
+
+
+def version_text() -> str:
+    """One line, as in 'mdms 0.1.0 (git 1a2b3c4, protocol 1.0)'."""
+    protocol = f"protocol {REVISION >> 16}.{REVISION & 0xFFFF}"
+    revision = git_revision()
+    details = f"git {revision}, {protocol}" if revision else protocol
+    return f"mdms {version('mdms-array')} ({details})"
+
+
+def git_revision() -> str | None:
+    """The revision that a wheel was built from, or that is checked out; None without git."""
+    built = _PACKAGE / "revision.txt"
+    if built.is_file():
+        return built.read_text(encoding="ascii").strip()
+    root = _PACKAGE.parents[1]
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--match", ""]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=_GIT_S)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+def complete(arguments: Namespace) -> Exit:
+    """Print the script; nothing is installed."""
+    from mdms_host.cli.verbs import build_parser  # noqa: PLC0415 - the table names this module
+
+    parser = build_parser()
+    for each in _parsers(parser):
+        each.add_late_options()
+        for action in each._actions:
+            _complete_files(action)
+    print(shtab.complete(parser, shell=arguments.shell), end="")
+    return Exit.OK
+
+
+def _parsers(parser: Parser) -> Iterator[Parser]:
+    """A parser and those of all its verbs."""
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, _SubParsersAction):
+            for own in action.choices.values():
+                yield from _parsers(own)
+
+
+def _complete_files(action: Action) -> None:
+    """Where a path is wanted files are completed; scenarios may be files."""
+    if action.type is Path or action.metavar == "SCENARIO":
+        action.complete = shtab.FILE  # type: ignore[attr-defined]
+
 
 #: Documents by topic: where they are in the project, and what they are about.
 TOPICS = {
@@ -46,10 +108,9 @@ TOPICS = {
     "design": ("DESIGN.md", "why it is as it is"),
     "changes": ("CHANGELOG.md", "changes since the last version"),
 }
-_PACKAGE = Path(__file__).parents[1]
 
 
-def run(arguments: Namespace) -> Exit:
+def help_on(arguments: Namespace) -> Exit:
     """Print a document, or the list of all; a terminal gets a pager."""
     if arguments.topic is None:
         table = Table("topic", "about")

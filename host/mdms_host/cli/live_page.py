@@ -1,34 +1,58 @@
-"""`mdms run --page`: the coordinator on a real or served array, with its page."""
+"""Verbs with a page: it is opened, shows a real array with its coordinator, or plays a run folder.
 
+`mdms run --page` drives the coordinator on a real or served array. `mdms replay --page` plays a run
+folder at any speed and from any time.
+"""
+
+import webbrowser
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 
 from mdms_array.array import Belief
 from mdms_array.checks import timing_of
 from mdms_array.connection import open_links
-from mdms_array.host import (
-    coordinator_of,
-    layout_of,
-    parcels_of,
-)
+from mdms_array.host import coordinator_of, layout_of, parcels_of
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
-from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.paging import opened_page
-from mdms_host.cli.signals import interrupted
+from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.streams import say
-from mdms_host.clock import Clock
+from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.page.bus_watch import BusWatch
+from mdms_host.page.commands import ShownTable
+from mdms_host.page.description import things_of
 from mdms_host.page.live import LiveTable
+from mdms_host.page.page import Page
+from mdms_host.page.recorded import RecordedTable
 from mdms_host.page.run_slot import RunSlot
+from mdms_host.page.server import LOOPBACK
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_model.run.folder import StoredRun, read_run
+from mdms_model.scenario.belief import believed
 from mdms_protocol.codecs import nmt
 
 
-def show(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit:
+@contextmanager
+def opened_page(table: ShownTable, arguments: Namespace) -> Iterator[Page]:
+    """The page of a table as `--page`, `--host` and `--open` have it. Raises `PageError`."""
+    host = arguments.host or LOOPBACK
+    with Page(table, MonotonicClock(), arguments.page, host) as page:
+        if not page.gate.is_loopback:
+            say(
+                f"mdms: the page is open to whoever reaches {host}: all may watch and "
+                "stop, and whoever reads its address moves the table; it is not encrypted"
+            )
+        print(page.address, flush=True)
+        if arguments.open:
+            webbrowser.open(page.address)
+        yield page
+
+
+def show_array(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit:
     """Run the program, and again whenever that is asked for, until Ctrl-C or the time limit.
 
     Raises NoBusError, DeviceGoneError, PageError, OtherHostError, and `CommandError` for a program
@@ -132,3 +156,26 @@ def _stop(slot: RunSlot, link: AnyLink, clock: Clock, ended: Callable[[], bool])
                 raise
     if gone is not None:
         raise gone
+
+
+_WAIT_S = 0.004
+
+
+def show_recorded(arguments: Namespace) -> Exit:
+    """Play a run in its page until Ctrl-C. Raises RunFolderError, PageError."""
+    table, clock = table_of(read_run(arguments.folder)), MonotonicClock()
+    with opened_page(table, arguments) as page, interrupted() as over:
+        while not over():
+            table.advance(clock.now_s())
+            page.attend()
+            clock.sleep(_WAIT_S)
+    return Exit.OK
+
+
+def table_of(run: StoredRun) -> RecordedTable:
+    """The run as a page shows it."""
+    told = believed(run.scenario)
+    layout = layout_of(told)
+    if node_ids := run.figures.get("node_ids"):
+        layout = replace(layout, node_ids=tuple(node_ids))
+    return RecordedTable(run, layout, things_of(parcels_of(told), None))

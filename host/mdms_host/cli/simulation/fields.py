@@ -1,9 +1,10 @@
-"""`mdms plan-squeeze`: a polygon to one angle, from any, by squeeze fields and without sensors."""
+"""`mdms map` and `mdms plan-squeeze`: fields and their effect on a parcel, drawn."""
 
 import json
 from argparse import Namespace
 from dataclasses import replace
 from math import degrees, isfinite, pi
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from mdms_model.outline import area_and_moment, outline_of, own_outline_m
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 from mdms_model.squeeze import SqueezePlan, alike_turns, plan_squeezes, squeeze_function
+from mdms_sim.physics.analysis.field_map import FieldMap, Law, map_field
 from mdms_sim.physics.analysis.squeeze_trials import (
     WITHIN_DEG,
     Ending,
@@ -30,7 +32,65 @@ from mdms_sim.physics.analysis.squeeze_trials import (
     try_squeezes,
 )
 from mdms_sim.plots.canvas import MARK, form_of, save
+from mdms_sim.plots.field_map import draw_field_map
 from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
+
+
+def draw_map(arguments: Namespace) -> Exit:
+    """Draw the map and print its equilibria and the path of the picture."""
+    scenario = load_scenario(arguments.scenario, arguments.overrides)
+    parcel = chosen_parcel(scenario, arguments.parcel)
+    path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
+    form_of(path)
+    reference_m_s = references_m_s(scenario)
+    with compiling_watched():
+        field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])
+    with replacing(path, MARK.encode(), arguments.force) as partial:
+        save(draw_field_map(scenario, parcel, field, reference_m_s), partial)
+    figures = _map_figures(scenario, parcel, field)
+    if arguments.json:
+        print(json.dumps(figures | {"picture": str(path)}))
+    else:
+        print(*_map_report(figures), f"  picture: {path}", sep="\n")
+    return Exit.OK
+
+
+def _map_figures(scenario: Scenario, parcel: Parcel, field: FieldMap) -> dict[str, Any]:
+    return {
+        "title": scenario.title,
+        "field": scenario.motion.field,
+        "law": field.law.name.lower(),
+        "parcel": parcel.name,
+        "places": [
+            {
+                "x_m": rest.x_m,
+                "y_m": rest.y_m,
+                "kind": rest.kind.value,
+                "stiffness_n_per_m": [value.real for value in rest.stiffness_n_per_m],
+                "curl_n_per_m": [value.imag for value in rest.stiffness_n_per_m],
+            }
+            for rest in field.places
+        ],
+        "turns": [{"yaw_rad": rest.yaw_rad, "stable": rest.stable} for rest in field.turns],
+    }
+
+
+def _map_report(figures: dict[str, Any]) -> list[str]:
+    lines = [f"{figures['title']}: {figures['field']} field on {figures['parcel']}"]
+    free = sum(rest["kind"] == "neutral" for rest in figures["places"])
+    if free:
+        lines.append(f"  held along no or one direction at {free} places of the map")
+    for rest in figures["places"]:
+        if rest["kind"] == "neutral":
+            continue
+        stiffness = ", ".join(f"{value:.3g}" for value in rest["stiffness_n_per_m"])
+        place = f"x {rest['x_m']:+.4f} m, y {rest['y_m']:+.4f} m"
+        lines.append(f"  {rest['kind']} at {place}, stiffness {stiffness} N/m")
+    for rest in figures["turns"]:
+        kind = "stable" if rest["stable"] else "unstable"
+        lines.append(f"  {kind} at yaw {rest['yaw_rad']:+.4f} rad")
+    return lines if len(lines) > 1 else [*lines, "  holds the parcel nowhere"]
+
 
 #: Of the simulation; with steps of 1 ms one trial in sixty ended otherwise, and no share of angles.
 STEP_S = 0.004
@@ -43,7 +103,7 @@ ALONE = (
 HALF_TURN_DEG = 179.9
 
 
-def run(arguments: Namespace) -> Exit:
+def plan_squeeze(arguments: Namespace) -> Exit:
     """Plan, try the plan on the array, and print and draw what came of it."""
     scenario = load_scenario(arguments.scenario, [*arguments.overrides, *ALONE])
     if arguments.out is not None:
@@ -117,8 +177,8 @@ def _try(scenario: Scenario, parcel: Parcel, plan: SqueezePlan, arguments: Names
             "plan alone with --poses 0",
             Exit.USAGE,
         )
-    run = replace(scenario.run, step_s=STEP_S)
-    alone = replace(scenario, parcel=(parcel,), run=run)
+    plan_squeeze = replace(scenario.run, step_s=STEP_S)
+    alone = replace(scenario, parcel=(parcel,), run=plan_squeeze)
     fields = [_field_m_s(alone, step.heading_rad) for step in plan.steps]
     with compiling_watched(), progress("squeezes") as advance:
         return try_squeezes(alone, parcel, fields, poses, arguments.time, progress=advance)
