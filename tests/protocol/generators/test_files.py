@@ -7,7 +7,7 @@ import zipfile
 import pytest
 
 from mdms_host.cli.about import TOPICS
-from mdms_protocol.generators.files import data_sheet
+from mdms_protocol.generators.generate import data_sheet
 
 NAMES = ("mdms-cell.dbc", "mdms-cell.eds")
 
@@ -29,7 +29,7 @@ def test_wheel_has_them_and_the_documents_and_its_revision(pytestconfig, tmp_pat
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "site")
     script = (
-        "from mdms_protocol.generators.files import data_sheet; "
+        "from mdms_protocol.generators.generate import data_sheet; "
         f"print(*(data_sheet(name) for name in {NAMES}))"
     )
     done = subprocess.run(

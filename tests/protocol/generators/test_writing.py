@@ -1,6 +1,6 @@
 """What is generated is written where it is stale, and checked without being written."""
 
-from mdms_protocol.generators.writing import write_or_check
+from mdms_protocol.generators.generate import write_or_check
 
 
 def test_stale_file_is_named_and_written_anew(tmp_path, capsys):

@@ -33,7 +33,7 @@ from mdms_model.scenario.scenario import (
     Wheel,
     Wire,
 )
-from mdms_protocol.generators.writing import write_or_check
+from mdms_protocol.generators.generate import write_or_check
 
 #: The package that users import.
 PACKAGE = "mdms_array"

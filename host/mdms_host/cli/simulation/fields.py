@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from mdms_array.checks import chosen_parcel
-from mdms_array.compiling import compiling_watched
 from mdms_array.host import references_m_s
+from mdms_array.simulation import compiling_watched
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing

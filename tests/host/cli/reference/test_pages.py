@@ -9,7 +9,7 @@ from mdms_host.cli.reference import pages
 from mdms_host.cli.reference.keys import unit_of
 from mdms_host.cli.reference.names import names_of
 from mdms_host.cli.reference.pages import PACKAGE, SECTIONS, held
-from mdms_protocol.generators.writing import write_or_check
+from mdms_protocol.generators.generate import write_or_check
 
 #: Numbers of no unit by their nature, and `seconds`, which is one.
 BARE = {
