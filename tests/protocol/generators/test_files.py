@@ -53,6 +53,5 @@ def test_wheel_has_them_and_the_documents_and_its_revision(pytestconfig, tmp_pat
         "commission",
         "configure",
         "flash",
-        "records",
         "simulation",
     } <= packages

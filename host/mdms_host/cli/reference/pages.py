@@ -12,7 +12,7 @@ from pathlib import Path
 
 from mdms_host.cli.reference.keys import list_in, table_of
 from mdms_host.cli.reference.names import Name, names_of
-from mdms_host.commissioning.doctor.known_issues import troubleshooting_text
+from mdms_host.commissioning.doctor.findings import troubleshooting_text
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import builtin_names, load_scenario
 from mdms_model.scenario.motion import Motion, Part, Region
