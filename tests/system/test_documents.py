@@ -69,8 +69,8 @@ class Reader:
         monkeypatch.setattr("mdms_sim.plots.animation.MOST_FRAMES", 5)
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
-        monkeypatch.setattr("mdms_host.cli.array.run.open_links", simulated_table)
-        monkeypatch.setattr("mdms_host.cli.array.run.ThreadDesk", VirtualDesk)
+        monkeypatch.setattr("mdms_array.operation.open_links", simulated_table)
+        monkeypatch.setattr("mdms_array.operation.ThreadDesk", VirtualDesk)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_link", self._open_link)
 
