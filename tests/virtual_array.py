@@ -118,6 +118,8 @@ class VirtualTime:
     while `mute`, none leaves: the host is dead, whatever its program still does.
     """
 
+    is_real = False
+
     def __init__(self, array: SimulatedArray | StandingArray) -> None:
         self.array = array
         self.before_send: Callable[[Frame], object] = lambda _frame: None

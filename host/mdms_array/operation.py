@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from mdms_array.array import Belief
+from mdms_array.array import BelievedArray
 from mdms_array.checks import check_load, refuse_tipping
 from mdms_array.connection import open_links
 from mdms_array.figures import believed_run
@@ -33,7 +33,7 @@ class BrokenOffError(Error):
     """A defect broke the run off; the array is off."""
 
 
-def check_array(belief: Belief, options: Namespace, array_file: Path | None) -> None:
+def check_array(belief: BelievedArray, options: Namespace, array_file: Path | None) -> None:
     """Raise `InputError` for a scenario that the array does not bear."""
     if array_file is not None:
         _refuse_tipping_on(belief, array_file)
@@ -41,7 +41,7 @@ def check_array(belief: Belief, options: Namespace, array_file: Path | None) -> 
     refuse_unstoppable(belief.scenario)
 
 
-def _refuse_tipping_on(belief: Belief, array_file: Path) -> None:
+def _refuse_tipping_on(belief: BelievedArray, array_file: Path) -> None:
     """Raise `InputError` for a parcel that fits the scenario's table, but not the file's."""
     try:
         refuse_tipping(belief.scenario)
@@ -51,7 +51,7 @@ def _refuse_tipping_on(belief: Belief, array_file: Path) -> None:
 
 
 def operate_array(
-    belief: Belief,
+    belief: BelievedArray,
     options: Namespace,
     limit_s: float,
     main: Main | None = None,
@@ -119,7 +119,7 @@ def _broken_off() -> Iterator[None]:
 
 
 @contextmanager
-def bus_log_in(folder: Path, belief: Belief) -> Iterator[LogFrame]:
+def bus_log_in(folder: Path, belief: BelievedArray) -> Iterator[LogFrame]:
     """Yield the function that logs a frame of an array's buses into a run folder."""
     with (folder / BUS_LOG).open("w") as log:
         yield LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame

@@ -25,6 +25,8 @@ class CellsLink(Link):
     Left out: a device that fails.
     """
 
+    is_real = False
+
     def __init__(self, node_ids: tuple[int, ...]) -> None:
         self.states: dict[int, int] = {}
         self.cut: set[int] = set()

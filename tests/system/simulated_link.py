@@ -21,6 +21,8 @@ class SimulatedLink(Link):
     The host thinks in no time at all. Left out: a device that fails, and several buses.
     """
 
+    is_real = False
+
     def __init__(self, scenario):
         self._bank = PythonBank(addresses_of(scenario).node_ids)
         self._join(Simulation(scenario, self._bank, recorded=False))

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from statistics import median
 
-from mdms_host.clock import Clock, MonotonicClock
+from mdms_host.clock import Clock
 
 #: What is older has nothing to do with a fault [s].
 _WINDOW_S = 1.0
@@ -110,10 +110,10 @@ def punctual(clock: Clock) -> Iterator[None]:
     """While it lasts, this thread comes first, turns are short, and garbage is soon found.
 
     It is looked for in what is made meanwhile only: all that the modules of a run have loaded is
-    some 70,000 objects and more, and going through them takes tens of milliseconds. Where the clock
-    is not the machine's, nothing can be late, and all stays as it is.
+    some 70,000 objects and more, and going through them takes tens of milliseconds. Where no
+    real time passes, nothing can be late, and all stays as it is.
     """
-    if not isinstance(clock, MonotonicClock):
+    if not clock.is_real:
         yield
         return
     turn_s = sys.getswitchinterval()

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from mdms_array.array import Belief
+from mdms_array.array import BelievedArray
 from mdms_array.checks import timing_of
 from mdms_array.connection import open_links
 from mdms_array.host import coordinator_of, layout_of, parcels_of
@@ -52,7 +52,7 @@ def opened_page(table: ShownTable, arguments: Namespace) -> Iterator[Page]:
         yield page
 
 
-def show_array(belief: Belief, arguments: Namespace, main: Main | None = None) -> Exit:
+def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = None) -> Exit:
     """Run the program, and again whenever that is asked for, until Ctrl-C or the time limit.
 
     Raises NoBusError, DeviceGoneError, PageError, OtherHostError, and `CommandError` for a program
@@ -84,7 +84,7 @@ def show_array(belief: Belief, arguments: Namespace, main: Main | None = None) -
 
 
 def _slot_and_table(
-    belief: Belief, link: AnyLink, clock: Clock, main: Main | None
+    belief: BelievedArray, link: AnyLink, clock: Clock, main: Main | None
 ) -> tuple[RunSlot, LiveTable]:
     """The host's place, and what a page shows of it."""
 

@@ -89,7 +89,7 @@ _TYPES: dict[str, np.dtype[Any]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Signal:
+class SnapshotSignal:
     """A named array: its type (f8, f4 or u1), its shape, and the SI unit of its numbers.
 
     A number that is not known is NaN, and 0 in an array of bytes.
@@ -101,35 +101,35 @@ class Signal:
     unit: str = ""
 
 
-class Signals:
+class SnapshotSignals:
     """The arrays of a table with so many cells, wheels, parcels and buses."""
 
     def __init__(self, cells: int, wheels: int, parcels: int, buses: int, kinds: int) -> None:
         self._signals = (
-            Signal("time", "f8", (1,), "s"),
-            Signal("speed", "f4", (1,), "1"),
-            Signal("real_time_factor", "f4", (1,), "1"),
-            Signal("jitter", "f4", (1,), "s"),
-            Signal("bus_load", "f4", (buses,), "1"),
-            Signal("bus_frames", "f4", (buses, kinds), "1/s"),
-            Signal("bus_errors", "f4", (buses,)),
-            Signal("bus_error_rate", "f4", (buses,), "1/s"),
-            Signal("bus_counters", "f4", (buses, 2)),
-            Signal("wheel_speed", "f4", (wheels,), "m/s"),
-            Signal("wheel_reference", "f4", (wheels,), "m/s"),
-            Signal("wheel_slip", "f4", (wheels,), "m/s"),
-            Signal("wheel_normal", "f4", (wheels,), "N"),
-            Signal("parcel_believed", "f4", (parcels, 3), "m, m, rad"),
-            Signal("parcel_spread", "f4", (parcels, 4), "m2, m2, m2, rad2"),
-            Signal("parcel_true", "f4", (parcels, 3), "m, m, rad"),
-            Signal("parcel_goal", "f4", (parcels, 3), "m, m, rad"),
-            Signal("cell_state", "u1", (cells,)),
-            Signal("cell_presence", "u1", (cells,)),
-            Signal("cell_promise", "u1", (cells,)),
-            Signal("cell_promise_state", "u1", (cells,)),
-            Signal("parcel_state", "u1", (parcels,)),
-            Signal("phase", "u1", (1,)),
-            Signal("paused", "u1", (1,)),
+            SnapshotSignal("time", "f8", (1,), "s"),
+            SnapshotSignal("speed", "f4", (1,), "1"),
+            SnapshotSignal("real_time_factor", "f4", (1,), "1"),
+            SnapshotSignal("jitter", "f4", (1,), "s"),
+            SnapshotSignal("bus_load", "f4", (buses,), "1"),
+            SnapshotSignal("bus_frames", "f4", (buses, kinds), "1/s"),
+            SnapshotSignal("bus_errors", "f4", (buses,)),
+            SnapshotSignal("bus_error_rate", "f4", (buses,), "1/s"),
+            SnapshotSignal("bus_counters", "f4", (buses, 2)),
+            SnapshotSignal("wheel_speed", "f4", (wheels,), "m/s"),
+            SnapshotSignal("wheel_reference", "f4", (wheels,), "m/s"),
+            SnapshotSignal("wheel_slip", "f4", (wheels,), "m/s"),
+            SnapshotSignal("wheel_normal", "f4", (wheels,), "N"),
+            SnapshotSignal("parcel_believed", "f4", (parcels, 3), "m, m, rad"),
+            SnapshotSignal("parcel_spread", "f4", (parcels, 4), "m2, m2, m2, rad2"),
+            SnapshotSignal("parcel_true", "f4", (parcels, 3), "m, m, rad"),
+            SnapshotSignal("parcel_goal", "f4", (parcels, 3), "m, m, rad"),
+            SnapshotSignal("cell_state", "u1", (cells,)),
+            SnapshotSignal("cell_presence", "u1", (cells,)),
+            SnapshotSignal("cell_promise", "u1", (cells,)),
+            SnapshotSignal("cell_promise_state", "u1", (cells,)),
+            SnapshotSignal("parcel_state", "u1", (parcels,)),
+            SnapshotSignal("phase", "u1", (1,)),
+            SnapshotSignal("paused", "u1", (1,)),
         )
 
     @classmethod
@@ -210,7 +210,7 @@ def describe(
     title: str,
     layout: Layout,
     things: dict[str, Thing],
-    signals: Signals,
+    signals: SnapshotSignals,
     offers: tuple[str, ...],
 ) -> dict[str, Any]:
     """The message `table`; places in the table frame [m], outlines in the parcels' own."""

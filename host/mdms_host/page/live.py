@@ -23,7 +23,7 @@ from mdms_host.page.commands import Command, RefusedError
 from mdms_host.page.description import (
     OTHER_HOST,
     PHASES,
-    Signals,
+    SnapshotSignals,
     believed_signals,
     describe,
     plan_of,
@@ -177,7 +177,7 @@ class LiveTable:
         self._now_s = now_s
         self._report = report
         self._error_frames = error_frames
-        self._signals = Signals.of(layout, len(parcels), len(KINDS))
+        self._signals = SnapshotSignals.of(layout, len(parcels), len(KINDS))
         self._new_messages: list[dict[str, Any]] = []
         self._events = EventList()
         self._stopped_s = -inf
@@ -211,7 +211,7 @@ class LiveTable:
         things = things_of(self._told, self._slot.coordinator)
         if things != self._things:
             self._things = sized(things, self._slot.coordinator)
-            self._signals = Signals.of(self._layout, len(things), len(KINDS))
+            self._signals = SnapshotSignals.of(self._layout, len(things), len(KINDS))
             self.version += 1
 
     def snapshot(self, sequence: int) -> bytes:

@@ -14,7 +14,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from mdms_host.clock import Clock
 from mdms_host.page.commands import Command, RefusedError, ShownTable, StopAll
 from mdms_host.page.hub import GRACE_S, Hub
-from mdms_host.page.server import LOOPBACK, Gate, PageApp
+from mdms_host.page.server import LOOPBACK, AccessGate, PageApp
 
 FRAMES_PER_S = 60.0
 #: Events and the like are passed on this often where nobody looks [s].
@@ -72,7 +72,7 @@ class Page:
         self._version = table.version
         self._due_s = self._news_s = 0.0
         self._socket = _listen(host, port)
-        self.gate = Gate(self._socket.getsockname()[1], host)
+        self.gate = AccessGate(self._socket.getsockname()[1], host)
         self._hub = Hub(self._on_vacant)
         app = PageApp(
             self.gate,

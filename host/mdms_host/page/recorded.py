@@ -12,7 +12,7 @@ from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.description import PHASES, Signals, Thing, describe, planned
+from mdms_host.page.description import PHASES, SnapshotSignals, Thing, describe, planned
 from mdms_host.page.events import events_of
 from mdms_model.arrays import Floats
 from mdms_model.run.derived import goals_at, goals_given, plan_at, slip_m_s
@@ -40,7 +40,7 @@ class RecordedTable:
         self._run = run
         self._layout = layout
         self._things = things
-        self._signals = Signals.of(layout, len(things), len(KINDS))
+        self._signals = SnapshotSignals.of(layout, len(things), len(KINDS))
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
         self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s)

@@ -38,7 +38,7 @@ _HTTP_PORT = 80
 
 
 @dataclass(frozen=True, slots=True)
-class Gate:
+class AccessGate:
     """The port and the address that a page is open at, and the token of whoever may move something.
 
     A browser that a foreign site has send it here names that site as `Origin`, or, where the
@@ -149,7 +149,7 @@ class PageApp:
 
     def __init__(
         self,
-        gate: Gate,
+        gate: AccessGate,
         hub: Hub,
         offers: tuple[str, ...],
         *,
@@ -325,7 +325,7 @@ class _Pace:
 class _Guarded:
     """Lets requests through that name the page's own address, and adds headers to the answers."""
 
-    def __init__(self, app: ASGIApp, gate: Gate) -> None:
+    def __init__(self, app: ASGIApp, gate: AccessGate) -> None:
         self._app = app
         self._gate = gate
 

@@ -41,7 +41,7 @@ STRIPE_IN, LEAST_PANEL_IN = 0.045, 1.25
 LEFT, RIGHT, SCALE_WIDTH = 0.10, 0.88, 0.012
 
 
-class Panel(NamedTuple):
+class WheelPanel(NamedTuple):
     """One quantity of all wheels (T, W), and its colours."""
 
     name: str
@@ -95,7 +95,7 @@ def _by_axis(wheels: Wheels) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
     return order, axis[order]
 
 
-def _panels(scenario: Scenario, record: Record) -> list[Panel]:
+def _panels(scenario: Scenario, record: Record) -> list[WheelPanel]:
     if (record.contact == Contact.UNKNOWN).all():
         return [
             _signed("reference [m/s]", record.reference_m_s),
@@ -104,19 +104,19 @@ def _panels(scenario: Scenario, record: Record) -> list[Panel]:
     kinds = BoundaryNorm(np.arange(len(KNOWN) + 1) - 0.5, len(KNOWN))
     most_n = usual_most(record.normal_n)
     return [
-        Panel(CONTACT, record.contact.astype(float), CONTACT_COLOURS, kinds),
-        Panel("normal [N]", record.normal_n, "YlGnBu", Normalize(0.0, most_n)),
+        WheelPanel(CONTACT, record.contact.astype(float), CONTACT_COLOURS, kinds),
+        WheelPanel("normal [N]", record.normal_n, "YlGnBu", Normalize(0.0, most_n)),
         _signed("friction [N]", record.force_n),
         _signed("slip [m/s]", slip_m_s(scenario, record), LEAST_SLIP_M_S),
     ]
 
 
-def _signed(name: str, values: Floats, least: float = 0.0) -> Panel:
+def _signed(name: str, values: Floats, least: float = 0.0) -> WheelPanel:
     most = usual_most(values, least)
-    return Panel(name, values, "RdBu_r", Normalize(-most, most))
+    return WheelPanel(name, values, "RdBu_r", Normalize(-most, most))
 
 
-def _draw_stripes(axes: Axes, time_s: Floats, panel: Panel, order: NDArray[np.intp]) -> None:
+def _draw_stripes(axes: Axes, time_s: Floats, panel: WheelPanel, order: NDArray[np.intp]) -> None:
     step = -(-len(time_s) // MOST_COLUMNS)
     axes.pcolormesh(
         np.append(time_s[:-1:step], time_s[-1]),

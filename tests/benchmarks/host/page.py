@@ -22,7 +22,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.layout import Layout
 from mdms_host.page.bus_watch import KINDS
 from mdms_host.page.commands import Start
-from mdms_host.page.description import Signals, Thing, describe
+from mdms_host.page.description import SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
@@ -251,7 +251,9 @@ class Dancing:
 
     def __init__(self) -> None:
         self._layout = Layout(30, 6, node_ids=tuple(range(1, 19)) * 10, buses=_ten_buses())
-        self._signals = Signals(cells=180, wheels=360, parcels=20, buses=10, kinds=len(KINDS))
+        self._signals = SnapshotSignals(
+            cells=180, wheels=360, parcels=20, buses=10, kinds=len(KINDS)
+        )
         self._start_s = time.monotonic()
         self._random = np.random.default_rng(1)
 

@@ -24,6 +24,8 @@ FRAME_S = 135e-6
 class SteppedClock:
     """Time passes in `sleep` only."""
 
+    is_real = False
+
     def __init__(self):
         self.time_s = 0.0
 

@@ -222,6 +222,8 @@ def test_a_serial_adapter_that_is_unplugged_is_gone(clock, adapter) -> None:
 class SteppedClock:
     """Time passes as the test sets it."""
 
+    is_real = False
+
     def __init__(self) -> None:
         self.time_s = 0.0
 

@@ -64,7 +64,7 @@ def test_all_is_as_before_when_a_run_is_over_though_it_failed(machine: Machine) 
 
 def test_time_that_is_not_the_machines_needs_nothing(machine: Machine) -> None:
     before = settings()
-    with punctual(SimpleNamespace(now_s=lambda: 0.0, sleep=lambda _seconds: None)):
+    with punctual(SimpleNamespace(is_real=False, now_s=lambda: 0.0, sleep=lambda _seconds: None)):
         assert settings() == before
     assert machine.policies == [machine.SCHED_OTHER]
 

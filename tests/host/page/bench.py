@@ -13,7 +13,7 @@ from mdms_host.estimation.size import Size
 from mdms_host.layout import Layout
 from mdms_host.page.bus_watch import KINDS
 from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
-from mdms_host.page.description import HEAD, Signals, Thing, describe
+from mdms_host.page.description import HEAD, SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
 from mdms_host.programs.program import Main
 from mdms_model.scenario.file import load_scenario
@@ -115,7 +115,7 @@ class Recorder:
         self.done: list[Any] = []
         self.abandoned = 0
         self.stuck = threading.Event()
-        self._signals = Signals(18, 36, 1, 1, 10)
+        self._signals = SnapshotSignals(18, 36, 1, 1, 10)
 
     def description(self) -> dict[str, Any]:
         return {"kind": "table", "version": 1, "signals": self._signals.describe()}
@@ -157,7 +157,7 @@ class StillTable(Recorder):
         cells = range(columns * rows)
         nodes, buses = tuple(k % 18 + 1 for k in cells), tuple(k // 18 for k in cells)
         self._layout = Layout(columns, rows, node_ids=nodes, buses=buses)
-        self._signals = Signals.of(self._layout, 2, len(KINDS))
+        self._signals = SnapshotSignals.of(self._layout, 2, len(KINDS))
 
     def description(self) -> dict[str, Any]:
         described = describe("still", self._layout, self._things, self._signals, self.offers)

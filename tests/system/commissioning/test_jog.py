@@ -88,6 +88,8 @@ def test_a_faster_jog_is_refused():
 class Typed:
     """A clock and keys, set by the test."""
 
+    is_real = False
+
     def __init__(self):
         self.time_s, self.keys = 0.0, ""
 

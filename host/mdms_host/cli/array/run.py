@@ -5,7 +5,7 @@ from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 
-from mdms_array.array import Belief, believe
+from mdms_array.array import BelievedArray, believe
 from mdms_array.extras import PAGE, RECORDING, require
 from mdms_array.operation import bus_log_in, check_array, operate_array
 from mdms_array.recording import keep_run, lasting
@@ -74,7 +74,9 @@ def _verdict(operation: Operation, ended: Run) -> Exit:
     return Exit.OK
 
 
-def _operate(belief: Belief, arguments: Namespace, main: Main | None) -> tuple[Operation, Run]:
+def _operate(
+    belief: BelievedArray, arguments: Namespace, main: Main | None
+) -> tuple[Operation, Run]:
     """Operate the array, and keep the run in a folder if one is wanted, however it ended."""
     operated = partial(
         operate_array,

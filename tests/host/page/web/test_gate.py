@@ -4,9 +4,9 @@ import socket
 
 import pytest
 
-from mdms_host.page.server import Gate
+from mdms_host.page.server import AccessGate
 
-GATE = Gate(8642, token="secret")
+GATE = AccessGate(8642, token="secret")
 
 
 @pytest.mark.parametrize(
@@ -39,13 +39,13 @@ def test_foreign_names_and_foreign_pages_are_not(host, origin):
 
 def test_machine_s_name_is_admitted_without_the_capitals_that_browsers_leave_out(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "Johns-MacBook.local")
-    for gate in (Gate(8642, "0.0.0.0"), Gate(8642, "Johns-MacBook.local")):
+    for gate in (AccessGate(8642, "0.0.0.0"), AccessGate(8642, "Johns-MacBook.local")):
         assert gate.admits("johns-macbook.local:8642", "http://johns-macbook.local:8642")
         assert not gate.admits("johns-macbook.example:8642", None)
 
 
 def test_port_80_is_admitted_without_its_number_as_browsers_name_it():
-    gate = Gate(80, "0.0.0.0")
+    gate = AccessGate(80, "0.0.0.0")
     for host in ("127.0.0.1", "LOCALHOST", "[::1]", "192.168.0.5", "[fe80::1]"):
         assert gate.admits(host, f"http://{host}")
         assert gate.admits(f"{host}:80", f"http://{host}")
@@ -55,7 +55,7 @@ def test_port_80_is_admitted_without_its_number_as_browsers_name_it():
 
 def test_page_that_is_open_to_others_is_asked_for_by_numbers_or_the_machine_s_name(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "table")
-    gate = Gate(80, "0.0.0.0", "secret")
+    gate = AccessGate(80, "0.0.0.0", "secret")
     assert gate.address == "http://table:80/#token=secret"
     assert gate.admits("192.168.0.5:80", "http://192.168.0.5:80")
     assert gate.admits("[fe80::1]:80", None)
@@ -76,7 +76,7 @@ def test_page_that_is_open_to_others_is_asked_for_by_numbers_or_the_machine_s_na
     ],
 )
 def test_address_is_as_browsers_take_it(host, is_loopback, address):
-    gate = Gate(80, host, "secret")
+    gate = AccessGate(80, host, "secret")
     assert gate.address == address
     assert gate.is_loopback == is_loopback
     assert gate.admits(address.split("/")[2], None)
@@ -94,4 +94,4 @@ def test_anything_but_the_token_opens_nothing(token):
 
 
 def test_each_page_has_a_token_of_its_own():
-    assert len({Gate(1).token for _ in range(10)}) == 10
+    assert len({AccessGate(1).token for _ in range(10)}) == 10
