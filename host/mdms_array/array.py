@@ -16,7 +16,7 @@ from mdms_host.commissioning.array_file import (
     read_array,
     without_places,
 )
-from mdms_host.commissioning.cell_settings import WIRING
+from mdms_host.commissioning.parameters import WIRING
 from mdms_model.errors import InputError
 from mdms_model.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_model.scenario.belief import believed

@@ -61,7 +61,7 @@ class ShowVersion(Action):
 
     def __call__(self, parser: ArgumentParser, *_: Any) -> NoReturn:
         """Print it and end."""
-        print(_imported("mdms_host.cli.about:version_text")())
+        print(_imported("mdms_host.cli.version:version_text")())
         parser.exit()
 
 

@@ -9,13 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from mdms_host.commissioning.cell_settings import (
-    BY_NAME,
-    BY_PLACE,
-    CellSettings,
-    Parameter,
-    ParameterError,
-)
+from mdms_host.commissioning.cell_settings import CellSettings
+from mdms_host.commissioning.parameters import BY_NAME, BY_PLACE, Parameter, ParameterError
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.places import Place, is_place, place_values, sensor_values, wheel_values
 from mdms_model.errors import InputError

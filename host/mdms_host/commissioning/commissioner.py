@@ -8,13 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, without_places
-from mdms_host.commissioning.cell_settings import (
-    BY_NAME,
-    PARAMETERS,
-    Parameter,
-    apply_changes,
-    read_settings,
-)
+from mdms_host.commissioning.cell_settings import apply_changes, read_settings
 from mdms_host.commissioning.network import Commissioning, CommissioningError, RefusedError
 from mdms_host.commissioning.node_ids import (
     Assignment,
@@ -23,6 +17,7 @@ from mdms_host.commissioning.node_ids import (
     address,
     address_of,
 )
+from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
 from mdms_host.commissioning.wheel_turn import Direction, nudge
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob

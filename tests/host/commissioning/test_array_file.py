@@ -9,7 +9,8 @@ from mdms_host.commissioning.array_file import (
     filed_cells,
     read_array,
 )
-from mdms_host.commissioning.cell_settings import BY_NAME, PARAMETERS, CellSettings
+from mdms_host.commissioning.cell_settings import CellSettings
+from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS
 from mdms_model.scenario.scenario import Stop
 
 

@@ -5,22 +5,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_host.commissioning.cell_settings import (
-    BY_NAME,
-    PARAMETERS,
-    WIRING,
     CellSettings,
     Change,
     NotTakenError,
-    ParameterError,
     StrangerError,
     apply_changes,
     check_identity,
-    find_parameters,
     identify_cells,
-    parse_assignments,
     read_settings,
 )
 from mdms_host.commissioning.network import Identity, RefusedError
+from mdms_host.commissioning.parameters import (
+    BY_NAME,
+    PARAMETERS,
+    WIRING,
+    ParameterError,
+    find_parameters,
+    parse_assignments,
+)
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, REVISION, VENDOR_ID
 
 

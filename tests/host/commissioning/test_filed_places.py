@@ -1,7 +1,7 @@
 import pytest
 
 from mdms_host.commissioning.array_file import ArrayFileError, placed_cells, read_array
-from mdms_host.commissioning.cell_settings import BY_NAME
+from mdms_host.commissioning.parameters import BY_NAME
 from mdms_host.layout import Layout
 from mdms_host.places import place_values
 from mdms_protocol import indices

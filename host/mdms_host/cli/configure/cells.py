@@ -14,12 +14,12 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.cell_settings import (
     CellSettings,
     Change,
-    Parameter,
     StrangerError,
     apply_changes,
     read_settings,
 )
 from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.parameters import Parameter
 from mdms_host.coordination.care.supervision import OTHER_HOST
 from mdms_host.coordination.other_host import OtherHostError
 

@@ -22,13 +22,9 @@ from mdms_host.cli.files import replacing
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
-from mdms_host.commissioning.cell_settings import (
-    PARAMETERS,
-    CellSettings,
-    identify_cells,
-    read_settings,
-)
+from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
 from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.parameters import PARAMETERS
 
 STDOUT = Path("-")
 

@@ -24,12 +24,11 @@ from mdms_host.cli.configure.cells import (
 from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.cell_settings import (
+from mdms_host.commissioning.cell_settings import CellSettings, Change
+from mdms_host.commissioning.parameters import (
     BY_NAME,
     PARAMETERS,
     WIRING,
-    CellSettings,
-    Change,
     Parameter,
     find_parameters,
     parse_assignments,

@@ -12,9 +12,9 @@ from mdms_host.cli import main
 from mdms_host.cli.configure.cells import ranges
 from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning.cell_settings import PARAMETERS, WIRING
 from mdms_host.commissioning.network import Commissioning, SilentError
 from mdms_host.commissioning.node_ids import address_of
+from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
