@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from mdms_host.flashing.firmware_build import FirmwareError, compile_module
+from mdms_host.flashing.firmware import FirmwareError, compile_module
 from mdms_sim.nodes import MicropythonMissing
 from mdms_sim.nodes.micropython_process import EMITTER_LINE, EMITTERS, find_micropython
 

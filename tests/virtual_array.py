@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mdms_host.can_link.incidents import LinkCounts
+from mdms_host.can_link.link import LinkCounts
 from mdms_host.clock import MonotonicClock
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import nmt
@@ -117,6 +117,8 @@ class VirtualTime:
     `before_send(frame)` is called for each frame that a link of the host sends, and may raise;
     while `mute`, none leaves: the host is dead, whatever its program still does.
     """
+
+    is_real = False
 
     def __init__(self, array: SimulatedArray | StandingArray) -> None:
         self.array = array

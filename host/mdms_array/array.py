@@ -14,19 +14,19 @@ from mdms_host.commissioning.array_file import (
     FiledCell,
     channels_of,
     read_array,
+    without_places,
 )
-from mdms_host.commissioning.filed_places import without_places
 from mdms_host.commissioning.parameters import WIRING
-from mdms_host.commissioning.wheels.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_model.errors import InputError
+from mdms_model.loop_margin import GainError, Observer, check_gain, observer_for
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.rules.every import check_rules
+from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_protocol.codecs import cob
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
+class BelievedArray:
     """A scenario with the array as it is believed to be, its cells, and the channel of each bus.
 
     Without channels the options name the only one.
@@ -37,7 +37,7 @@ class Belief:
     channels: tuple[str, ...] = ()
 
 
-def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
+def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> BelievedArray:
     """The scenario as its `[belief]` has it, on the array of a file, if there is one.
 
     A bit rate of the file, and the channel of its only bus, count where `bus`, python-can's
@@ -50,7 +50,7 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
     channel = getattr(bus, "channel", None)
     if path is None:
         buses = len(scenario.array.buses)
-        return Belief(scenario, Cells(), channels_of(channel, buses) if buses > 1 else ())
+        return BelievedArray(scenario, Cells(), channels_of(channel, buses) if buses > 1 else ())
     file = read_array(path)
     scenario = _on_table(scenario, file)
     if file.table.bitrate is not None:
@@ -64,7 +64,7 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> Belief:
     _check_margins(scenario, file)
     channels = _channels(file, len(scenario.array.buses) or 1, bus)
     serials = {number: cell.serial for number, cell in placed.items()}
-    return Belief(scenario, Cells(node_ids, settings, serials), channels)
+    return BelievedArray(scenario, Cells(node_ids, settings, serials), channels)
 
 
 def _channels(file: ArrayFile, buses: int, options: Namespace) -> tuple[str, ...]:

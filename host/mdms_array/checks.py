@@ -8,7 +8,22 @@ from math import degrees
 
 import numpy as np
 
-from mdms_host.commissioning.wheels.loop_margin import (
+from mdms_host.coordination.schedule import Timing
+from mdms_host.motion.footholds import MARGIN_M
+from mdms_host.motion.footing import Footing, Load, least_footing
+from mdms_host.motion.goal import Goal
+from mdms_model.array import build_wheels
+from mdms_model.buses import (
+    CROWDED,
+    OVERLOADED,
+    SENT_AT_SYNC,
+    BusTraffic,
+    address_cells,
+    foreign_nodes,
+)
+from mdms_model.errors import InputError
+from mdms_model.log import LOG
+from mdms_model.loop_margin import (
     GainError,
     WheelMotor,
     check_gain,
@@ -16,15 +31,6 @@ from mdms_host.commissioning.wheels.loop_margin import (
     observer_for,
     phase_margin,
 )
-from mdms_host.coordination.schedule import Timing
-from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.footing import Footing, Load, least_footing
-from mdms_host.motion.goal import Goal
-from mdms_model.array import build_wheels
-from mdms_model.bus_time import CROWDED, OVERLOADED, SENT_AT_SYNC, BusTraffic
-from mdms_model.buses import address_cells, foreign_nodes
-from mdms_model.errors import InputError
-from mdms_model.log import LOG
 from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mdms_array.array import Belief, believe
+from mdms_array.array import BelievedArray, believe
 from mdms_array.checks import check_load, refuse_tipping
 from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of
@@ -124,7 +124,7 @@ def _scenario_of(path: Path | None, scenario: Source | None) -> Source:
 class ThreadDriver:
     """Drives a table in a thread of its own; see `table.Driver`."""
 
-    def __init__(self, belief: Belief, link: AnyLink, clock: Clock) -> None:
+    def __init__(self, belief: BelievedArray, link: AnyLink, clock: Clock) -> None:
         self._belief = belief
         self._link = link
         self._clock = clock

@@ -19,9 +19,8 @@ from mdms_host.motion.outcome import (
     outcome_of,
 )
 from mdms_model.arrays import Floats
-from mdms_model.run.comings import exit_of, is_wrong
-from mdms_model.run.record import Contact, Record
-from mdms_model.run.slip import slip_m_s
+from mdms_model.run.derived import slip_m_s
+from mdms_model.run.record import Contact, Record, exit_of, is_wrong
 from mdms_model.scenario.scenario import Scenario
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ import numpy as np
 from mdms_array.checks import goal_of, motor_of, timing_of
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.commissioning.parameters import BY_NAME
-from mdms_host.commissioning.wheels.loop_margin import largest_gain, observer_for
 from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.parcel import Parcel
@@ -39,15 +38,15 @@ from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses, address_cells
 from mdms_model.errors import InputError
-from mdms_model.fields.command import Command, accepted
+from mdms_model.fields import Command, accepted
 from mdms_model.log import LOG
+from mdms_model.loop_margin import largest_gain, observer_for
 from mdms_model.motor import drive_of
 from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed
-from mdms_model.scenario.rules.every import check_rules
-from mdms_model.scenario.rules.on_table import half_table_m
-from mdms_model.scenario.scenario import Cell, Run, Scenario, Stop, in_stock
-from mdms_model.scenario.stream import Exit, Stream
+from mdms_model.scenario.rules import check_rules
+from mdms_model.scenario.run_rules import half_table_m
+from mdms_model.scenario.scenario import Cell, Exit, Run, Scenario, Stop, Stream, in_stock
 from mdms_protocol import indices, pdo
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import OutOfRangeError, steps_per_unit

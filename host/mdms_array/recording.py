@@ -23,7 +23,7 @@ from mdms_model.run.record import Event, Plan, Record, Tile
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
-from mdms_protocol.generators.files import data_sheet
+from mdms_protocol.generators.generate import data_sheet
 
 #: While parcels are on ways over tiles, what is left of these is kept so often [s].
 AGAIN_S = 0.5

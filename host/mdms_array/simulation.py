@@ -1,31 +1,19 @@
 """Host and simulator together: a scenario in virtual time, all at once or by hand."""
 
+import sys
 from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from mdms_array.compiling import compiling_watched
 from mdms_array.extras import COMPILER, RECORDING, require
-from mdms_array.figures import simulated_run
-from mdms_array.host import (
-    coordinator_of,
-    estimates_of,
-    programmed,
-    references_m_s,
-    waits_text,
-)
+from mdms_array.figures import REPORTED_S, simulated_run
+from mdms_array.host import coordinator_of, estimates_of, programmed, references_m_s, waits_text
 from mdms_array.recording import PlanLog, coordinator_events, keep_run
-from mdms_array.run import (
-    FaultError,
-    LostError,
-    Run,
-    StoppedError,
-    TimeLimitError,
-)
+from mdms_array.run import FaultError, LostError, Run, StoppedError, TimeLimitError
 from mdms_array.source import LONGEST_S, SHORTEST_S, Source, check_time, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.clock import MonotonicClock
@@ -34,16 +22,69 @@ from mdms_host.motion.goal import Goal
 from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
 from mdms_model.errors import InputError
+from mdms_model.log import LOG
 from mdms_model.run.folder import BUS_LOG, fresh_folder
-from mdms_model.run.history import MOST_SAMPLES
-from mdms_model.run.record import Record
-from mdms_model.scenario.scenario import Scenario
-from mdms_model.scenario.task import Signal
+from mdms_model.run.record import MOST_SAMPLES, Record
+from mdms_model.scenario.scenario import Scenario, Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.referee.truth import HostReport, Pose
 from mdms_sim.simulation import Outcome, Simulation, addresses_of, open_bank
 from mdms_sim.simulation import simulate as run_simulation
+
+if TYPE_CHECKING:
+    from numba.core.event import Event
+
+NOTICE = "Compiling the simulator's inner loops; this happens once per installation."
+
+
+@dataclass(slots=True)
+class Compiled:
+    """Time that has gone into compiling so far [s]."""
+
+    seconds: float = 0.0
+
+
+@contextmanager
+def compiling_watched() -> Iterator[Compiled]:
+    """Measures what is compiled meanwhile; a long time is announced on a terminal, once.
+
+    Raises `Error` without the compiler.
+    """
+    require(COMPILER, "a simulation")
+    # It is an extra.
+    from numba.core.event import Listener, install_listener  # noqa: PLC0415
+
+    compiled, clock = Compiled(), MonotonicClock()
+
+    class Stopwatch(Listener):
+        """Functions that others call are compiled while those are, so only the outermost counts."""
+
+        depth = 0
+        start_s = 0.0
+        reported = False
+
+        def on_start(self, event: "Event") -> None:
+            if not self.depth:
+                self.start_s = clock.now_s()
+            self.depth += 1
+            self.report()
+
+        def on_end(self, event: "Event") -> None:
+            self.report()
+            self.depth -= 1
+            if not self.depth:
+                compiled.seconds += clock.now_s() - self.start_s
+
+        def report(self) -> None:
+            spent_s = compiled.seconds + clock.now_s() - self.start_s
+            if spent_s >= REPORTED_S and not self.reported and sys.stderr.isatty():
+                self.reported = True
+                LOG.warning(NOTICE)
+
+    with install_listener("numba:compile", Stopwatch()):
+        yield compiled
+
 
 Result = TypeVar("Result")
 #: The paper's model, by fidelity.

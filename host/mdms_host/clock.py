@@ -5,7 +5,12 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Seconds since some moment, and waiting for them to pass."""
+    """Seconds since some moment, and waiting for them to pass.
+
+    `is_real` says that the machine's own time passes, so that its pauses make a run late.
+    """
+
+    is_real: bool
 
     def now_s(self) -> float:
         """The time [s]; never goes back."""
@@ -18,6 +23,8 @@ class Clock(Protocol):
 
 class MonotonicClock:
     """The machine's monotonic clock, counted from when this was made."""
+
+    is_real = True
 
     def __init__(self) -> None:
         self._start_s = time.monotonic()

@@ -5,36 +5,34 @@ with new voltages; in between, frames travel over the bus in their real time. No
 anything: cells and participants do.
 """
 
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses, address_cells, plan_gateways
 from mdms_model.participant import BusesParticipant, Participant
-from mdms_model.run.cell_reports import CellReports
 from mdms_model.run.folder import interface_of
-from mdms_model.run.history import MOST_SAMPLES
-from mdms_model.run.presence import Presence
-from mdms_model.run.record import Record
-from mdms_model.run.references import References
+from mdms_model.run.frame_readers import CellReports, Presence, References, without_reports
+from mdms_model.run.record import MOST_SAMPLES, Event, History, Record
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
 from mdms_sim.driver import Driver
-from mdms_sim.faults.schedule import Faults
+from mdms_sim.faults import Faults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
-from mdms_sim.nodes.bus_off import BusOffWatch
+from mdms_sim.nodes.bank import BusOffWatch
 from mdms_sim.nodes.gateway import GatewayNode
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
@@ -42,7 +40,57 @@ from mdms_sim.physics.plane.world import World
 from mdms_sim.referee.referee import Referee
 from mdms_sim.referee.rules import Violation
 from mdms_sim.referee.truth import HostReport, Truth
-from mdms_sim.sampling import Sampler
+
+
+class Sampler:
+    """Copies the state of a world at chosen instants; at most `most` are kept (see `History`)."""
+
+    def __init__(self, world: World, most: int | None = None) -> None:
+        self._world = world
+        self._history = History(most)
+
+    def sample(
+        self,
+        now_s: float,
+        reference_m_s: Floats,
+        voltage_v: Floats,
+        estimate: Floats,
+        reports: Mapping[str, NDArray[Any]],
+    ) -> None:
+        """Append the state at `now_s`; references and voltages of shape (W,), estimate (P, 3).
+
+        `reports` are what cells reported, by name, and belong to the sampler from now on.
+        """
+        if not self._history.takes():
+            return
+        world = self._world
+        pose, twist = world.motion
+        # What the world returns is made anew each time; the rest belongs to the caller.
+        self._history.append(
+            now_s,
+            pose=pose,
+            twist=twist,
+            reference_m_s=reference_m_s.copy(),
+            speed_m_s=world.wheel_speed_m_s,
+            voltage_v=voltage_v.copy(),
+            normal_n=world.normal_n,
+            force_n=world.force_n,
+            contact=world.contact,
+            estimate=estimate.copy(),
+            **reports,
+        )
+
+    def record(self, events: list[Event], reported: bool) -> Record:
+        """Return what was sampled so far as one `Record` with these events, ordered by time.
+
+        What cells reported is in it if they have `reported` anything.
+        """
+        ordered = sorted(events, key=lambda event: event.time_s)
+        columns = self._history.columns()
+        if not reported:
+            columns = without_reports(columns)
+        return Record(time_s=self._history.time_s, events=ordered, **columns)
+
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000

@@ -7,8 +7,7 @@ import numpy as np
 
 from mdms_cell.drive import speed_loop
 from mdms_host.can_link.delays import Delays
-from mdms_host.can_link.incidents import Incidents, LinkCounts
-from mdms_host.can_link.link import Link
+from mdms_host.can_link.link import Incidents, Link, LinkCounts
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
@@ -25,6 +24,8 @@ class CellsLink(Link):
     Nothing lies on the cells, and no wheel turns. Frames to and from `cut` cells (from 0) get lost.
     Left out: a device that fails.
     """
+
+    is_real = False
 
     def __init__(self, node_ids: tuple[int, ...]) -> None:
         self.states: dict[int, int] = {}

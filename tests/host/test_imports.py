@@ -13,9 +13,7 @@ FORBIDDEN = {"mdms_sim", "mdms_cell", "numba", "matplotlib"}
 CORE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")
-    if not module.name.startswith(
-        ("mdms_host.cli", "mdms_host.page.simulated", "mdms_host.page.faults_by_hand")
-    )
+    if not module.name.startswith(("mdms_host.cli", "mdms_host.page.simulated"))
 )
 
 
@@ -49,7 +47,7 @@ HARDWARE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")
     if module.name.startswith(
-        ("mdms_host.cli.array", "mdms_host.cli.configure", "mdms_host.cli.records")
+        ("mdms_host.cli.array", "mdms_host.cli.configure", "mdms_host.cli.stored_run")
     )
 )
 

@@ -21,9 +21,9 @@ from mdms_array.host import coordinator_of
 from mdms_array.simulation import host_report_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner
+from mdms_host.commissioning.jog import Jog
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.stop import StopAll
-from mdms_host.commissioning.wheels.jog import Jog
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import outcome_of
@@ -36,7 +36,7 @@ from mdms_protocol.codecs import cob, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
 from mdms_sim.driver import Driver
-from mdms_sim.faults.node import PRIORITY
+from mdms_sim.faults import PRIORITY
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
 from mdms_sim.referee.rules import Violation

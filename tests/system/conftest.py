@@ -9,7 +9,7 @@ from tests.system.links.served_array import serve
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing.board_link import BoardLink
 from mdms_host.flashing.board_survey import identify
-from mdms_host.flashing.firmware_build import compiled_firmware
+from mdms_host.flashing.firmware import compiled_firmware
 
 compiled_once = cache(compiled_firmware)
 
@@ -48,7 +48,7 @@ def plug_in(tmp_path):
 @pytest.fixture
 def copies(plug_in, monkeypatch):
     """The real firmware as it is compiled for those boards, once for all tests that ask for it."""
-    monkeypatch.setattr("mdms_host.flashing.firmware_build.compiled_firmware", compiled_once)
+    monkeypatch.setattr("mdms_host.flashing.firmware.compiled_firmware", compiled_once)
     with BoardLink(plug_in({}).port, MonotonicClock()) as link:
         architecture = identify(link).architecture
     if architecture is None:

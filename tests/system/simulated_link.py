@@ -5,8 +5,7 @@ from functools import partial
 from math import ceil
 
 from mdms_host.can_link.delays import Delays
-from mdms_host.can_link.incidents import Incidents, LinkCounts
-from mdms_host.can_link.link import Link
+from mdms_host.can_link.link import Incidents, Link, LinkCounts
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
 
@@ -21,6 +20,8 @@ class SimulatedLink(Link):
 
     The host thinks in no time at all. Left out: a device that fails, and several buses.
     """
+
+    is_real = False
 
     def __init__(self, scenario):
         self._bank = PythonBank(addresses_of(scenario).node_ids)

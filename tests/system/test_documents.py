@@ -21,8 +21,13 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.cli.reference import pages
 from mdms_host.cli.verbs import VERBS, build_parser
-from mdms_host.commissioning.array_file import ArrayFile, FiledCell, FiledTable, read_array
-from mdms_host.commissioning.array_writing import array_document
+from mdms_host.commissioning.array_file import (
+    ArrayFile,
+    FiledCell,
+    FiledTable,
+    array_document,
+    read_array,
+)
 from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
@@ -64,11 +69,11 @@ class Reader:
         self._table = None
         self._lifted = None
         # Documents are not about how long the animation of several parcels is.
-        monkeypatch.setattr("mdms_sim.plots.moving.animation.MOST_FRAMES", 5)
+        monkeypatch.setattr("mdms_sim.plots.animation.MOST_FRAMES", 5)
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
-        monkeypatch.setattr("mdms_host.cli.array.run.open_links", self._open_links)
-        monkeypatch.setattr("mdms_host.cli.array.run.ThreadDesk", VirtualDesk)
+        monkeypatch.setattr("mdms_array.operation.open_links", self._open_links)
+        monkeypatch.setattr("mdms_array.operation.ThreadDesk", VirtualDesk)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_link", self._open_link)
 
@@ -153,9 +158,9 @@ class Reader:
             self._boards = True
             plug_in = self._stack.enter_context(boards_in(self._folder / "boards"))
             ports = [Port(plug_in(files).port) for files in (OLD.files, {})]
-            self._patch.setattr("mdms_host.flashing.board_port.list_ports", lambda: ports)
+            self._patch.setattr("mdms_host.flashing.board_link.list_ports", lambda: ports)
             self._patch.setattr(
-                "mdms_host.flashing.firmware_build.compiled_firmware", lambda _machine: NEW
+                "mdms_host.flashing.firmware.compiled_firmware", lambda _machine: NEW
             )
 
     @contextmanager

@@ -1,15 +1,17 @@
 """A python-can bus as the sans-IO objects need it: frames in and out, whatever the adapter does.
 
-python-can's own readers end at the first line of garbage from a serial adapter. Here a reader goes
-on, records what happened, and ends only when the device itself is gone.
+A full transmit queue is waited for, for a while. Incidents are noted with their times, and counted.
 """
 
+import errno
 import os
 import socket
 from argparse import ArgumentError, Namespace
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from queue import Empty, SimpleQueue
+from re import search
 from threading import Thread
 from types import TracebackType
 from typing import Any, Protocol, TypeVarTuple
@@ -18,17 +20,185 @@ import can
 from can.cli import create_bus_from_namespace
 from can.interfaces.slcan import slcanBus
 
-from mdms_host.can_link.delays import Delays
-from mdms_host.can_link.drivers import remedy
-from mdms_host.can_link.incidents import Incidents, LinkCounts
-from mdms_host.can_link.punctuality import first_in_line
+from mdms_host.can_link.delays import Delays, first_in_line
 from mdms_host.can_link.slcan_port import GarbledError, SlcanPort
-from mdms_host.can_link.transmitter import Transmitter
 from mdms_host.clock import Clock
 from mdms_model.errors import Error
 from mdms_model.participant import Participant
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
+
+#: The extra of python-can that brings an interface's driver.
+_EXTRAS: Mapping[str, str] = {
+    "canalystii": "canalystii",
+    "cantact": "cantact",
+    "gs_usb": "gs-usb",
+    "neovi": "neovi",
+    "nixnet": "nixnet",
+    "pcan": "pcan",
+    "robotell": "serial",
+    "seeedstudio": "seeedstudio",
+    "serial": "serial",
+    "slcan": "serial",
+    "udp_multicast": "multicast",
+    "usb2can": "pywin32",
+}
+#: How python-can and its plug-ins report that a module or a library is not there.
+_MISSING = (
+    "No module named",
+    "not installed",
+    "Please install",
+    "not found",
+    "could not be loaded",
+)
+#: The makers' own libraries, which no package brings.
+_LIBRARIES: Mapping[str, str] = {
+    "kvaser": "Kvaser's CANlib",
+    "pcan": "PEAK's PCANBasic library",
+    "vector": "Vector's XL driver library",
+}
+
+
+def remedy(interface: str | None, problem: str) -> str | None:
+    """What to install so that the interface works; None if nothing is missing, or it is unknown."""
+    if interface is None or not any(text in problem for text in _MISSING):
+        return None
+    if interface in _LIBRARIES:
+        return f"install {_LIBRARIES[interface]}"
+    if interface in _EXTRAS:
+        return f"install its driver: pip install 'python-can[{_EXTRAS[interface]}]'"
+    return None
+
+
+#: An incident that repeats is noted as often [s].
+_REPEAT_S = 1.0
+_KEPT = 1000
+
+
+class Incidents:
+    """`noted` lists incidents as (time [s], text), the first thousand.
+
+    Several may share one list; each then begins its texts with what it is `about`.
+    """
+
+    def __init__(
+        self, clock: Clock, noted: list[tuple[float, str]] | None = None, about: str = ""
+    ) -> None:
+        self.noted = [] if noted is None else noted
+        self._about = about
+        self._clock = clock
+        self._last_s: dict[str, float] = {}
+
+    def note(self, text: str) -> None:
+        """Note an incident."""
+        if len(self.noted) < _KEPT:
+            self.noted.append((self._clock.now_s(), self._about + text))
+
+    def note_repeated(self, kind: str, detail: object = "") -> None:
+        """Note an incident that may come with every frame, the first of its kind in a second."""
+        now_s = self._clock.now_s()
+        if now_s - self._last_s.get(kind, -_REPEAT_S) >= _REPEAT_S:
+            self._last_s[kind] = now_s
+            self.note(f"{kind}: {detail}" if detail else kind)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkCounts:
+    """Frames that were no plain data, and those that the transmit queue delayed or refused."""
+
+    garbled: int
+    error_frames: int
+    waited: int
+    unsent: int
+
+    def since(self, before: "LinkCounts") -> "LinkCounts":
+        """What has been counted since then."""
+        return LinkCounts(
+            self.garbled - before.garbled,
+            self.error_frames - before.error_frames,
+            self.waited - before.waited,
+            self.unsent - before.unsent,
+        )
+
+    def __str__(self) -> str:
+        """What is not zero, as one line; empty if all is."""
+        texts = (
+            (self.garbled, "garbled"),
+            (self.error_frames, "error frames"),
+            (self.waited, "waited for the transmit queue"),
+            (self.unsent, "not sent"),
+        )
+        return ", ".join(f"{count} {text}" for count, text in texts if count)
+
+
+#: One attempt of an interface that waits by itself; a control cycle has room for several.
+_ATTEMPT_S = 0.002
+#: A frame of 8 bytes at 250 kbit/s takes as long; so much later there may be room for one.
+_PAUSE_S = 0.0005
+#: The queue of SocketCAN (10 frames) is full, that of a socket, of a USB adapter.
+_FULL = frozenset((errno.ENOBUFS, errno.EAGAIN, errno.ETIMEDOUT))
+
+
+def is_full(error: BaseException | None) -> bool:
+    """Whether a frame could not be sent for want of room only.
+
+    python-can has no class for it: SocketCAN's error has a number or the text 'Transmit buffer
+    full', USB adapters' and serial lines' stand behind it as its cause.
+    """
+    while error is not None:
+        number = getattr(error, "error_code", None) or getattr(error, "errno", None)
+        if number in _FULL or isinstance(error, TimeoutError):
+            return True
+        if type(error).__name__ == "SerialTimeoutException":
+            return True
+        if search(r"\bfull\b", str(error).lower()):
+            return True
+        error = error.__cause__
+    return False
+
+
+class Transmitter:
+    """`waited` counts frames that a full queue has delayed, `unsent` those that never left.
+
+    `full_since_s` is when the queue was found full, None while it is not.
+    """
+
+    def __init__(self, port: can.BusABC | SlcanPort, clock: Clock) -> None:
+        self.waited = 0
+        self.unsent = 0
+        self.full_since_s: float | None = None
+        self._port = port
+        self._clock = clock
+
+    def send(self, message: can.Message, until_s: float) -> bool:
+        """Send a frame, or give it up at `until_s`, after one attempt at least.
+
+        Raises what the device raises when it is not for want of room.
+        """
+        waited = False
+        while not self._attempt(message):
+            now_s = self._clock.now_s()
+            if self.full_since_s is None:
+                self.full_since_s = now_s
+            if now_s >= until_s:
+                self.unsent += 1
+                return False
+            waited = True
+            self._clock.sleep(_PAUSE_S)
+        self.full_since_s = None
+        self.waited += waited
+        return True
+
+    def _attempt(self, message: can.Message) -> bool:
+        try:
+            self._port.send(message, timeout=_ATTEMPT_S)
+        except (can.CanError, OSError) as error:
+            if is_full(error):
+                return False
+            self.unsent += 1
+            raise
+        return True
+
 
 Parts = TypeVarTuple("Parts")
 

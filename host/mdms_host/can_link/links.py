@@ -9,8 +9,14 @@ from typing import Self
 import can
 
 from mdms_host.can_link.delays import Delays
-from mdms_host.can_link.incidents import Incidents, LinkCounts
-from mdms_host.can_link.link import QUEUE_WAIT_S, DeviceGoneError, Link, hand_over
+from mdms_host.can_link.link import (
+    QUEUE_WAIT_S,
+    DeviceGoneError,
+    Incidents,
+    Link,
+    LinkCounts,
+    hand_over,
+)
 from mdms_host.clock import Clock
 from mdms_model.participant import BusesParticipant
 from mdms_protocol.codecs.frame import Frame

@@ -1,10 +1,35 @@
-"""The state of one cell as its frames reported it last."""
+"""The state of one cell as its frames reported it last, and whether it speaks the host's protocol.
+
+The upper half of the revision in its identity (0x1018:3) is the object table's: cells of another
+have other objects, or the same with another meaning. The lower half changes nothing for the host
+(CiA 301, 7.5.2.21).
+"""
 
 from collections.abc import Callable, Mapping
 
-from mdms_host.can_link.emergencies import LOW_SUPPLY, SUSPICION
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.dictionary import REVISION
+from mdms_protocol.emergencies import LOW_SUPPLY, SUSPICION
+
+_MAJOR = 16
+OURS = REVISION >> _MAJOR
+
+
+def speaks_ours(revision: int) -> bool:
+    """Whether a cell of this revision is understood."""
+    return revision >> _MAJOR == OURS
+
+
+def other_protocol(revision: int) -> str | None:
+    """What there is to say of a cell that is not; None for one that is."""
+    if speaks_ours(revision):
+        return None
+    return (
+        f"speaks revision {revision >> _MAJOR} of the protocol, this host {OURS}; "
+        "flash the same version: mdms flash"
+    )
+
 
 _DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION))
 _NAMES: Mapping[int | None, str] = dict(cia402.NAMES.items())

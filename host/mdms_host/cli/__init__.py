@@ -6,8 +6,15 @@ Importing this is light: the modules of a verb are imported when it runs (`verbs
 from argparse import Namespace
 from collections.abc import Sequence
 
-from mdms_host.cli.exits import INTERRUPTED, Exit, exit_of, text_of
-from mdms_host.cli.signals import Terminated, ended_by_signals, ending_behind
+from mdms_host.cli.exits import (
+    INTERRUPTED,
+    Exit,
+    Terminated,
+    ended_by_signals,
+    ending_behind,
+    exit_of,
+    text_of,
+)
 from mdms_host.cli.streams import flushed, open_streams, say
 from mdms_host.cli.verbs import build_parser
 

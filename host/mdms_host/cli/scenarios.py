@@ -10,7 +10,7 @@ from mdms_array.extras import COMPILER
 from mdms_array.host import command_figures
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
-from mdms_model.fields.command import command_of
+from mdms_model.fields import command_of
 from mdms_model.scenario.file import builtin_names, builtin_text, load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_model.statics.limits import is_paper_row, parcel_limits

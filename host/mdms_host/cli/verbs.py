@@ -2,10 +2,8 @@
 
 from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION
 from mdms_host.cli import options
-from mdms_host.cli.commission.options import COMMISSION, DOCTOR, IDENTIFY, JOG
-from mdms_host.cli.configure.options import CONFIGURE
+from mdms_host.cli.cell_options import COMMISSION, CONFIGURE, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
-from mdms_host.cli.simulation import squeeze_options
 
 DESCRIPTION = "Modular distributed manipulator: simulate, run and look after an array of cells."
 EPILOG = """\
@@ -15,16 +13,15 @@ Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage o
 
 _ARRAY = "mdms_host.cli.array"
 _FLASH = "mdms_host.cli.flash"
-_RECORDS = "mdms_host.cli.records"
 _SCENARIO = "mdms_host.cli.scenarios"
 _SIMULATION = "mdms_host.cli.simulation"
-_BUS = f"{_ARRAY}.bus:add_bus"
+_BUS = "mdms_host.cli.options:add_bus"
 
 VERBS = (
     Verb(
         "demo",
         "18 cells carry and turn a parcel, with no hardware",
-        f"{_SIMULATION}.demo:run",
+        f"{_SIMULATION}.simulate:demo",
         options.add_demo,
         extra=SIMULATION,
     ),
@@ -50,28 +47,28 @@ VERBS = (
     Verb(
         "map",
         "draw a field's forces and equilibria for a parcel",
-        f"{_SIMULATION}.map:run",
+        f"{_SIMULATION}.fields:draw_map",
         options.add_map,
         extra=SIMULATION,
     ),
     Verb(
         "plan-squeeze",
         "turn a polygon to one angle from any, without sensors",
-        f"{_SIMULATION}.plan_squeeze:run",
-        squeeze_options.add_options,
+        f"{_SIMULATION}.fields:plan_squeeze",
+        options.add_plan_squeeze,
         extra=SIMULATION,
     ),
     Verb(
         "plot",
         "draw a run",
-        f"{_RECORDS}.stored_run:plot",
+        "mdms_host.cli.stored_run:plot",
         options.add_plot,
         extra=PICTURES,
     ),
     Verb(
         "export",
         "write a run as CSV tables",
-        f"{_RECORDS}.stored_run:export",
+        "mdms_host.cli.stored_run:export",
         options.add_export,
         extra=RECORDING,
     ),
@@ -132,13 +129,13 @@ VERBS = (
     Verb(
         "help",
         "the documents, without a network",
-        "mdms_host.cli.topics:run",
+        "mdms_host.cli.about:help_on",
         options.add_help,
     ),
     Verb(
         "completion",
         "a script for a shell that completes verbs, options and files",
-        "mdms_host.cli.completion:run",
+        "mdms_host.cli.about:complete",
         options.add_completion,
     ),
 )

@@ -1,17 +1,18 @@
-"""A file (TOML) of an array: grid, wheels, sensors, bus, emergency stop; cells with settings.
+"""An array in a TOML file: read, checked, given the places of its cells, and written.
 
-`mdms configure dump` writes its cells; `load` and `assign --from` read them. `mdms run --array`
-reads all of it. Whatever is left out is as the reader's own defaults have it.
+The text of a file is the same for the same array: fit for version control.
 """
 
 import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from mdms_host.commissioning.cell_settings import CellSettings
-from mdms_host.commissioning.parameters import BY_NAME, Parameter, ParameterError
+from mdms_host.commissioning.parameters import BY_NAME, BY_PLACE, Parameter, ParameterError
+from mdms_host.layout import Layout, WheelPlace
+from mdms_host.places import Place, is_place, place_values, sensor_values, wheel_values
 from mdms_model.errors import InputError
 from mdms_model.scenario.limit import LENGTH, Limit
 from mdms_model.scenario.scenario import ScenarioError, Stop, Wheel
@@ -283,3 +284,129 @@ def _check_buses(table: FiledTable, cells: tuple[FiledCell, ...]) -> None:
                 f"cell.{item}.number is missing: where there are several buses a node id is no "
                 "place; give it, or column and row"
             )
+
+
+def without_places(cell: FiledCell) -> FiledCell:
+    """The cell without what a table says of it."""
+    values = {each: number for each, number in cell.values.items() if not is_place(each.place)}
+    return replace(cell, values=values)
+
+
+def placed_cells(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ...]:
+    """The cells on the bus of that channel, with where they stand, who is next and what is on them.
+
+    Places, neighbours and turns to take over SYNC are the table's, whatever a cell's own settings
+    say; where wheels and sensors are comes from the table, unless a cell has its own. A file whose
+    table has no columns and rows leaves the cells as they are. Raises ArrayFileError.
+    """
+    table = file.table
+    on_bus = cells_on(file, channel)
+    if table.columns is None or table.rows is None:
+        return on_bus
+    placed = file.by_number(table.columns, table.rows)
+    numbers = {cell.serial: number for number, cell in placed.items()}
+    try:
+        layout = _layout(file, [placed[number] for number in sorted(placed)])
+        parts = wheel_values(layout) if table.wheel else {}
+        parts |= sensor_values(layout) if table.sensor_offset_m else {}
+        return tuple(
+            replace(
+                cell,
+                values={
+                    **_parameters(parts),
+                    **without_places(cell).values,
+                    **_parameters(place_values(layout, numbers[cell.serial])),
+                },
+            )
+            for cell in on_bus
+        )
+    except ValueError as error:
+        raise ArrayFileError(f"{file.path}: array: {error}") from None
+
+
+def _layout(file: ArrayFile, cells: Sequence[FiledCell]) -> Layout:
+    """The table as the file has it; raises ValueError."""
+    table = file.table
+    layout = Layout(
+        table.columns or 0,
+        table.rows or 0,
+        node_ids=tuple(cell.node_id for cell in cells),
+        buses=tuple(cell.bus for cell in cells),
+    )
+    if table.pitch_m is not None:
+        layout = replace(layout, pitch_m=table.pitch_m)
+    if table.wheel:
+        wheels = tuple(WheelPlace(each.direction_rad, each.offset_m) for each in table.wheel)
+        layout = replace(layout, wheels=wheels)
+    if table.sensor_offset_m:
+        layout = replace(layout, sensor_offsets_m=table.sensor_offset_m)
+    return layout
+
+
+def _parameters(values: dict[Place, int]) -> dict[Parameter, int]:
+    return {BY_PLACE[place]: number for place, number in values.items()}
+
+
+#: The first line of every such file, by which it is known for one that may be written over.
+MARK = "# Array, commissioned by `mdms commission`."
+_FILE_HEAD = f"""{MARK} It takes the same file again: --from FILE.
+# `mdms run --array` and `mdms configure load` read it too. Cells stand in the order of their
+# places; settings are in SI units, and only those that are not at their defaults.
+"""
+
+
+def array_document(file: ArrayFile) -> str:
+    """All that a file says, cells by their numbers, without what their places imply."""
+    lines = [_FILE_HEAD, "[array]", *_table(file.table)]
+    if file.stop is not None:
+        lines += ["", *_stop(file.stop)]
+    for cell in sorted(file.cells, key=lambda each: (each.number or each.node_id, each.serial)):
+        lines += ["", *_cell_lines(without_places(cell))]
+    return "\n".join(lines) + "\n"
+
+
+def _table(table: FiledTable) -> Iterator[str]:
+    for name in ("columns", "rows", "pitch_m", "bitrate"):
+        value = getattr(table, name)
+        if value is not None:
+            yield f"{name} = {value}"
+    if table.channels:
+        yield f"channels = [{', '.join(map(_quoted, table.channels))}]"
+    if table.sensor_offset_m:
+        yield f"sensor_offset_m = [{', '.join(map(_vector, table.sensor_offset_m))}]"
+    for wheel in table.wheel or ():
+        yield ""
+        yield "[[array.wheel]]"
+        yield f"direction_rad = {wheel.direction_rad}"
+        yield f"offset_m = {_vector(wheel.offset_m)}"
+
+
+def _stop(stop: Stop) -> Iterator[str]:
+    yield "[stop]"
+    yield f'form = "{stop.form}"'
+    yield f"mass_kg = {stop.mass_kg}"
+    yield f"speed_m_s = {stop.speed_m_s}"
+
+
+def _cell_lines(cell: FiledCell) -> Iterator[str]:
+    yield "[[cell]]"
+    yield f'serial = "{cell.serial:08X}"'
+    yield f"node = {cell.node_id}"
+    if cell.bus:
+        yield f"bus = {cell.bus}"
+    for name in ("number", "column", "row"):
+        value = getattr(cell, name)
+        if value is not None:
+            yield f"{name} = {value}"
+    for parameter, number in sorted(cell.values.items(), key=lambda item: item[0].place):
+        line = f"settings.{parameter.name} = {parameter.text(number, unit=False)}"
+        yield f"{line}  # {parameter.unit}" if parameter.unit else line
+
+
+def _vector(numbers: tuple[float, float]) -> str:
+    return f"[{', '.join(map(str, numbers))}]"
+
+
+def _quoted(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'

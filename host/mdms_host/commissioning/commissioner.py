@@ -7,18 +7,18 @@ remembered: one that is broken off leaves cells that the next run takes as it fi
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from mdms_host.commissioning.array_file import ArrayFile, FiledCell
+from mdms_host.commissioning.array_file import ArrayFile, FiledCell, without_places
 from mdms_host.commissioning.cell_settings import apply_changes, read_settings
-from mdms_host.commissioning.filed_places import without_places
-from mdms_host.commissioning.network import (
-    Commissioning,
-    CommissioningError,
-    RefusedError,
+from mdms_host.commissioning.network import Commissioning, CommissioningError, RefusedError
+from mdms_host.commissioning.node_ids import (
+    Assignment,
+    FoundCells,
+    NodeIdError,
+    address,
+    address_of,
 )
-from mdms_host.commissioning.node_ids import Assignment, NodeIdError, address_of
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
-from mdms_host.commissioning.roll_call import RollCall, address
-from mdms_host.commissioning.wheels.nudge import Direction, nudge
+from mdms_host.commissioning.wheel_turn import Direction, nudge
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 from mdms_protocol.dictionary import AXES
@@ -37,7 +37,7 @@ class Done:
     stored: bool
 
 
-def refuse_wrong_count(roll: RollCall, wanted: int) -> None:
+def refuse_wrong_count(roll: FoundCells, wanted: int) -> None:
     """Raises CommissionError where there are fewer or more cells than places."""
     count = len(roll.serials)
     if count < wanted:
@@ -52,7 +52,7 @@ def refuse_wrong_count(roll: RollCall, wanted: int) -> None:
         )
 
 
-def refuse_unlisted(roll: RollCall, file: ArrayFile, listed: Sequence[FiledCell]) -> None:
+def refuse_unlisted(roll: FoundCells, file: ArrayFile, listed: Sequence[FiledCell]) -> None:
     """Raises CommissionError where cells of a file are not on the bus, or others are."""
     serials = {cell.serial for cell in listed}
     absent, more = sorted(serials - roll.serials), sorted(roll.serials - serials)
@@ -67,7 +67,7 @@ def refuse_unlisted(roll: RollCall, file: ArrayFile, listed: Sequence[FiledCell]
         )
 
 
-def plan_ids(roll: RollCall, wanted: Mapping[int, int]) -> list[Assignment]:
+def plan_ids(roll: FoundCells, wanted: Mapping[int, int]) -> list[Assignment]:
     """Who gets another node id, by the serial numbers of all cells that are to have one.
 
     Raises NodeIdError for an id that no cell may have, or that a stranger has.
@@ -93,7 +93,7 @@ def plan_ids(roll: RollCall, wanted: Mapping[int, int]) -> list[Assignment]:
     return sorted(moves, key=lambda move: move.node_id)
 
 
-def provisional_ids(roll: RollCall) -> dict[int, int]:
+def provisional_ids(roll: FoundCells) -> dict[int, int]:
     """Free node ids, from the top, for cells that have none of their own, by serial number."""
     without = sorted(roll.serials - roll.node_ids.keys())
     taken = {*roll.present, *roll.strangers}

@@ -12,9 +12,8 @@ from queue import SimpleQueue
 import can
 import canopen
 
-from mdms_host.can_link.foreign_stops import ForeignStops
 from mdms_host.can_link.link import Link, hand_over
-from mdms_host.can_link.protocol_revision import other_protocol
+from mdms_host.can_link.remote_cell import other_protocol
 from mdms_host.clock import Clock
 from mdms_host.commissioning.lss_master import LssMaster
 from mdms_model.participant import Participant
@@ -23,6 +22,33 @@ from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
 from mdms_protocol.entry import Entry
+
+_NAMES = {
+    nmt.STOP: "'stop'",
+    nmt.ENTER_PRE_OPERATIONAL: "'enter pre-operational', as mdms stop does",
+    nmt.RESET_NODE: "'reset node'",
+    nmt.RESET_COMMUNICATION: "'reset communication'",
+}
+
+
+class ForeignStops:
+    """Notes them as they come in, by the node that they are for."""
+
+    def __init__(self) -> None:
+        self._codes: dict[int, int] = {}
+
+    def on_frame(self, frame: Frame) -> None:
+        """Note a command; any other frame is left alone."""
+        if frame.can_id == cob.NMT and len(frame.data) == 2 and frame.data[0] in _NAMES:
+            self._codes[frame.data[1]] = frame.data[0]
+
+    def reason(self, node_id: int) -> str | None:
+        """Which command another host has sent to a node, or to all; None if it has sent none."""
+        for node in (node_id, nmt.ALL_NODES):
+            if node in self._codes:
+                return f"another host has sent {_NAMES[self._codes[node]]}"
+        return None
+
 
 #: `canopen` does not repeat a request; a slow adapter on a busy machine is to be in time.
 _ANSWER_S = 1.0

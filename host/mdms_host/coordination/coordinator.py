@@ -33,7 +33,7 @@ from mdms_host.motion.lost_cells import MindsLostCells
 from mdms_host.motion.program import Program
 from mdms_host.motion.safe_goals import Places, SafeGoals
 from mdms_model.arrays import Floats
-from mdms_model.bus_time import WATCHED_HEARTBEAT_S
+from mdms_model.buses import WATCHED_HEARTBEAT_S
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 

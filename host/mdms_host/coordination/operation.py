@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mdms_host.can_link.incidents import LinkCounts
-from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
-from mdms_host.can_link.punctuality import punctual
+from mdms_host.can_link.delays import punctual
+from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import HELD, Phase

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from functools import partial
 
-from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.coordination.care.supervision import Supervision
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
@@ -15,6 +14,7 @@ from mdms_host.estimation.tracker import Tracker
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.emergencies import error_text
 
 _SWITCHING_OFF = (nmt.ENTER_PRE_OPERATIONAL, nmt.STOP)
 

@@ -7,10 +7,8 @@ import numpy as np
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses
-from mdms_model.run.cell_reports import CellReports, without_reports
-from mdms_model.run.history import MOST_SAMPLES, History
-from mdms_model.run.presence import Presence
-from mdms_model.run.record import Contact, Event, Record
+from mdms_model.run.frame_readers import CellReports, Presence, without_reports
+from mdms_model.run.record import MOST_SAMPLES, Contact, Event, History, Record
 from mdms_protocol.codecs.frame import Frame
 
 #: As often as the simulation samples.

@@ -16,7 +16,7 @@ from mdms_host.estimation.outlines.bottom import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.pushes import by_parts
 from mdms_model.arrays import Floats, Ints
-from mdms_model.hull import LINE_M
+from mdms_model.outline import LINE_M
 from mdms_model.statics.support_margin import TIP_M
 
 #: The centre of mass stays this far inside the hull of the supports [m].

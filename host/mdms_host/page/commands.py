@@ -1,12 +1,12 @@
-"""What a person may ask of a table: one schema for the page and for any other program.
+"""The commands that a person gives a table: one schema for the page and for any other program.
 
 A command is one JSON object: `command` is its name, `id` any whole number that its answer repeats,
-and the rest are its values.
+and the rest are its values. A `ShownTable` shows itself and carries them out.
 """
 
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from types import NoneType
-from typing import Any, TypeAlias, get_args, get_origin, get_type_hints
+from typing import Any, Protocol, TypeAlias, get_args, get_origin, get_type_hints
 
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.limit import ANGLE, LENGTH, PLACE, Limit
@@ -266,3 +266,42 @@ def _list_schema(kinds: tuple[Any, ...], limit: Any) -> dict[str, Any]:
     if kinds[-1] is not Ellipsis:
         items |= {"minItems": len(kinds), "maxItems": len(kinds)}
     return items
+
+
+class ShownTable(Protocol):
+    """Shows itself, and does what it is asked; called by one thread only, the one that drives it.
+
+    `offers` are the names of the commands that it takes. `version` counts the changes of what
+    `description` returns. What `take_messages` returns goes to every client as it is.
+    """
+
+    offers: tuple[str, ...]
+    version: int
+
+    def description(self) -> dict[str, Any]:
+        """What does not change from snapshot to snapshot: places, names, signals."""
+        ...
+
+    def snapshot(self, sequence: int) -> bytes:
+        """How all is now, packed as `signals` are."""
+        ...
+
+    def history(self) -> bytes:
+        """Snapshots of a whole recorded run, one behind the other; nothing of one that goes on."""
+        ...
+
+    def take_messages(self) -> list[dict[str, Any]]:
+        """Messages since the last call: events, faults, objects."""
+        ...
+
+    def story(self) -> list[dict[str, Any]]:
+        """Messages that a client needs that comes late."""
+        ...
+
+    def do(self, command: Command) -> str | None:
+        """Carry a command out; returns a word on it. Raises `RefusedError`."""
+        ...
+
+    def abandon(self) -> None:
+        """Whoever was in control is gone: end what needs a hand on it."""
+        ...

@@ -1,6 +1,11 @@
-"""A table with a host that steers it, as the page sees it: what is believed of it, and is to be."""
+"""A table with a host that steers it, as the page sees it, and what a person asks of its parcels.
+
+A person gives parcels goals and names. A parcel follows a goal that is dragged only as long as
+there is a hand on it.
+"""
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -8,24 +13,128 @@ import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.phase import BRING_UP
-from mdms_host.estimation.tracker import Parcel
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.goal import Goal
 from mdms_host.page import commands
-from mdms_host.page.believed_signals import believed_signals
-from mdms_host.page.bus_rates import BusRates
+from mdms_host.page.bus_watch import KINDS, BusRates, BusWatch
+from mdms_host.page.cell_objects import ObjectReader
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.parcels_by_hand import ParcelsByHand
-from mdms_host.page.seat import Seat
-from mdms_host.page.shown.bus_watch import KINDS, BusWatch
-from mdms_host.page.shown.description import OTHER_HOST, PHASES, describe
-from mdms_host.page.shown.events import EventList, event_of
-from mdms_host.page.shown.objects import ObjectReader
-from mdms_host.page.shown.offered import plan_of
-from mdms_host.page.shown.signals import Signals
-from mdms_host.page.shown.things import sized, things_of
+from mdms_host.page.description import (
+    OTHER_HOST,
+    PHASES,
+    SnapshotSignals,
+    believed_signals,
+    describe,
+    plan_of,
+    sized,
+    things_of,
+)
+from mdms_host.page.events import EventList, event_of
+from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import TableProgram
 from mdms_host.programs.table_parcel import ProgramError
 from mdms_model.arrays import Floats
+
+#: A goal that is dragged is sent again at least this often by a page that is there [s].
+HELD_S = 1.0
+
+
+class ParcelsByHand:
+    """Sets goals of a coordinator's parcels, and names them; `wall_s` is the machine's time."""
+
+    def __init__(self, wall_s: Callable[[], float]) -> None:
+        self._wall_s = wall_s
+        #: When each goal that is dragged came last, and whose parcels these are.
+        self._held: dict[str, float] = {}
+        self._holder: Coordinator | None = None
+
+    def set_goal(self, coordinator: Coordinator, command: commands.Goal) -> None:
+        """Steer a parcel there from now on. Raises `RefusedError`.
+
+        What is dragged to where it cannot go is held at the goal before.
+        """
+        self._leave_others(coordinator)
+        if command.held and command.parcel in self._held:
+            self._held[command.parcel] = self._wall_s()
+        goal = _goal_of(coordinator, command)
+        try:
+            coordinator.set_goal(command.parcel, goal)
+        except KeyError:
+            raise RefusedError(_not_steered(coordinator, command.parcel)) from None
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
+        self._held.pop(command.parcel, None)
+        if command.held:
+            self._held[command.parcel] = self._wall_s()
+
+    def let_go(self, coordinator: Coordinator | None) -> list[str]:
+        """Have parcels stay whose goals nobody holds any more; returns their names."""
+        self._leave_others(coordinator)
+        now_s = self._wall_s()
+        gone = [name for name, held_s in self._held.items() if now_s - held_s > HELD_S]
+        for name in gone:
+            del self._held[name]
+        if coordinator is None or coordinator.stopped:
+            return []
+        return [name for name in gone if _stay(coordinator, name)]
+
+    def _leave_others(self, coordinator: Coordinator | None) -> None:
+        """A hand that dragged a goal of a program before has nothing to do with this one."""
+        if coordinator is not self._holder:
+            self._held.clear()
+            self._holder = coordinator
+
+    def name(self, coordinator: Coordinator, command: commands.Name) -> None:
+        """Take what is unknown for a parcel. Raises `RefusedError`."""
+        parcel = Parcel(
+            command.name,
+            command.length_m,
+            command.width_m,
+            shape=command.shape,
+            spread_m=command.spread_m,
+        )
+        try:
+            coordinator.tracker.name(command.parcel, parcel)
+        except KeyError:
+            raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
+
+
+def _not_steered(coordinator: Coordinator, name: str) -> str:
+    """Why the program that runs steers nothing of this name."""
+    if name in coordinator.tracker.unknown:
+        return f"{name} is unknown, and is not steered; give it a name first"
+    if name not in coordinator.tracker.parcels:
+        return f"there is no parcel {name!r:.60}"
+    if coordinator.estimate(name) is None:
+        return f"{name} has not been found yet; ask again when it has"
+    return f"the program that runs does not steer {name}"
+
+
+def _goal_of(coordinator: Coordinator, command: commands.Goal) -> Goal:
+    """The goal, as exact as the one that the parcel has; a disc's turn is seen by no sensor."""
+    before = coordinator.goals.get(command.parcel, Goal(0.0, 0.0))
+    parcel = coordinator.tracker.parcels.get(command.parcel)
+    turned = parcel is None or parcel.shape != "disc"
+    yaw_rad = command.yaw_rad if turned else None
+    return replace(before, x_m=command.x_m, y_m=command.y_m, yaw_rad=yaw_rad)
+
+
+def _stay(coordinator: Coordinator, name: str) -> bool:
+    """Have a parcel stay where it is believed to be; returns whether it can be."""
+    estimate = coordinator.estimate(name) if name in coordinator.tracker.parcels else None
+    if estimate is None or name not in coordinator.goals:
+        return False
+    here = commands.Goal(name, estimate.x_m, estimate.y_m, estimate.yaw_rad)
+    try:
+        coordinator.set_goal(name, _goal_of(coordinator, here))
+    except (KeyError, ValueError):
+        # What cannot be given a goal does not go on to the one that it has.
+        coordinator.stop()
+    return True
+
 
 #: Ways and tiles are looked at so often [s].
 _PLAN_S = 0.25
@@ -34,7 +143,7 @@ _AGAIN_S = 1.0
 
 
 class LiveTable:
-    """Composed of what is on the buses (`watch`) and of whoever has the host's `seat`.
+    """Composed of what is on the buses (`watch`) and of whoever runs in the host's `slot`.
 
     `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
     are those that the host is given. `report(time_s, text)` is called for events.
@@ -51,7 +160,7 @@ class LiveTable:
         layout: Layout,
         parcels: tuple[Parcel, ...],
         *,
-        seat: Seat,
+        slot: RunSlot,
         watch: BusWatch,
         now_s: Callable[[], float],
         wall_s: Callable[[], float] | None = None,
@@ -63,12 +172,12 @@ class LiveTable:
         self._layout = layout
         self._told = parcels
         self._things = things_of(parcels, None)
-        self._seat = seat
+        self._slot = slot
         self._watch = watch
         self._now_s = now_s
         self._report = report
         self._error_frames = error_frames
-        self._signals = Signals.of(layout, len(parcels), len(KINDS))
+        self._signals = SnapshotSignals.of(layout, len(parcels), len(KINDS))
         self._new_messages: list[dict[str, Any]] = []
         self._events = EventList()
         self._stopped_s = -inf
@@ -92,17 +201,17 @@ class LiveTable:
         now_s = self._now_s()
         if not 0.0 <= now_s - self._planned_s < _PLAN_S:
             self._planned_s = now_s
-            plan = plan_of(self._seat.coordinator)
+            plan = plan_of(self._slot.coordinator)
             if plan != self._plan:
                 self._plan = plan
                 self._new_messages.append(plan)
 
     def _look_for_things(self) -> None:
         """Parcels come and go, and with them the shape of a snapshot."""
-        things = things_of(self._told, self._seat.coordinator)
+        things = things_of(self._told, self._slot.coordinator)
         if things != self._things:
-            self._things = sized(things, self._seat.coordinator)
-            self._signals = Signals.of(self._layout, len(things), len(KINDS))
+            self._things = sized(things, self._slot.coordinator)
+            self._signals = SnapshotSignals.of(self._layout, len(things), len(KINDS))
             self.version += 1
 
     def snapshot(self, sequence: int) -> bytes:
@@ -111,7 +220,7 @@ class LiveTable:
 
     def values(self) -> dict[str, Any]:
         """The signals by name, as far as they are known."""
-        now_s, coordinator, watch = self._now_s(), self._seat.coordinator, self._watch
+        now_s, coordinator, watch = self._now_s(), self._slot.coordinator, self._watch
         errors = self.errors()
         self._rates.count(now_s, self._watch.frames, self.busy_s(), errors)
         identity, promise = watch.promises(now_s)
@@ -134,7 +243,7 @@ class LiveTable:
         }
         if coordinator is not None:
             values |= believed_signals(self._things, coordinator)
-        if self._seat.beside_other_host and not self._seat.busy:
+        if self._slot.beside_other_host and not self._slot.busy:
             values["phase"] = [PHASES.index(OTHER_HOST)]
         return values
 
@@ -174,7 +283,7 @@ class LiveTable:
 
     def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        for name in self._by_hand.let_go(self._seat.coordinator):
+        for name in self._by_hand.let_go(self._slot.coordinator):
             self.note("page", f"{name} stays where it is: the hand that dragged its goal is gone")
         self._look()
         self._look_for_things()
@@ -188,7 +297,7 @@ class LiveTable:
 
     def _look(self) -> None:
         """Note what coordinator and reader have reported since the last call."""
-        coordinator, reader = self._seat.coordinator, self._seat.reader
+        coordinator, reader = self._slot.coordinator, self._slot.reader
         if coordinator is not None:
             last, reported = self._reported
             reported = reported if last is coordinator else 0
@@ -203,7 +312,7 @@ class LiveTable:
                 message = {"kind": "objects", "cell": reader.cell, "rows": rows}
                 self._new_messages.append(message | {"over": reader.over})
             if reader.over:
-                self._seat.reader = None
+                self._slot.reader = None
 
     # What is done
 
@@ -215,15 +324,15 @@ class LiveTable:
             case commands.Name():
                 self._by_hand.name(self._running(), command)
             case commands.Start():
-                self._seat.start()
+                self._slot.start()
                 self.note("page", "the program is started")
             case commands.Signal():
                 self._send_signal(command)
             case commands.Stop():
-                self._seat.stop()
+                self._slot.stop()
                 self.note("page", "the program is stopped")
             case commands.StopAll():
-                self._seat.stop_all()
+                self._slot.stop_all()
                 self._note_stop()
             case commands.ReadObjects():
                 self._read(command.cell)
@@ -236,8 +345,8 @@ class LiveTable:
 
     def _running(self) -> Coordinator:
         """The coordinator of the program that runs. Raises `RefusedError`."""
-        coordinator = self._seat.coordinator
-        if coordinator is None or not self._seat.busy:
+        coordinator = self._slot.coordinator
+        if coordinator is None or not self._slot.busy:
             raise RefusedError("no program runs; start one first")
         return coordinator
 
@@ -259,12 +368,12 @@ class LiveTable:
             self.note("page", "stop all")
 
     def _read(self, cell: int) -> None:
-        coordinator = self._seat.coordinator
+        coordinator = self._slot.coordinator
         if not 1 <= cell <= self._layout.cells:
             raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
         if coordinator is not None and coordinator.phase in BRING_UP:
             raise RefusedError("the cells are being brought up; ask again when they run")
-        if self._seat.others_ask:
+        if self._slot.others_ask:
             raise RefusedError("somebody else reads or writes settings just now; ask again later")
         places = self._layout
-        self._seat.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])
+        self._slot.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

@@ -12,11 +12,9 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mdms_host.clock import Clock
-from mdms_host.page.commands import Command, RefusedError, StopAll
-from mdms_host.page.table import Table
-from mdms_host.page.web.gate import LOOPBACK, Gate
-from mdms_host.page.web.hub import GRACE_S, Hub
-from mdms_host.page.web.server import PageApp
+from mdms_host.page.commands import Command, RefusedError, ShownTable, StopAll
+from mdms_host.page.hub import GRACE_S, Hub
+from mdms_host.page.server import LOOPBACK, AccessGate, PageApp
 
 FRAMES_PER_S = 60.0
 #: Events and the like are passed on this often where nobody looks [s].
@@ -61,7 +59,9 @@ class Page:
     there, in that thread. `port` 0 takes a free one. Raises `PageError`.
     """
 
-    def __init__(self, table: Table, clock: Clock, port: int = 0, host: str = LOOPBACK) -> None:
+    def __init__(
+        self, table: ShownTable, clock: Clock, port: int = 0, host: str = LOOPBACK
+    ) -> None:
         self._table = table
         self._clock = clock
         self._work: Queue[Work] = Queue(MOST_COMMANDS)
@@ -72,7 +72,7 @@ class Page:
         self._version = table.version
         self._due_s = self._news_s = 0.0
         self._socket = _listen(host, port)
-        self.gate = Gate(self._socket.getsockname()[1], host)
+        self.gate = AccessGate(self._socket.getsockname()[1], host)
         self._hub = Hub(self._on_vacant)
         app = PageApp(
             self.gate,

@@ -10,18 +10,14 @@ from numpy.typing import NDArray
 
 from mdms_host.layout import Layout
 from mdms_host.page import commands
+from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.shown.bus_watch import KINDS, BusWatch, CellState
-from mdms_host.page.shown.description import PHASES, describe
-from mdms_host.page.shown.events import events_of
-from mdms_host.page.shown.offered import planned
-from mdms_host.page.shown.signals import Signals
-from mdms_host.page.shown.things import Thing
+from mdms_host.page.description import PHASES, SnapshotSignals, Thing, describe, planned
+from mdms_host.page.events import events_of
 from mdms_model.arrays import Floats
+from mdms_model.run.derived import goals_at, goals_given, plan_at, slip_m_s
 from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
-from mdms_model.run.planned import goals_at, goals_given, plan_at
 from mdms_model.run.record import Event, Record
-from mdms_model.run.slip import slip_m_s
 from mdms_protocol.codecs.frame import Frame
 
 #: Instants of a run that are shown, and of these as many that the plots have.
@@ -44,7 +40,7 @@ class RecordedTable:
         self._run = run
         self._layout = layout
         self._things = things
-        self._signals = Signals.of(layout, len(things), len(KINDS))
+        self._signals = SnapshotSignals.of(layout, len(things), len(KINDS))
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
         self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s)

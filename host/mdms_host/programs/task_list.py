@@ -6,7 +6,7 @@ from typing import Any
 from mdms_host.programs import tasks
 from mdms_host.programs.program import Main
 from mdms_host.programs.table import Newcomer, ProgramError, Table
-from mdms_model.scenario.task import Task
+from mdms_model.scenario.scenario import Task
 
 
 def main_of(listed: Sequence[Task]) -> Main:
@@ -32,7 +32,7 @@ def _groups(listed: Sequence[Task]) -> Iterator[list[Task]]:
 
 
 def _routine(table: Table, task: Task) -> Coroutine[Any, Any, None]:
-    """The coroutine of a task; its keys have been checked by `mdms_model.scenario.rules.task`."""
+    """The coroutine of a task; its keys have been checked by `mdms_model.scenario.run_rules`."""
     return _ROUTINES[task.do](table, task)
 
 

@@ -9,7 +9,7 @@ from itertools import islice
 from math import floor
 
 from mdms_host.updating.cell_update import CellUpdate
-from mdms_model.bus_time import worst_bits
+from mdms_model.buses import worst_bits
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 

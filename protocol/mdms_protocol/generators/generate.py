@@ -1,6 +1,7 @@
-"""Writes what follows from the object table: `python -m mdms_protocol.generators.generate`.
+"""The files that follow from the object table: `python -m mdms_protocol.generators.generate`.
 
-Runs in a checkout, under CPython. With `--check` it writes nothing and names stale files.
+It runs in a checkout, under CPython. With `--check` it writes nothing and names stale files.
+`data_sheet` finds those that are for other tools, `mdms-cell.eds` and `mdms-cell.dbc`.
 """
 
 import sys
@@ -8,9 +9,43 @@ from pathlib import Path
 
 from mdms_protocol import record
 from mdms_protocol.generators import dbc, eds, index_names, pack, reference
-from mdms_protocol.generators.writing import write_or_check
 
 _PACKAGE = Path(__file__).parents[1]
+
+
+def data_sheet(name: str) -> Path:
+    """The file of that name: within the package where it is installed, beside it in a checkout.
+
+    Raises FileNotFoundError.
+    """
+    for folder in (_PACKAGE, _PACKAGE.parent):
+        if (folder / name).is_file():
+            return folder / name
+    raise FileNotFoundError(f"{name} is neither in {_PACKAGE} nor beside it")
+
+
+def write_or_check(outputs: dict[Path, str], arguments: list[str]) -> int:
+    """Write stale files; with `--check` name them instead and return 1 if there is any."""
+    changed = stale(outputs)
+    if arguments == ["--check"]:
+        for path in changed:
+            print(f"{path} is stale: run make generate", file=sys.stderr)
+        return 1 if changed else 0
+    for path in changed:
+        path.write_text(outputs[path], encoding="utf-8")
+        print(path)
+    return 0
+
+
+def stale(outputs: dict[Path, str]) -> list[Path]:
+    """The files whose content differs from the generated one."""
+    return [
+        path
+        for path, text in outputs.items()
+        if not path.exists() or path.read_text(encoding="utf-8") != text
+    ]
+
+
 _FOLDER = _PACKAGE.parent
 
 

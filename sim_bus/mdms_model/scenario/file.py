@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mdms_model.scenario.rules.every import check_rules
+from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import build, spell_out
 

@@ -1,28 +1,161 @@
-"""A scenario: the array, its cells, the parcels, the motion and the run, as plain values.
+"""A scenario: the array, its cells, parcels, streams, tasks, motion and the run, as plain values.
 
 Lengths in metres in the table frame (origin at the centre of the array, x along the columns),
-angles in radians, everything in SI units. `scenario_file` reads these from TOML and checks them
-by their types and by the `Limit` beside each field.
+angles in radians, everything in SI units. `scenario.file` reads these from TOML and checks them by
+their types and by the `Limit` beside each field.
 """
 
 from dataclasses import dataclass, field
+from math import inf
 from re import fullmatch
 from typing import Any
 
 from mdms_model.errors import InputError
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.limit import (
-    ANGLE,
-    LENGTH,
-    NOT_NEGATIVE,
-    PLACE,
-    POSITIVE,
-    SHARE,
-    Limit,
-)
+from mdms_model.scenario.limit import ANGLE, LENGTH, NOT_NEGATIVE, PLACE, POSITIVE, SHARE, Limit
 from mdms_model.scenario.motion import Motion
-from mdms_model.scenario.stream import Exit, Stream
-from mdms_model.scenario.task import Signal, Task
+
+SIDES = ("east", "north", "west", "south")
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """Parcels of a stock that are set down one after another, at rest, at one place.
+
+    The next parcel is the first in stock, by the order of `parcels` (their names), of a kind that
+    the seed draws from those in stock. It is set down within `spread_m` and `spread_rad` of the
+    place as soon as `clear_m` around it is free, but no sooner than `period_s` after the one
+    before, and never more than `most` in all (None: no end). A parcel that has left by an exit is
+    in stock again. `parcels` start in stock, wherever the scenario puts them.
+    """
+
+    parcels: tuple[str, ...] = field(metadata=Limit(items=(1, 63)))
+    """Names of the parcels in stock."""
+    x_m: float = field(default=0.0, metadata=PLACE)
+    """Place along x where they are set down."""
+    y_m: float = field(default=0.0, metadata=PLACE)
+    """The same along y."""
+    yaw_rad: float = field(default=0.0, metadata=ANGLE)
+    """Their angle there."""
+    start_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """When the first may come."""
+    period_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """Least time between two."""
+    clear_m: float = field(default=0.02, metadata=Limit(at_least=0.0, at_most=1.0))
+    """How much around the place is free before the next comes."""
+    spread_m: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=0.1))
+    """Largest deviation from the place, drawn by seed."""
+    spread_rad: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=0.5))
+    """Largest deviation from the angle, drawn by seed."""
+    most: int | None = field(default=None, metadata=Limit(at_least=1, at_most=1_000_000))
+    """How many come in all; none: no end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exit:
+    """A stretch of one edge of the table, over which parcels leave.
+
+    The conveyor there takes a parcel when its centre of mass has passed the last support, and lies
+    between `from_m` and `to_m` along the edge [table frame]. `kinds` are those that are to leave by
+    it; empty: any.
+    """
+
+    name: str
+    """What tasks and programs call it."""
+    side: str = field(metadata=Limit(choices=SIDES))
+    """The edge of the table."""
+    from_m: float = field(default=-1000.0, metadata=PLACE)
+    """Beginning of its stretch, along the edge."""
+    to_m: float = field(default=1000.0, metadata=PLACE)
+    """End of its stretch."""
+    kinds: tuple[str, ...] = ()
+    """Kinds of parcels that leave by it; none: any that are sent there."""
+
+    def out_m(self, x_m: float, y_m: float, last_m: float) -> float:
+        """How far a centre of mass is beyond the last support, at `last_m` to this side [m].
+
+        -inf where it is not within the stretch.
+        """
+        along_m, across_m = (y_m, x_m) if self.side in ("east", "west") else (x_m, y_m)
+        if not self.from_m <= along_m <= self.to_m:
+            return -inf
+        return (across_m if self.side in ("east", "north") else -across_m) - last_m
+
+
+SIDE = Limit(at_least=0.01, at_most=10.0)
+TASKS = ("transport", "name", "swap", "sort", "merge", "singulate", "buffer", "wait")
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A value that comes to the program from outside, in simulated runs.
+
+    On a real table signals come from `send_signal`, and these do not count.
+    """
+
+    name: str
+    """The name that the program waits for it by."""
+    value: str = ""
+    """What it says."""
+    time_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """When it comes, from the beginning of the run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One task; each begins when the one before has ended, or with it if it is `beside` it.
+
+    `do` is one of these:
+
+    - transport: `parcel` goes to `x_m`, `y_m`, and is turned to `yaw_rad` if that is given
+    - name: an unknown thing at `x_m`, `y_m` is called `parcel`, as soon as there is one. Without
+      `length_m` (of a disc, its diameter) and `width_m` it is as large as sensors show it
+    - swap: the two `parcels` change places
+    - sort: each parcel that comes leaves by the exit for its kind
+    - merge: parcels that come, wherever that is, leave by `exit`
+    - singulate: those on the table, and those that come, leave by `exit` one at a time, each
+      `period_s` after the one before at the soonest
+    - buffer: parcels that come wait at `places` and leave by `exit`, first in, first out, or in the
+      `order` of names or kinds
+    - wait: for `period_s`
+
+    `count` is after how many parcels a task with comings ends; none: it has no end.
+    """
+
+    do: str = field(metadata=Limit(choices=TASKS))
+    """What it does."""
+    beside: bool = False
+    """Whether it begins with the task before, not after it."""
+    parcel: str = ""
+    """Name of the parcel of transport, or that what is named gets."""
+    parcels: tuple[str, ...] = ()
+    """Names of the two parcels of swap."""
+    x_m: float | None = field(default=None, metadata=PLACE)
+    """Place of transport, or of what is named, along x."""
+    y_m: float | None = field(default=None, metadata=PLACE)
+    """The same along y."""
+    yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    """Angle of transport; none: as it comes."""
+    length_m: float | None = field(default=None, metadata=SIDE)
+    """Length of what is named, or its diameter; none: as sensors show it."""
+    width_m: float | None = field(default=None, metadata=SIDE)
+    """Its width; none: its length."""
+    mass_kg: float | None = field(default=None, metadata=Limit(at_least=0.001, at_most=1000.0))
+    """Its mass, as the host is to believe; none: 1 kg."""
+    shape: str = field(default="rectangle", metadata=Limit(choices=("rectangle", "disc")))
+    """Its outline."""
+    kind: str = ""
+    """Its kind, by which exits are chosen."""
+    exit: str = ""
+    """Name of the exit of merge, singulate and buffer."""
+    places: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
+    """Places [m] of buffer, at which parcels wait."""
+    order: tuple[str, ...] = ()
+    """Names or kinds of parcels, in the order in which they leave a buffer; none: as they came."""
+    period_s: float = field(default=0.0, metadata=Limit(at_least=0.0, at_most=1e5))
+    """Time of wait; least time between two parcels of singulate."""
+    count: int | None = field(default=None, metadata=Limit(at_least=1, at_most=1_000_000))
+    """Number of parcels after which it ends; none: no end."""
 
 
 class ScenarioError(InputError):

@@ -13,8 +13,7 @@ import numpy as np
 
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
-from mdms_model.hull import LINE_M
-from mdms_model.outline import EDGE_M, Outline
+from mdms_model.outline import EDGE_M, LINE_M, Outline
 
 #: A centre of mass that is this close above a row of wheels stands on it, as in the physics.
 TIP_M = 1e-6

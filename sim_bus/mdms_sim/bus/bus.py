@@ -4,8 +4,7 @@ from collections.abc import Callable, Collection, Container
 from itertools import count
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.acceptance import Acceptance, FrameObserver, Observation
-from mdms_sim.bus.controller import Controller, Station
+from mdms_sim.bus.controller import Acceptance, Controller, FrameObserver, Observation, Station
 from mdms_sim.bus.party import Disturbance
 from mdms_sim.bus.segment import Segment
 from mdms_sim.kernel import Kernel

@@ -1,19 +1,101 @@
-"""A station's CAN controller: transmit queue and mailboxes, acceptance, receive FIFO.
+"""A station's CAN controller: queue and mailboxes, acceptance, receive FIFO, confinement.
 
-Three mailboxes and a receive FIFO of three, as in the bxCAN of an STM32F405.
+Three mailboxes and a receive FIFO of three, as in the bxCAN of an STM32F405. Error counters make a
+node passive, then bus off (ISO 11898-1, 12.1). A node that is bus off must see 128 times eleven
+recessive bits before it comes back.
 """
 
 from collections import deque
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterable, Sequence
+from enum import Enum
 from functools import partial
 from heapq import heapify
 from typing import TYPE_CHECKING, Protocol
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.confinement import Confinement, ErrorState
+from mdms_sim.kernel import Kernel
 
 if TYPE_CHECKING:
     from mdms_sim.bus.segment import Segment
+
+PASSIVE_LIMIT = 128
+BUS_OFF_LIMIT = 256
+#: Where a successful reception puts a receive counter that was beyond the passive limit.
+RECEIVE_AFTER_SUCCESS = 119
+TRANSMIT_ERROR = 8
+RECEIVE_ERROR = 1
+#: For a receiver whose error flag was answered by others: the fault was likely its own.
+RECEIVE_SEVERE_ERROR = 8
+
+
+class ErrorState(Enum):
+    """How far a node is trusted."""
+
+    ACTIVE = "error active"
+    PASSIVE = "error passive"
+    BUS_OFF = "bus off"
+
+
+class Confinement:
+    """Transmit and receive error counter of one node."""
+
+    __slots__ = ("receive", "transmit")
+
+    def __init__(self) -> None:
+        self.transmit = 0
+        self.receive = 0
+
+    @property
+    def state(self) -> ErrorState:
+        """What the counters make of the node."""
+        if self.transmit >= BUS_OFF_LIMIT:
+            return ErrorState.BUS_OFF
+        if max(self.transmit, self.receive) >= PASSIVE_LIMIT:
+            return ErrorState.PASSIVE
+        return ErrorState.ACTIVE
+
+    @property
+    def clean(self) -> bool:
+        """Whether both counters are 0."""
+        return not (self.transmit or self.receive)
+
+    def transmitted(self) -> None:
+        """A frame of the node was acknowledged."""
+        self.transmit = max(0, self.transmit - 1)
+
+    def received(self) -> None:
+        """A frame of another node was good."""
+        if self.receive >= PASSIVE_LIMIT:
+            self.receive = RECEIVE_AFTER_SUCCESS
+        else:
+            self.receive = max(0, self.receive - 1)
+
+    def transmit_error(self) -> None:
+        """A frame of the node was destroyed."""
+        self.transmit += TRANSMIT_ERROR
+
+    def receive_error(self) -> None:
+        """A frame of another node was bad."""
+        self.receive += RECEIVE_ERROR
+
+    def receive_severe_error(self) -> None:
+        """An error that a receiver counts against itself: others had none, or its flag failed."""
+        self.receive += RECEIVE_SEVERE_ERROR
+
+    def copy(self) -> "Confinement":
+        """The same counters, to go on from."""
+        other = Confinement()
+        other.transmit, other.receive = self.transmit, self.receive
+        return other
+
+    def put(self, other: "Confinement") -> None:
+        """Takes over the counters of another."""
+        self.transmit, self.receive = other.transmit, other.receive
+
+    def reset(self) -> None:
+        """The node starts, or has sat out its time off the bus."""
+        self.transmit = self.receive = 0
+
 
 MAILBOXES = 3
 RECEIVE_FIFO = 3
@@ -174,3 +256,119 @@ class Requests(list[Request]):
             if controller.suspended_until_ns <= now_ns:
                 first.setdefault(controller, frame)
         return list(first.items())
+
+
+#: A flood of identifiers costs time, not memory.
+REMEMBERED = 4096
+
+FrameObserver = Callable[[Frame, int], object]
+#: An observer and what it wants to see, None for everything.
+Observation = tuple[FrameObserver, Container[int] | None]
+Recipients = tuple[tuple[FrameObserver, ...], tuple[Controller, ...]]
+
+
+class Acceptance:
+    """A list of identifiers that may change while the node is on the bus."""
+
+    def __init__(self, identifiers: Iterable[int] = ()) -> None:
+        self._identifiers = frozenset(identifiers)
+        self._changed: Callable[[], object] | None = None
+
+    def __contains__(self, can_id: object) -> bool:
+        return can_id in self._identifiers
+
+    def replace(self, identifiers: Iterable[int]) -> None:
+        """Lets these identifiers through from now on, and informs the bus."""
+        self._identifiers = frozenset(identifiers)
+        if self._changed is not None:
+            self._changed()
+
+    def on_change(self, changed: Callable[[], object]) -> None:
+        """Has `changed` called after every change; for the bus, which keeps who receives what."""
+        self._changed = changed
+
+
+class Receivers(dict[int, Recipients]):
+    """Observers and controllers by identifier; `clear` it when any of them has changed."""
+
+    def __init__(
+        self, controllers: Sequence[Controller], observations: Sequence[Observation]
+    ) -> None:
+        super().__init__()
+        self._controllers = controllers
+        self._observations = observations
+
+    def __missing__(self, can_id: int) -> Recipients:
+        if len(self) >= REMEMBERED:
+            self.clear()
+        observers = tuple(
+            observer
+            for observer, accept in self._observations
+            if accept is None or can_id in accept
+        )
+        controllers = tuple(
+            each
+            for each in self._controllers
+            if each.live and (each.accept is None or can_id in each.accept)
+        )
+        self[can_id] = recipients = observers, controllers
+        return recipients
+
+
+SEQUENCES = 128
+SEQUENCE_BITS = 11
+PRIORITY = 0
+
+
+class Recovery:
+    """Counts for the nodes of one wire; `done(controller)` is called when one may send again.
+
+    An idle wire gives a sequence every eleven bits; a frame gives one, for it ends in eleven
+    recessive bits with its inter-frame space, and so does an error frame.
+    """
+
+    def __init__(self, kernel: Kernel, bit_ns: int, done: Callable[[Controller], object]) -> None:
+        self._kernel = kernel
+        self._sequence_ns = SEQUENCE_BITS * bit_ns
+        self._done = done
+        self._left: dict[Controller, int] = {}
+        self._since_ns: dict[Controller, int] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._left)
+
+    def start(self, controller: Controller, from_ns: int) -> None:
+        """Begins to count for a node; the wire is idle from `from_ns` on."""
+        self._left[controller] = SEQUENCES
+        self._since_ns[controller] = from_ns
+        self._await(controller)
+
+    def drop(self, controller: Controller) -> None:
+        """Counts no longer for a node, if it did."""
+        self._left.pop(controller, None)
+
+    def on_frame(self, start_ns: int, free_ns: int) -> None:
+        """The wire is taken from `start_ns` to `free_ns`."""
+        for controller in self._left:
+            idle_ns = max(0, start_ns - self._since_ns[controller])
+            self._left[controller] -= idle_ns // self._sequence_ns + 1
+            self._since_ns[controller] = free_ns
+            self._await(controller)
+
+    def postpone(self, free_ns: int) -> None:
+        """What is on the wire ends at another time than was announced."""
+        for controller in self._left:
+            self._since_ns[controller] = free_ns
+            self._await(controller)
+
+    def _await(self, controller: Controller) -> None:
+        due_ns = self._since_ns[controller] + max(0, self._left[controller]) * self._sequence_ns
+        self._kernel.at(due_ns, PRIORITY, partial(self._check, controller, due_ns))
+
+    def _check(self, controller: Controller, due_ns: int) -> None:
+        left = self._left.get(controller)
+        if left is None:
+            return
+        if due_ns == self._since_ns[controller] + max(0, left) * self._sequence_ns:
+            del self._left[controller]
+            self._done(controller)

@@ -4,8 +4,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.confinement import Confinement
-from mdms_sim.bus.controller import Controller
+from mdms_sim.bus.controller import Confinement, Controller
 from mdms_sim.bus.node import Node
 
 #: A node that needs time may ask for it after a frame, but not more often.

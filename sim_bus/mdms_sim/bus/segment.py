@@ -3,9 +3,7 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
-from mdms_sim.bus.confinement import ErrorState
-from mdms_sim.bus.controller import Controller
-from mdms_sim.bus.recovery import Recovery
+from mdms_sim.bus.controller import Controller, ErrorState, Recovery
 from mdms_sim.bus.traffic import PRIORITY_END, States, Traffic
 from mdms_sim.kernel import Action
 

@@ -1,27 +1,171 @@
-"""What is on one wire: who sends next, how long it takes, who receives it.
+"""The frames on one wire: the next to be sent, its duration, the stations that receive it.
 
-Bit boundaries lie at multiples of the bit time. All frames that ask for the bus within one bit
-time contend for it; each takes its real length with stuff bits and the inter-frame space after it.
-While all is well, a frame costs one event; everything else goes the careful way, by an `Exchange`,
-which follows what each node makes of every bit.
+Bit boundaries lie at multiples of the bit time. All frames that ask for the bus within one bit time
+contend for it; each takes its real length with stuff bits and the inter-frame space after it. While
+all is well, a frame costs one event; everything else goes the careful way, by an `Exchange`, which
+follows what each node makes of every bit. Nodes that start alike and see the same do the same, so
+they are followed as one.
 """
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.acceptance import Receivers
-from mdms_sim.bus.confinement import ErrorState
-from mdms_sim.bus.controller import Controller, Requests
-from mdms_sim.bus.exchange import Exchange, Outcome
-from mdms_sim.bus.length import frame_bits
+from mdms_sim.bus.controller import (
+    Confinement,
+    Controller,
+    ErrorState,
+    Receivers,
+    Recovery,
+    Requests,
+)
+from mdms_sim.bus.node import Node
 from mdms_sim.bus.party import UNDISTURBED, Party, parties
-from mdms_sim.bus.recovery import Recovery
-from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field
+from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field, frame_bits
 
 if TYPE_CHECKING:
     from mdms_sim.bus.bus import Bus
+
+#: An error passive node that has just sent lets others go first for so long.
+SUSPEND_BITS = 8
+
+
+@dataclass(slots=True)
+class Outcome:
+    """How it ended; all bits are counted from the start of the exchange.
+
+    `frame` got through to somebody and ended after `frame_bits`; None if it did not. `free_bits` is
+    when the first node would start a new frame, `ready_bits` when those do that are later than it.
+    `sent` have sent the frame, `heard` received it, `tried` are all that were sending when it
+    ended. `errors` are the counters of all after it; `error`: there was an error frame.
+    """
+
+    free_bits: int
+    frame: Frame | None = None
+    frame_bits: int = 0
+    error: bool = False
+    sent: list[Controller] = field(default_factory=list)
+    heard: list[Controller] = field(default_factory=list)
+    tried: list[Controller] = field(default_factory=list)
+    ready_bits: dict[Controller, int] = field(default_factory=dict)
+    errors: list[tuple[Controller, Confinement]] = field(default_factory=list)
+
+    def settle(self, start_ns: int, bit_ns: int) -> None:
+        """Moves the counters of all, and sets until when some must let others go first."""
+        for controller, errors in self.errors:
+            controller.errors.put(errors)
+        for controller, bits in self.ready_bits.items():
+            controller.suspended_until_ns = start_ns + bits * bit_ns
+        for sender in self.tried:
+            if sender.state is ErrorState.PASSIVE:
+                ready_bits = self.ready_bits.get(sender, self.free_bits) + SUSPEND_BITS
+                sender.suspended_until_ns = start_ns + ready_bits * bit_ns
+
+
+class Exchange:
+    """What the nodes on one wire do from `start_ns` on; bit `flip` is seen wrong by some."""
+
+    def __init__(self, start_ns: int, parties: Sequence[Party], flip: int | None = None) -> None:
+        self.start_ns = start_ns
+        self.flip = flip
+        self._parties = parties
+        self._nodes: list[Node] = []
+
+    def after(self, bits: int, stays: Callable[[Controller], object]) -> list[Party]:
+        """How far those who stay have come after so many bits."""
+        self._follow()
+        parties = []
+        for party, node in zip(self._parties, self._nodes, strict=True):
+            controllers = tuple(each for each in party.controllers if stays(each))
+            if controllers:
+                seen = tuple(node.seen[: len(party.seen) + bits])
+                parties.append(replace(party, controllers=controllers, seen=seen))
+        return parties
+
+    def outcome(self) -> Outcome:
+        """How it ends if nobody comes or goes."""
+        return self._plain_outcome() or self._followed_outcome()
+
+    def _plain_outcome(self) -> Outcome | None:
+        """Without a look at the bits: one sends, others listen, and nothing disturbs them."""
+        senders = [party for party in self._parties if party.frame is not None]
+        listeners = [party for party in self._parties if party.frame is None]
+        plain = (
+            self.flip is None
+            and len(senders) == 1
+            and not all(party.mute for party in listeners)
+            and not any(party.overloads or party.seen for party in self._parties)
+        )
+        if not plain:
+            return None
+        frame = senders[0].frame
+        assert frame is not None
+        bits = frame_bits(frame)
+        outcome = Outcome(bits + INTERFRAME_BITS, frame, bits)
+        outcome.sent = outcome.tried = list(senders[0].controllers)
+        for party in self._parties:
+            errors = party.errors.copy()
+            if party.frame is not None:
+                errors.transmitted()
+            elif not party.mute:
+                errors.received()
+            outcome.errors += [(each, errors) for each in party.controllers]
+        outcome.heard = [each for party in listeners for each in party.controllers]
+        return outcome
+
+    def _follow(self) -> None:
+        """Lets bits pass until every node is ready for the next frame."""
+        if self._nodes:
+            return
+        self._nodes = nodes = [party.node() for party in self._parties]
+        bit = 0
+        while any(node.idle_after is None for node in nodes):
+            level = min(node.drive for node in nodes)
+            for party, node in zip(self._parties, nodes, strict=True):
+                node.see(1 - level if party.misled and bit == self.flip else level)
+            bit += 1
+
+    def _followed_outcome(self) -> Outcome:
+        self._follow()
+        outcome = Outcome(self._free_bits())
+        for party, node in zip(self._parties, self._nodes, strict=True):
+            self._tell(outcome, party, node)
+        outcome.error |= outcome.frame is None
+        return outcome
+
+    def _free_bits(self) -> int:
+        speaking = [pair for pair in self._ready() if not pair[0].mute] or self._ready()
+        return min(bits for _, bits in speaking)
+
+    def _ready(self) -> list[tuple[Party, int]]:
+        return [
+            (party, (node.idle_after or 0) - len(party.seen))
+            for party, node in zip(self._parties, self._nodes, strict=True)
+        ]
+
+    @staticmethod
+    def _tell(outcome: Outcome, party: Party, node: Node) -> None:
+        """Adds what became of one party."""
+        before = len(party.seen)
+        outcome.errors += [(each, node.errors) for each in party.controllers]
+        outcome.error |= node.flagged
+        ready_bits = (node.idle_after or 0) - before
+        if ready_bits > outcome.free_bits:
+            outcome.ready_bits |= dict.fromkeys(party.controllers, ready_bits)
+        if node.frame is not None and not node.outvoted:
+            outcome.tried += party.controllers
+        after = node.sent_after if node.sent_after is not None else node.heard_after
+        if after is None:
+            return
+        if node.sent_after is not None:
+            outcome.sent += party.controllers
+        else:
+            outcome.heard += party.controllers
+        outcome.frame = node.heard or node.frame
+        outcome.frame_bits = after - before
+
 
 #: Frames end before anything else happens at that instant, and arbitration sees all requests of it.
 PRIORITY_END = 0

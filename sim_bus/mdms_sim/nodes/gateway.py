@@ -12,7 +12,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
 from mdms_sim.kernel import Kernel
-from mdms_sim.nodes.bus_off import BusOffWatch
+from mdms_sim.nodes.bank import BusOffWatch
 
 NS_PER_MS = 1_000_000
 #: Latency of its background loop, as a cell's: from a frame's end to a mailbox of the other side.

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.acceptance import Acceptance
-from mdms_sim.bus.confinement import Confinement
+from mdms_sim.bus.controller import Acceptance, Confinement
 from mdms_sim.nodes import lockstep
-from mdms_sim.nodes.blocks import Blocks
-from mdms_sim.nodes.condition import Conditions
-from mdms_sim.nodes.micropython_process import MicropythonProcess, stage
+from mdms_sim.nodes.bank import Conditions
+from mdms_sim.nodes.micropython_process import Blocks, MicropythonProcess, stage
 from mdms_sim.nodes.virtual_board import SUPPLY_UV
 
 #: A process that prints is noticed after so many ticks.

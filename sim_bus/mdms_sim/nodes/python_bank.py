@@ -10,9 +10,8 @@ from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop
 from mdms_model.compiled import compiled
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.acceptance import Acceptance
-from mdms_sim.bus.confinement import Confinement
-from mdms_sim.nodes.condition import Conditions
+from mdms_sim.bus.controller import Acceptance, Confinement
+from mdms_sim.nodes.bank import Conditions
 from mdms_sim.nodes.virtual_board import (
     SUPPLY_UV,
     VirtualBoard,

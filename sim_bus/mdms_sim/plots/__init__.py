@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mdms_sim.plots.animation import FORMS, GIF, MP4, find_encoder, write_gif, write_mp4
 from mdms_sim.plots.canvas import FORMATS, MARK, form_of, save
-from mdms_sim.plots.moving.animation import FORMS, GIF, MP4, write_gif, write_mp4
-from mdms_sim.plots.moving.video import find_encoder
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import draw_row
 from mdms_sim.plots.wheels import draw_wheels

@@ -20,8 +20,7 @@ from mdms_model.arrays import Floats
 from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
-from mdms_sim.plots.scales import label_time, shown_until_s
+from mdms_sim.plots.canvas import FAINT, INK, label_time, new_figure, shown_until_s, tidy
 
 BAND_SHARE = 0.34
 BANDS = {"no contact": "#e3e6e9", "sliding": "#9aa1a8", "rolling": "#16191d"}

@@ -15,11 +15,19 @@ from numpy.typing import NDArray
 
 from mdms_model.array import Wheels, build_wheels
 from mdms_model.arrays import Floats
+from mdms_model.run.derived import slip_m_s
 from mdms_model.run.record import Contact, Record
-from mdms_model.run.slip import slip_m_s
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
-from mdms_sim.plots.scales import label_time, share_outside, shown_until_s, usual_most
+from mdms_sim.plots.canvas import (
+    FAINT,
+    INK,
+    label_time,
+    new_figure,
+    share_outside,
+    shown_until_s,
+    tidy,
+    usual_most,
+)
 
 #: In the order of the codes of `Contact`; forward and backward are told apart by warmth.
 CONTACT_COLOURS = ListedColormap(["#e3e6e9", "#16191d", "#d9795d", "#6d9fc9"])
@@ -33,7 +41,7 @@ STRIPE_IN, LEAST_PANEL_IN = 0.045, 1.25
 LEFT, RIGHT, SCALE_WIDTH = 0.10, 0.88, 0.012
 
 
-class Panel(NamedTuple):
+class WheelPanel(NamedTuple):
     """One quantity of all wheels (T, W), and its colours."""
 
     name: str
@@ -87,7 +95,7 @@ def _by_axis(wheels: Wheels) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
     return order, axis[order]
 
 
-def _panels(scenario: Scenario, record: Record) -> list[Panel]:
+def _panels(scenario: Scenario, record: Record) -> list[WheelPanel]:
     if (record.contact == Contact.UNKNOWN).all():
         return [
             _signed("reference [m/s]", record.reference_m_s),
@@ -96,19 +104,19 @@ def _panels(scenario: Scenario, record: Record) -> list[Panel]:
     kinds = BoundaryNorm(np.arange(len(KNOWN) + 1) - 0.5, len(KNOWN))
     most_n = usual_most(record.normal_n)
     return [
-        Panel(CONTACT, record.contact.astype(float), CONTACT_COLOURS, kinds),
-        Panel("normal [N]", record.normal_n, "YlGnBu", Normalize(0.0, most_n)),
+        WheelPanel(CONTACT, record.contact.astype(float), CONTACT_COLOURS, kinds),
+        WheelPanel("normal [N]", record.normal_n, "YlGnBu", Normalize(0.0, most_n)),
         _signed("friction [N]", record.force_n),
         _signed("slip [m/s]", slip_m_s(scenario, record), LEAST_SLIP_M_S),
     ]
 
 
-def _signed(name: str, values: Floats, least: float = 0.0) -> Panel:
+def _signed(name: str, values: Floats, least: float = 0.0) -> WheelPanel:
     most = usual_most(values, least)
-    return Panel(name, values, "RdBu_r", Normalize(-most, most))
+    return WheelPanel(name, values, "RdBu_r", Normalize(-most, most))
 
 
-def _draw_stripes(axes: Axes, time_s: Floats, panel: Panel, order: NDArray[np.intp]) -> None:
+def _draw_stripes(axes: Axes, time_s: Floats, panel: WheelPanel, order: NDArray[np.intp]) -> None:
     step = -(-len(time_s) // MOST_COLUMNS)
     axes.pcolormesh(
         np.append(time_s[:-1:step], time_s[-1]),

@@ -12,8 +12,7 @@ from mdms_model.outline import outline_of, own_outline_m
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Parcel, goal_of
 from mdms_protocol.neighbours import frames as wire
-from mdms_sim.referee.truth import HostReport, Note, Pose, Truth
-from mdms_sim.referee.word import FRESH_NS, NS_PER_S, Word
+from mdms_sim.referee.truth import FRESH_NS, NS_PER_S, HostReport, Note, Pose, Truth, Word
 
 #: 'Arrived' means a truth within this, and is said where the host believes the parcel within that.
 TRUE_M, TRUE_RAD = 0.005, radians(2.0)

@@ -16,8 +16,7 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.physics.plane.control_step import Registers
-from mdms_sim.referee.truth import HostReport, Note, Truth
-from mdms_sim.referee.word import FRESH_NS, NS_PER_S, Word
+from mdms_sim.referee.truth import FRESH_NS, NS_PER_S, HostReport, Note, Truth, Word
 
 #: A promise counts for so long after the cell has sent it (docs/cells.md).
 LEASE_NS = 80_000_000

@@ -11,9 +11,8 @@ from mdms_sim.physics.plane.control_step import Registers
 from mdms_sim.referee.claims import Claims
 from mdms_sim.referee.parcels import Parcels
 from mdms_sim.referee.rules import Violation
-from mdms_sim.referee.truth import Truth
+from mdms_sim.referee.truth import Truth, Word
 from mdms_sim.referee.wheels import Wheels
-from mdms_sim.referee.word import Word
 
 NS_PER_S = 1_000_000_000
 #: Parcels are looked at this often, words and wheels under parcels that often [ticks of 1 ms].

@@ -22,9 +22,20 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 from mdms_sim.physics.plane.control_step import Registers
 from mdms_sim.referee import watch
-from mdms_sim.referee.squares import NOBODY, Shapes, find_parcels
 from mdms_sim.referee.truth import Note, Truth
-from mdms_sim.referee.watch import CUT, ENABLED, NEVER, NS_PER_MS, OFF, RAMP, REACTION, SWITCHED_ON
+from mdms_sim.referee.watch import (
+    CUT,
+    ENABLED,
+    NEVER,
+    NOBODY,
+    NS_PER_MS,
+    OFF,
+    RAMP,
+    REACTION,
+    SWITCHED_ON,
+    Shapes,
+    find_parcels,
+)
 
 #: The tick after a frame is handled, and one for where it lies between two.
 LATE_NS = 3 * NS_PER_MS

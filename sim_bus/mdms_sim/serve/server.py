@@ -9,9 +9,8 @@ from functools import partial
 from typing import Self
 
 from mdms_sim.bus.bus import Bus
-from mdms_sim.serve.client import Client
-from mdms_sim.serve.clock import RealTime
-from mdms_sim.serve.codec import (
+from mdms_sim.serve.client import (
+    Client,
     Codec,
     GoneError,
     PacketCodec,
@@ -19,6 +18,7 @@ from mdms_sim.serve.codec import (
     SlcanCodec,
     StrictSlcanCodec,
 )
+from mdms_sim.serve.clock import Lateness, RealTime
 from mdms_sim.serve.endpoint import (
     LOOPBACK,
     Acceptor,
@@ -27,7 +27,6 @@ from mdms_sim.serve.endpoint import (
     UnixListener,
     listen_tcp,
 )
-from mdms_sim.serve.lateness import Lateness
 from mdms_sim.simulation import Simulation
 
 #: The simulation is not run further than this without looking after the clients.

@@ -25,7 +25,7 @@ from mdms_array.source import open_program
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.buses import address_cells
 from mdms_model.errors import InputError
-from mdms_model.run.cell_reports import CellReports
+from mdms_model.run.frame_readers import CellReports
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from tests.micropython_builds import EMITTER_LINE, wasm32
 
-from mdms_host.flashing.firmware_build import compile_module, rom_image
-from mdms_host.flashing.firmware_sources import START, sources
+from mdms_host.flashing.firmware import START, compile_module, rom_image, sources
 
 HEAP = Path(__file__).parent / "_firmware_heap.py"
 _FAKED = ("machine", "pyb", "stm", "world", "pin_names", "can_controller", "can_stm32", "can_bx")

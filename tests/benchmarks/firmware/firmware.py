@@ -28,8 +28,8 @@ from tests.firmware.conftest import ROOT, stage, unix
 from tests.micropython_builds import compile_staged, unix_command, wasm32
 
 from mdms_cell.drive import speed_loop
-from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP
-from mdms_host.flashing.firmware_build import compile_module, compiled_firmware
+from mdms_host.flashing.firmware import compile_module, compiled_firmware
+from mdms_host.flashing.flashing import COPIES_HEAP, ROM_HEAP
 
 HERE = Path(__file__).parent
 MEASURE = HERE / "_firmware_measure.py"

@@ -17,15 +17,13 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import connect
 
-from mdms_host.cli.simulation.live import seat_of, table_of
+from mdms_host.cli.simulation.live import slot_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.layout import Layout
+from mdms_host.page.bus_watch import KINDS
 from mdms_host.page.commands import Start
+from mdms_host.page.description import SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
-from mdms_host.page.shown.bus_watch import KINDS
-from mdms_host.page.shown.description import describe
-from mdms_host.page.shown.signals import Signals
-from mdms_host.page.shown.things import Thing
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
 from mdms_sim.serve.clock import RealTime
@@ -63,11 +61,11 @@ def run() -> list[dict[str, Any]]:
 def prototype() -> list[dict[str, Any]]:
     """Shares of a core, and from a client's order to the setpoint that obeys it."""
     scenario = load_scenario("array18")
-    seat = seat_of(scenario)
+    slot = slot_of(scenario)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
-        simulation = Simulation(scenario, bank, [seat], recorded=False)
+        simulation = Simulation(scenario, bank, [slot], recorded=False)
         simulation.kernel.run_until(1_000_000)
-        table = table_of(scenario, seat, simulation, RealTime())
+        table = table_of(scenario, slot, simulation, RealTime())
         table.do(Start())
         moved = Moved(simulation)
         with Page(table, MonotonicClock()) as page:
@@ -253,7 +251,9 @@ class Dancing:
 
     def __init__(self) -> None:
         self._layout = Layout(30, 6, node_ids=tuple(range(1, 19)) * 10, buses=_ten_buses())
-        self._signals = Signals(cells=180, wheels=360, parcels=20, buses=10, kinds=len(KINDS))
+        self._signals = SnapshotSignals(
+            cells=180, wheels=360, parcels=20, buses=10, kinds=len(KINDS)
+        )
         self._start_s = time.monotonic()
         self._random = np.random.default_rng(1)
 

@@ -16,7 +16,7 @@ from tests.host.programs.rolling import Rolling
 from mdms_array.figures import stream_figures
 from mdms_array.simulation import run_scenario
 from mdms_array.source import open_program
-from mdms_model.run.comings import is_wrong
+from mdms_model.run.record import is_wrong
 from mdms_model.scenario.scenario import Scenario
 
 CLEARED_M, ACCELERATION_M_S2 = 0.30, 1.1

@@ -18,9 +18,8 @@ from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.physics.row.journey import row_parcel
-from mdms_sim.physics.row.samples import course
-from mdms_sim.physics.row.trace import trace
+from mdms_sim.physics.row.solver import course
+from mdms_sim.physics.row.trace import row_parcel, trace
 
 FIGURES = (7, 8, 9)
 INSTANTS = 1001

@@ -15,14 +15,18 @@ import numpy as np
 from tests.benchmarks.cells.neighbours import CONFIDENCE, at_least
 
 from mdms_model.array import build_wheels
-from mdms_model.fields.references import references_m_s
+from mdms_model.fields import references_m_s
 from mdms_model.outline import area_and_moment
 from mdms_model.scenario.motion import Part
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
-from mdms_model.squeeze.plan import plan_squeezes
-from mdms_model.squeeze.turning import squeeze_function
-from mdms_sim.physics.analysis.squeeze_outcome import final_error_rad, share_within, step_outcomes
-from mdms_sim.physics.analysis.squeeze_trials import random_poses, try_squeezes
+from mdms_model.squeeze import plan_squeezes, squeeze_function
+from mdms_sim.physics.analysis.squeeze_trials import (
+    final_error_rad,
+    random_poses,
+    share_within,
+    step_outcomes,
+    try_squeezes,
+)
 
 TABLE_M = 0.72
 PITCHES_M = (0.12, 0.06, 0.03, 0.015)

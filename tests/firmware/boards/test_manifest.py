@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mdms_host.flashing.firmware_sources import START, sources
+from mdms_host.flashing.firmware import START, sources
 
 MANIFEST = Path(__file__).parents[3] / "firmware" / "manifest.py"
 #: Frozen with its package, and imported by nothing on a board.

@@ -8,7 +8,7 @@ import pytest
 from mdms_array.host import coordinator_of
 from mdms_host.cli import main
 from mdms_model.errors import InputError
-from mdms_model.fields.policy import PolicyError
+from mdms_model.fields import PolicyError
 from mdms_model.scenario.file import load_scenario
 
 FAST = ("--set", "motion.policy=rolling", "--set", "run.duration_s=0.5")

@@ -19,7 +19,7 @@ from mdms_host.estimation.outlines.disc import Disc
 from mdms_host.estimation.outlines.polygon import Polygon
 from mdms_model.array import build_wheels
 from mdms_model.errors import InputError
-from mdms_model.fields.kinds import FieldError
+from mdms_model.fields import FieldError
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
 

@@ -13,8 +13,7 @@ import pytest
 import serial
 from can.interfaces.socketcan import SocketcanBus
 
-from mdms_host.can_link.link import Link
-from mdms_host.can_link.transmitter import is_full
+from mdms_host.can_link.link import Link, is_full
 from mdms_host.clock import MonotonicClock
 from mdms_protocol.codecs.frame import Frame
 
@@ -24,6 +23,8 @@ FRAME_S = 135e-6
 
 class SteppedClock:
     """Time passes in `sleep` only."""
+
+    is_real = False
 
     def __init__(self):
         self.time_s = 0.0

@@ -2,7 +2,7 @@ import os
 import subprocess
 import sys
 import tty
-from argparse import ArgumentParser
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from pathlib import Path
 from queue import SimpleQueue
@@ -12,7 +12,7 @@ import can
 import pytest
 from can.cli import add_bus_arguments
 
-from mdms_host.can_link.link import DeviceGoneError, Link, NoBusError, open_bus
+from mdms_host.can_link.link import DeviceGoneError, Link, NoBusError, open_bus, remedy
 from mdms_host.clock import MonotonicClock
 from mdms_protocol.codecs.frame import Frame
 
@@ -222,6 +222,8 @@ def test_a_serial_adapter_that_is_unplugged_is_gone(clock, adapter) -> None:
 class SteppedClock:
     """Time passes as the test sets it."""
 
+    is_real = False
+
     def __init__(self) -> None:
         self.time_s = 0.0
 
@@ -281,3 +283,41 @@ def test_a_served_array_that_ends_is_gone(clock, monkeypatch, tmp_path) -> None:
                 assert "the CAN device is gone" in gone(link, MonotonicClock())
         finally:
             server.terminate()
+
+
+@pytest.mark.parametrize(
+    ("interface", "problem", "told"),
+    [
+        ("gs_usb", "Cannot import module: No module named 'usb'", "'python-can[gs-usb]'"),
+        ("neovi", "Please install python-ics", "'python-can[neovi]'"),
+        ("pcan", "pcanbasic library not found.", "PEAK's PCANBasic library"),
+    ],
+)
+def test_missing_driver_is_named_with_its_package(monkeypatch, interface, problem, told):
+    def fail(_options):
+        raise can.CanInterfaceNotImplementedError(problem)
+
+    monkeypatch.setattr("mdms_host.can_link.link.create_bus_from_namespace", fail)
+    with pytest.raises(NoBusError) as failure:
+        open_bus(Namespace(interface=interface, channel="0"))
+    assert f"install {'its driver: pip install ' if 'python' in told else ''}{told}" in str(
+        failure.value
+    )
+
+
+@pytest.mark.parametrize(
+    ("interface", "problem"),
+    [("slcan", "could not open port can0"), (None, "No module named 'usb'"), ("own", "not found")],
+)
+def test_what_nothing_is_to_be_installed_for_names_no_package(interface, problem):
+    assert remedy(interface, problem) is None
+
+
+@pytest.mark.parametrize("error", [TypeError("no host"), NameError("canOpen"), ImportError("ics")])
+def test_interface_that_fails_in_its_own_way_is_no_bus(monkeypatch, error):
+    def fail(_options):
+        raise error
+
+    monkeypatch.setattr("mdms_host.can_link.link.create_bus_from_namespace", fail)
+    with pytest.raises(NoBusError, match="cannot be opened"):
+        open_bus(Namespace(interface="kvaser", channel="0"))

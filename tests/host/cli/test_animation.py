@@ -9,7 +9,7 @@ from mdms_host.cli import main
 def coarse():
     """A frame for each tenth of a second, however short the run is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mdms_sim.plots.moving.animation.LEAST_FRAMES", 2)
+        patch.setattr("mdms_sim.plots.animation.LEAST_FRAMES", 2)
         yield
 
 

@@ -6,7 +6,7 @@ from contextlib import redirect_stderr
 
 import pytest
 
-from mdms_array.compiling import NOTICE, compiling_watched
+from mdms_array.simulation import NOTICE, compiling_watched
 from mdms_host.cli.console import bars, progress
 
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
@@ -85,7 +85,7 @@ def compile_something():
 @pytest.fixture
 def slow(monkeypatch):
     """Any compiling takes long enough to be worth a line."""
-    monkeypatch.setattr("mdms_array.compiling.REPORTED_S", 0.0)
+    monkeypatch.setattr("mdms_array.simulation.REPORTED_S", 0.0)
 
 
 def test_long_compiling_is_told_once_on_a_terminal(terminal, slow):
@@ -98,5 +98,5 @@ def test_long_compiling_is_not_told_off_a_terminal(capsys, slow):
 
 
 def test_short_compiling_is_not_told(terminal, monkeypatch):
-    monkeypatch.setattr("mdms_array.compiling.REPORTED_S", 1e6)
+    monkeypatch.setattr("mdms_array.simulation.REPORTED_S", 1e6)
     assert shown(terminal, compile_something) == ""

@@ -86,7 +86,7 @@ def full(*_arguments, **_options):
     "case",
     [
         ("plot", "a.png", "matplotlib.figure.Figure.savefig"),
-        ("export", "cells.csv", "mdms_model.run.csv_export.csv.writer"),
+        ("export", "cells.csv", "mdms_model.run.folder.csv.writer"),
     ],
 )
 def test_full_disk_is_one_line_one_code_and_nothing_half_written(

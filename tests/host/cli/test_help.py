@@ -7,8 +7,8 @@ import subprocess
 import pytest
 
 from mdms_host.cli import main
+from mdms_host.cli.about import TOPICS
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.topics import TOPICS
 from mdms_host.cli.verbs import VERBS, build_parser
 
 

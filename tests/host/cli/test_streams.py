@@ -158,7 +158,7 @@ def test_handlers_of_signals_are_given_back():
 #: A callback of a destructor drops what is raised in it, as those from compiled code do.
 DROPPED = """
 import os, signal, sys, time
-from mdms_host.cli.signals import Terminated, ended_by_signals
+from mdms_host.cli.exits import Terminated, ended_by_signals
 class Dropping:
     def __del__(self):
         os.kill(os.getpid(), signal.{name})

@@ -4,11 +4,11 @@ from hypothesis import strategies as st
 
 from mdms_host.commissioning.array_file import (
     ArrayFileError,
+    array_document,
     array_text,
     filed_cells,
     read_array,
 )
-from mdms_host.commissioning.array_writing import array_document
 from mdms_host.commissioning.cell_settings import CellSettings
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS
 from mdms_model.scenario.scenario import Stop

@@ -1,7 +1,6 @@
 import pytest
 
-from mdms_host.commissioning.array_file import ArrayFileError, read_array
-from mdms_host.commissioning.filed_places import placed_cells
+from mdms_host.commissioning.array_file import ArrayFileError, placed_cells, read_array
 from mdms_host.commissioning.parameters import BY_NAME
 from mdms_host.layout import Layout
 from mdms_host.places import place_values

@@ -11,7 +11,7 @@ from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, Identity
 from mdms_host.commissioning.node_ids import NodeIdError, assign_by_serial, assign_in_order
-from mdms_host.commissioning.scan import scan_bus
+from mdms_host.commissioning.status import scan_bus
 from mdms_protocol.codecs import nmt
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 

@@ -8,7 +8,7 @@ from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, RefusedError, SilentError
-from mdms_host.commissioning.scan import scan_bus, scan_table
+from mdms_host.commissioning.status import scan_bus, scan_table
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE

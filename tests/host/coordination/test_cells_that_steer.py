@@ -13,7 +13,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.places import all_values
-from mdms_model.bus_time import WATCHED_HEARTBEAT_S
+from mdms_model.buses import WATCHED_HEARTBEAT_S
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import indices, pdo, record
 from mdms_protocol.codecs import cia402, cob

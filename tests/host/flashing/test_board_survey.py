@@ -1,5 +1,5 @@
 from mdms_host.flashing.board_survey import BoardInfo, Survey, hashes_of, survey
-from mdms_host.flashing.firmware_build import Firmware
+from mdms_host.flashing.firmware import Firmware
 
 FIRMWARE = Firmware({"main.py": b"1", "cell.mpy": b"M\x06\x1f"}, "abc")
 

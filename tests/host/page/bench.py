@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 
 from mdms_array.simulation import host_report_of
-from mdms_host.cli.simulation.live import seat_of, table_of
+from mdms_host.cli.simulation.live import slot_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.estimation.size import Size
 from mdms_host.layout import Layout
+from mdms_host.page.bus_watch import KINDS
 from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
+from mdms_host.page.description import HEAD, SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
-from mdms_host.page.shown.bus_watch import KINDS
-from mdms_host.page.shown.description import describe
-from mdms_host.page.shown.signals import HEAD, Signals
-from mdms_host.page.shown.things import Thing
 from mdms_host.programs.program import Main
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
@@ -57,16 +55,16 @@ class Desk:
         self.wall_ns = 0
         monkeypatch.setattr(clock.time, "monotonic_ns", lambda: self.wall_ns)
         self.scenario = scenario or load_scenario("array18")
-        self.seat = seat_of(self.scenario, main)
+        self.slot = slot_of(self.scenario, main)
         bank = PythonBank(addresses_of(self.scenario).node_ids)
         self.simulation = Simulation(
             self.scenario,
             bank,
-            [self.seat, *others],
-            host_report=lambda: host_report_of(self.seat.coordinator),
+            [self.slot, *others],
+            host_report=lambda: host_report_of(self.slot.coordinator),
             recorded=False,
         )
-        self.table = table_of(self.scenario, self.seat, self.simulation, RealTime())
+        self.table = table_of(self.scenario, self.slot, self.simulation, RealTime())
         self.messages: list[dict[str, Any]] = []
 
     def run(self, seconds: float) -> None:
@@ -117,7 +115,7 @@ class Recorder:
         self.done: list[Any] = []
         self.abandoned = 0
         self.stuck = threading.Event()
-        self._signals = Signals(18, 36, 1, 1, 10)
+        self._signals = SnapshotSignals(18, 36, 1, 1, 10)
 
     def description(self) -> dict[str, Any]:
         return {"kind": "table", "version": 1, "signals": self._signals.describe()}
@@ -159,7 +157,7 @@ class StillTable(Recorder):
         cells = range(columns * rows)
         nodes, buses = tuple(k % 18 + 1 for k in cells), tuple(k // 18 for k in cells)
         self._layout = Layout(columns, rows, node_ids=nodes, buses=buses)
-        self._signals = Signals.of(self._layout, 2, len(KINDS))
+        self._signals = SnapshotSignals.of(self._layout, 2, len(KINDS))
 
     def description(self) -> dict[str, Any]:
         described = describe("still", self._layout, self._things, self._signals, self.offers)

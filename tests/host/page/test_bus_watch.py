@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mdms_host.layout import Layout
-from mdms_host.page.shown.bus_watch import KINDS, BusWatch, CellState
+from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame

@@ -1,6 +1,6 @@
 """Events are listed in the order of their times, with what can be done about each."""
 
-from mdms_host.page.shown.events import KEPT, EventList, event_of, events_of
+from mdms_host.page.events import KEPT, EventList, event_of, events_of
 from mdms_model.run.record import Event
 
 

@@ -14,13 +14,12 @@ from tests.host.page.bench import OpenPage, Recorder
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from mdms_host.cli.paging import opened_page
+from mdms_host.cli.live_page import opened_page
 from mdms_host.clock import MonotonicClock
 from mdms_host.page import commands
+from mdms_host.page.hub import MOST_CLIENTS
 from mdms_host.page.page import MOST_COMMANDS, MOST_CONNECTIONS, Page, PageError
-from mdms_host.page.web.gate import LOOPBACK
-from mdms_host.page.web.hub import MOST_CLIENTS
-from mdms_host.page.web.server import MOST_AT_THE_DOOR, MOST_BAD, MOST_PER_S
+from mdms_host.page.server import LOOPBACK, MOST_AT_THE_DOOR, MOST_BAD, MOST_PER_S
 
 WITHIN_S = 10.0
 

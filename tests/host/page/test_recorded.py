@@ -7,11 +7,11 @@ import pytest
 from tests.host.page.bench import unpacked
 
 from mdms_array.simulation import run_scenario
-from mdms_host.cli.records.player import table_of
+from mdms_host.cli.live_page import table_of
 from mdms_host.page import commands
+from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.shown.bus_watch import CellState
-from mdms_host.page.shown.description import PARCEL_STATES, PHASES
+from mdms_host.page.description import PARCEL_STATES, PHASES
 from mdms_model.run.folder import BUS_LOG, read_run, write_run
 from mdms_model.run.record import Event, Plan, Tile
 from mdms_model.scenario.file import load_scenario

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from tests.host.page.bench import Desk
 
-from mdms_host.cli.simulation.live import seat_of
+from mdms_host.cli.simulation.live import slot_of
 from mdms_host.page import commands
+from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.shown.bus_watch import CellState
-from mdms_host.page.shown.description import PHASES
+from mdms_host.page.description import PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs.frame import Frame
@@ -29,7 +29,7 @@ def place_of_box(desk: Desk) -> np.ndarray:
 
 
 def test_program_does_not_start_beside_another_host_which_goes_on_undisturbed(monkeypatch):
-    other = seat_of(load_scenario("array18"))
+    other = slot_of(load_scenario("array18"))
     desk = Desk(monkeypatch, others=(other,))
     other.start()
     desk.run_until(lambda: other.coordinator.phase.value == "running", 3.0)
@@ -201,7 +201,7 @@ def test_parcel_is_lifted_once(desk):
 
 def test_objects_are_not_read_while_somebody_else_asks_a_cell(desk):
     desk.run(0.3)
-    desk.seat.on_frame(Frame(0x605, bytes.fromhex("4018100400000000")), desk.now_s)
+    desk.slot.on_frame(Frame(0x605, bytes.fromhex("4018100400000000")), desk.now_s)
     with pytest.raises(RefusedError, match="somebody else reads or writes settings"):
         desk.table.do(commands.ReadObjects(5))
     desk.run(0.25)

@@ -8,9 +8,9 @@ import pytest
 from tests.host.page.bench import Desk
 
 from mdms_host.page import commands
+from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError
-from mdms_host.page.shown.bus_watch import CellState
-from mdms_host.page.shown.description import PARCEL_STATES, PHASES
+from mdms_host.page.description import PARCEL_STATES, PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 
@@ -97,7 +97,7 @@ def test_a_signal_that_is_sent_reaches_the_program_that_waits_for_it(monkeypatch
     with pytest.raises(RefusedError, match=r"'more': 1000 values wait already"):
         desk.table.do(commands.Signal("more"))
     # In virtual time a run must not depend on anybody's clock.
-    desk.seat.coordinator.program.driver.in_virtual_time()
+    desk.slot.coordinator.program.driver.in_virtual_time()
     with pytest.raises(RefusedError, match="in virtual time"):
         desk.table.do(commands.Signal("scanner", "B"))
 
@@ -331,7 +331,7 @@ def test_what_nobody_has_announced_is_shown_as_unknown_and_gets_a_name(monkeypat
 
 
 def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch):
-    program = running.seat.coordinator.program
+    program = running.slot.coordinator.program
     ways = {"box": np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]])}
     monkeypatch.setattr(type(program), "ways", ways, raising=False)
     monkeypatch.setattr(type(program), "reserved", [(0.1, 0.0, 0.06, ("box",))], raising=False)

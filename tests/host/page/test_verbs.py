@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
-from mdms_host.page.shown.bus_watch import CellState
+from mdms_host.page.bus_watch import CellState
 
 MDMS = Path(sys.executable).with_name("mdms")
 WITHIN_S = 60.0

@@ -4,7 +4,7 @@ from tests.host.programs.hands import Stage
 
 from mdms_host.programs import tasks
 from mdms_host.programs.task_list import main_of
-from mdms_model.scenario.task import Task
+from mdms_model.scenario.scenario import Task
 
 
 def test_two_parcels_that_change_places_are_ordered_at_once():

@@ -14,8 +14,7 @@ any flag there are eight recessive bits of delimiter and three of space.
 import pytest
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.length import frame_bits
-from mdms_sim.bus.wire import stuffed_bits
+from mdms_sim.bus.wire import frame_bits, stuffed_bits
 
 FRAME = Frame(0x123, b"\x55\xaa\x55\xaa")
 BITS = "000100100011000010001010101101010100101010110101010010010001010111"

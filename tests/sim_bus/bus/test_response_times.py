@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.length import frame_bits
-from mdms_sim.bus.wire import INTERFRAME_BITS
+from mdms_sim.bus.wire import INTERFRAME_BITS, frame_bits
 from mdms_sim.kernel import Kernel
 
 BIT_RATE = 125_000

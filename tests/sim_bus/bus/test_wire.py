@@ -4,12 +4,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.length import frame_bits
 from mdms_sim.bus.wire import (
     EXTENDED,
     REMOTE,
     TAIL_BITS,
     arbitration_field,
+    frame_bits,
     stuffed_bits,
 )
 

@@ -14,8 +14,8 @@ from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes import lockstep, micropython_bank, micropython_process
 from mdms_sim.nodes.bank import NodeDied, NodeHangs
-from mdms_sim.nodes.blocks import Blocks
 from mdms_sim.nodes.micropython_bank import MicropythonBank
+from mdms_sim.nodes.micropython_process import Blocks
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import TRANSMIT_QUEUE
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.sim_bus.nodes.bench import BOOT_TICKS, CELLS, Bench
 
-from mdms_sim.nodes.condition import PPM, Conditions
+from mdms_sim.nodes.bank import PPM, Conditions
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
 

@@ -10,8 +10,7 @@ from mdms_model.outline import outline_m
 from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Event, Record
 from mdms_model.scenario.file import load_scenario
-from mdms_model.scenario.scenario import Parcel
-from mdms_model.scenario.stream import Stream
+from mdms_model.scenario.scenario import Parcel, Stream
 from mdms_sim.plots import drawable, is_row, save_picture, save_wheels
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row

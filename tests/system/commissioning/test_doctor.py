@@ -11,8 +11,7 @@ from tests.virtual_array import SimulatedArray, StandingArray, virtual_time
 from mdms_cell.canopen.objects import find
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
-from mdms_host.commissioning.doctor.findings import KINDS
-from mdms_host.commissioning.doctor.pains import PAINS
+from mdms_host.commissioning.doctor.findings import KINDS, known_issues
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
@@ -217,7 +216,8 @@ def test_every_kind_of_finding_is_provoked_here():
 
 
 def test_each_pain_of_others_names_tests_that_exist():
-    assert all(pain.tests for pain in PAINS)
-    for test in (test for pain in PAINS for test in pain.tests):
+    issues = known_issues()
+    assert all(issue.tests for issue in issues)
+    for test in (test for issue in issues for test in issue.tests):
         path, _, function = test.partition("::")
         assert f"def {function}(" in (Path(__file__).parents[3] / path).read_text(), test

@@ -16,8 +16,8 @@ from mdms_host.cli import main
 from mdms_host.cli.commission.jog import KEY_S, ByKeys
 from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.jog import SPEED_MAX_M_S, Jog
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.commissioning.wheels.jog import SPEED_MAX_M_S, Jog
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cob, nmt
@@ -87,6 +87,8 @@ def test_a_faster_jog_is_refused():
 
 class Typed:
     """A clock and keys, set by the test."""
+
+    is_real = False
 
     def __init__(self):
         self.time_s, self.keys = 0.0, ""

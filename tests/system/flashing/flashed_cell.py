@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tests.micropython_builds import unix, unix_command
 
-from mdms_host.flashing.firmware_build import compiled_firmware, rom_image
+from mdms_host.flashing.firmware import compiled_firmware, rom_image
 from mdms_host.updating.bundles import BOOT, Bundle, pack_image, sign
 from mdms_model.participant import Participant
 from mdms_protocol.codecs import cob, nmt, sdo

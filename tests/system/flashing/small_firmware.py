@@ -8,7 +8,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.flashing import board_link
 from mdms_host.flashing.board_link import BoardLink, NoBoardError
 from mdms_host.flashing.board_survey import identify, survey
-from mdms_host.flashing.firmware_build import Firmware
+from mdms_host.flashing.firmware import Firmware
 from mdms_host.flashing.flashing import carry_out, plan_flash
 
 #: A cell at work, as far as its host can tell: fed watchdog, motors that go off with it.

@@ -223,7 +223,7 @@ def test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start(
         write(link, path, data[:-1] + b"?" if path.endswith("table.bin") else data)
 
     monkeypatch.setattr(BoardLink, "write", wear)
-    monkeypatch.setattr("mdms_host.flashing.firmware_build.compiled_firmware", lambda _machine: NEW)
+    monkeypatch.setattr("mdms_host.flashing.firmware.compiled_firmware", lambda _machine: NEW)
     board = plug_in({**OLD.files, **KEPT})
     board.wait_for("motors", "on old")
     assert main(["flash", "--board", "pybv11", "--port", board.port]) == Exit.FAILURE

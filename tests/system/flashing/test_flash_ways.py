@@ -23,9 +23,8 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.flashing import board_survey
 from mdms_host.flashing.board_link import BoardLink
 from mdms_host.flashing.board_survey import identify
-from mdms_host.flashing.board_way import COPIES_HEAP
-from mdms_host.flashing.firmware_build import rom_image
-from mdms_host.flashing.firmware_sources import START
+from mdms_host.flashing.firmware import START, rom_image
+from mdms_host.flashing.flashing import COPIES_HEAP
 from mdms_protocol.version import VERSION
 
 pytestmark = pytest.mark.xdist_group("flash_ways")

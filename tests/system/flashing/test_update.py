@@ -21,7 +21,7 @@ from tests.system.flashing.flashed_cell import (
     report,
 )
 
-from mdms_host.flashing.firmware_build import rom_image
+from mdms_host.flashing.firmware import rom_image
 from mdms_host.updating.bundles import pack_image, sign
 from mdms_host.updating.cell_update import CellUpdate
 from mdms_host.updating.updater import Updater

@@ -10,13 +10,12 @@ from rich.live import Live
 from mdms_array.checks import warn_of_load, wire_of
 from mdms_array.connection import open_link
 from mdms_host.can_link.link import Link, drive, open_bus
-from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
-from mdms_host.commissioning.scan import scan_bus, scan_table
-from mdms_host.commissioning.status import StatusModel, status_table
+from mdms_host.commissioning.status import StatusModel, scan_bus, scan_table, status_table
 from mdms_host.commissioning.stop import not_off_text, stop_all
 
 #: Ten heartbeats at their default period.

@@ -5,9 +5,9 @@ from argparse import Namespace
 
 from mdms_array.connection import open_link
 from mdms_array.extras import PAGE, SIMULATION, require
+from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.can_link.link import drive
 from mdms_host.cli.exits import CommandError, Exit
-from mdms_host.cli.records.bus_log import LogPlayer, chosen, read_log
 from mdms_host.commissioning.stop import not_off_text, stop_all
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_model.run.folder import BUS_LOG
@@ -31,7 +31,7 @@ def run(arguments: Namespace) -> Exit:
         )
     require(SIMULATION, "mdms replay --nodes")
     # A log is sent to a bus without the simulator.
-    from mdms_host.cli.simulation.replay_nodes import run_cells  # noqa: PLC0415
+    from mdms_host.cli.simulation.simulate import run_cells  # noqa: PLC0415
 
     return run_cells(arguments)
 
@@ -45,9 +45,9 @@ def _show(arguments: Namespace) -> Exit:
         )
     require(PAGE, "mdms replay --page")
     # A log is sent to a bus without what a page needs.
-    from mdms_host.cli.records.player import show  # noqa: PLC0415
+    from mdms_host.cli.live_page import show_recorded  # noqa: PLC0415
 
-    return show(arguments)
+    return show_recorded(arguments)
 
 
 def _send(arguments: Namespace) -> Exit:

@@ -1,22 +1,46 @@
-"""What a person is asked: where a cell is that blinks, how a wheel has turned, and single keys."""
+"""The questions to a person: where a cell is that blinks, how a wheel has turned; single keys.
+
+`mdms identify` has cells blink, so that a person sees which they are.
+"""
 
 import os
 import re
 import select
 import sys
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from mdms_host.cli.commission.identify import blink
+from mdms_host.cli.cell_options import nodes_of
+from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.commissioning.roll_call import RollCall
+from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheels.wheel_turn import REVERSED
+from mdms_host.commissioning.wheel_turn import REVERSED
+from mdms_protocol import indices
+
+_MS_PER_S = 1000
+
+
+def identify(arguments: Namespace) -> Exit:
+    """Have the cells blink; they end it by themselves."""
+    with open_commissioning(arguments) as commissioning:
+        node_ids = present_nodes(commissioning, nodes_of(arguments.nodes))
+        for node_id in node_ids:
+            blink(commissioning, node_id, arguments.seconds)
+    print(f"node {ranges(node_ids)}: both LEDs blink together for {arguments.seconds:g} s")
+    return Exit.OK
+
+
+def blink(commissioning: Commissioning, node_id: int, seconds: float) -> None:
+    """Have a cell blink for so long, 0 to end it. Raises SilentError, RefusedError."""
+    commissioning.write(node_id, indices.IDENTIFY, 0, round(seconds * _MS_PER_S))
+
 
 #: Longer than a person looks for a light; the answer ends it.
 _BLINK_S = 60.0
@@ -26,7 +50,7 @@ _NUMBER = re.compile(r"(\d+)(?:\s*[, ]\s*(\d+))?")
 
 
 def ask_places(
-    commissioning: Commissioning, roll: RollCall, grid: Spot, *, again: bool
+    commissioning: Commissioning, roll: FoundCells, grid: Spot, *, again: bool
 ) -> dict[int, Spot]:
     """Column and row of each cell by its serial number; each is stored as soon as it is given.
 
@@ -106,7 +130,7 @@ class AtTerminal:
         return "\n" in keys or "\r" in keys
 
 
-def _stored(commissioning: Commissioning, roll: RollCall, grid: Spot) -> dict[int, Spot]:
+def _stored(commissioning: Commissioning, roll: FoundCells, grid: Spot) -> dict[int, Spot]:
     """The places that cells have stored, but for those beside the grid or given twice."""
     told: dict[int, Spot] = {}
     for serial, node_id in roll.node_ids.items():

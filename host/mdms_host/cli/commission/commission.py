@@ -1,40 +1,77 @@
-"""`mdms commission`: from a bag of boards to an array, and the file that describes it."""
+"""`mdms commission`: from a bag of boards to an array, and the file that describes it.
+
+The array's key, with which bundles are signed, is made and given to cells that have none.
+"""
 
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.commission.asking import ask_direction, ask_places
-from mdms_host.cli.commission.keys import array_key, give_keys
 from mdms_host.cli.commission.plate import watch_plate
 from mdms_host.cli.configure.cells import agreed, open_commissioning
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import check_own, replacing
+from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import (
+    MARK,
     ArrayFile,
     FiledCell,
     FiledTable,
+    array_document,
     cells_on,
+    placed_cells,
     read_array,
 )
-from mdms_host.commissioning.array_writing import MARK, array_document
-from mdms_host.commissioning.filed_places import placed_cells
 from mdms_host.commissioning.network import Commissioning, CommissioningError
-from mdms_host.commissioning.node_ids import Assignment, carry_out
-from mdms_host.commissioning.roll_call import RollCall, call_roll
+from mdms_host.commissioning.node_ids import Assignment, FoundCells, carry_out, find_cells
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheels.wheel_turn import (
-    StoppedError,
-    refuse_busy,
-    refuse_steering,
-)
+from mdms_host.commissioning.wheel_turn import StoppedError, refuse_busy, refuse_steering
+from mdms_host.updating.bundles import key_beside, key_id, make_key, read_key
+from mdms_host.updating.candidates import give_key, read_candidate
+
+
+def array_key(named: Path | None, array: Path | None) -> bytes | None:
+    """The key in the file that was named, made if it is missing; else the one beside the array.
+
+    None where neither is there. Raises KeyFileError, OSError.
+    """
+    if named is not None:
+        if not named.exists():
+            say(f"mdms: {named} is the array's new key; keep it safe, and out of version control")
+            return make_key(named)
+        return read_key(named)
+    beside = None if array is None else key_beside(array)
+    return read_key(beside) if beside is not None and beside.exists() else None
+
+
+def give_keys(
+    commissioning: Commissioning,
+    cells: Sequence[FiledCell],
+    key: bytes,
+    report: Callable[[str], None],
+) -> dict[str, str]:
+    """Give the key to all cells that have room for firmware; why it failed, by serial number."""
+    failed = {}
+    for cell in cells:
+        name = f"{cell.serial:08X}"
+        try:
+            identity = commissioning.identity(cell.node_id)
+            candidate = read_candidate(commissioning, cell.node_id, identity)
+            if candidate.refusal:
+                report(f"{name}: no key: {candidate.refusal}")
+            elif give_key(commissioning, candidate, key, key_id(key)):
+                report(f"{name}: has the update key {key_id(key).hex()} now")
+        except CommissioningError as error:
+            failed[name] = str(error)
+    return failed
+
 
 #: A cell that shares its node id is reset with the one that hides it, which needs so long to boot.
 _BOOT_S = 0.3
@@ -69,7 +106,7 @@ def run(arguments: Namespace) -> Exit:
         count = len(cells)
         if not agreed(arguments, f"Write ids, places and settings to {count} cells?"):
             raise CommandError("nothing was written", Exit.FAILURE)
-        _give_ids(job, call_roll(commissioning), {cell.serial: cell.node_id for cell in cells})
+        _give_ids(job, find_cells(commissioning), {cell.serial: cell.node_id for cell in cells})
         cells = _nudged(job, cells, asking=_asks(arguments))
         done = _write(job, cells)
         if key is not None:
@@ -83,8 +120,8 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _call_roll(commissioning: Commissioning) -> RollCall:
-    roll = call_roll(commissioning)
+def _call_roll(commissioning: Commissioning) -> FoundCells:
+    roll = find_cells(commissioning)
     if not roll.serials:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
     refuse_busy(commissioning, [*roll.present])
@@ -98,7 +135,7 @@ def _asks(arguments: Namespace) -> bool:
     return not (arguments.file or arguments.list or arguments.plate)
 
 
-def _placed(job: _Job, roll: RollCall) -> ArrayFile:
+def _placed(job: _Job, roll: FoundCells) -> ArrayFile:
     """The array as a person, a list or a plate says it is."""
     arguments = job.arguments
     columns, rows = arguments.columns, arguments.rows
@@ -121,7 +158,7 @@ def _placed(job: _Job, roll: RollCall) -> ArrayFile:
     return _array(arguments, (columns, rows), spots)
 
 
-def _spots_listed(roll: RollCall, path: Path, columns: int) -> dict[int, Spot]:
+def _spots_listed(roll: FoundCells, path: Path, columns: int) -> dict[int, Spot]:
     """Serial numbers in a text file, one a line, along x first."""
     try:
         words = path.read_text(encoding="ascii").split()
@@ -155,7 +192,7 @@ def _array(arguments: Namespace, grid: Spot, spots: Mapping[int, Spot]) -> Array
     return ArrayFile(Path("array"), table, tuple(cells))
 
 
-def _checked(job: _Job, roll: RollCall, file: ArrayFile, *, whole: bool) -> list[FiledCell]:
+def _checked(job: _Job, roll: FoundCells, file: ArrayFile, *, whole: bool) -> list[FiledCell]:
     """The cells with all that their places imply, and with `whole` the defaults of all else.
 
     What a file says is the whole of it; a cell that was placed otherwise keeps what it has.
@@ -166,7 +203,7 @@ def _checked(job: _Job, roll: RollCall, file: ArrayFile, *, whole: bool) -> list
     return [steps.at_defaults(cell) if whole else cell for cell in cells]
 
 
-def _give_ids(job: _Job, roll: RollCall, wanted: Mapping[int, int]) -> RollCall:
+def _give_ids(job: _Job, roll: FoundCells, wanted: Mapping[int, int]) -> FoundCells:
     """Cells get their node ids, and keep them; who is there then."""
     moves = steps.plan_ids(roll, wanted)
     if not moves:
@@ -180,7 +217,7 @@ def _give_ids(job: _Job, roll: RollCall, wanted: Mapping[int, int]) -> RollCall:
         say(f"mdms: {move.address.serial:08X} has no memory for settings, and is blank when off")
     if roll.hidden:
         MonotonicClock().sleep(_BOOT_S)
-    return call_roll(job.commissioning)
+    return find_cells(job.commissioning)
 
 
 def _nudged(job: _Job, cells: list[FiledCell], *, asking: bool) -> list[FiledCell]:

@@ -6,24 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from mdms_array.checks import motor_of
+from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
 from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
-from mdms_host.cli.configure.options import nodes_of
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
-from mdms_host.commissioning.array_file import FiledCell, read_array
+from mdms_host.commissioning.array_file import FiledCell, placed_cells, read_array
 from mdms_host.commissioning.cell_settings import check_identity, read_settings
 from mdms_host.commissioning.doctor.diagnosis import diagnose
 from mdms_host.commissioning.doctor.emergency_stop import SHORT, StopTest
-from mdms_host.commissioning.doctor.examination import Examination, examine
+from mdms_host.commissioning.doctor.examination import Examination, examine, examine_wheels
 from mdms_host.commissioning.doctor.findings import KINDS, Finding
-from mdms_host.commissioning.doctor.wheel_examination import examine_wheels
-from mdms_host.commissioning.filed_places import placed_cells
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.commissioning.wheels.wheel_turn import BusyError, refuse_busy
+from mdms_host.commissioning.wheel_turn import BusyError, refuse_busy
 from mdms_model.scenario.file import load_scenario
 
 

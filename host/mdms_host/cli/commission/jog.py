@@ -10,8 +10,8 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.cell_settings import check_identity
-from mdms_host.commissioning.wheels.jog import Jog
-from mdms_host.commissioning.wheels.wheel_turn import (
+from mdms_host.commissioning.jog import Jog
+from mdms_host.commissioning.wheel_turn import (
     Turn,
     limit_for,
     refuse_busy,

@@ -3,12 +3,12 @@
 from argparse import Namespace
 from math import inf
 
-from mdms_host.cli.commission.identify import blink
+from mdms_host.cli.commission.asking import blink
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.commissioning.roll_call import RollCall
+from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import SightingError, Sightings, Spot
 from mdms_host.layout import Layout
 from mdms_protocol import indices, pdo
@@ -49,7 +49,7 @@ class PlateWatch:
 
 
 def watch_plate(
-    commissioning: Commissioning, roll: RollCall, arguments: Namespace
+    commissioning: Commissioning, roll: FoundCells, arguments: Namespace
 ) -> tuple[int, int, dict[int, Spot]]:
     """Columns, rows and the place of each cell, once all have been seen and fill a grid.
 

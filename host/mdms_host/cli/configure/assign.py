@@ -4,9 +4,9 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
-from mdms_host.cli.array.bus import NO_NODES
 from mdms_host.cli.configure.cells import open_commissioning, refuse_other_host
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import filed_cells
 from mdms_host.commissioning.cell_settings import identify_cells

@@ -5,10 +5,10 @@ from argparse import Namespace
 from collections.abc import Iterable, Sequence
 
 from mdms_host.can_link.link import open_bus
-from mdms_host.cli.array.bus import NO_NODES
-from mdms_host.cli.configure.options import nodes_of
+from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.cell_settings import (

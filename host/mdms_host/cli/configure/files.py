@@ -5,7 +5,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from mdms_host.cli.array.bus import NO_NODES
+from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.configure.cells import (
     agreed,
     open_commissioning,
@@ -15,19 +15,14 @@ from mdms_host.cli.configure.cells import (
     show_changes,
     write_cells,
 )
-from mdms_host.cli.configure.options import nodes_of
-from mdms_host.cli.configure.set import check_margins, to_read
+from mdms_host.cli.configure.settings import check_margins, to_read
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
+from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.array_file import (
-    FiledCell,
-    array_text,
-    read_array,
-)
+from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
-from mdms_host.commissioning.filed_places import placed_cells
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.parameters import PARAMETERS
 

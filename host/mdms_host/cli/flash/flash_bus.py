@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mdms_host.cli.configure.options import add_nodes, nodes_of
+from mdms_host.cli.cell_options import add_nodes, nodes_of
 from mdms_host.cli.console import bars, progress, show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
@@ -25,7 +25,7 @@ KEY = Path("array.key")
 def add_options(parser: ArgumentParser) -> None:
     """Those that `--bus` brings with it."""
     # python-can is costly to import.
-    from mdms_host.cli.array.bus import add_bus
+    from mdms_host.cli.options import add_bus
 
     bus = parser.add_argument_group("with --bus")
     bus.add_argument("--array", metavar="FILE", type=Path, help="its key lies beside it (FILE.key)")
@@ -64,7 +64,7 @@ class Row:
 def run(arguments: Namespace) -> Exit:
     """Ask the cells, sign bundles for them, send, start and confirm; a line for each."""
     from mdms_host.cli.configure.cells import open_commissioning, present_nodes
-    from mdms_host.commissioning.wheels.wheel_turn import refuse_busy
+    from mdms_host.commissioning.wheel_turn import refuse_busy
     from mdms_host.updating.candidates import read_candidates
 
     with open_commissioning(arguments) as commissioning:
@@ -98,9 +98,9 @@ def _planned(arguments: Namespace, cells: "Sequence[Candidate]") -> list[Row]:
 
 def _bundles(arguments: Namespace, cells: "Sequence[Candidate]") -> "dict[int, Bundle]":
     """A bundle for each bytecode that the cells read."""
-    from mdms_host.flashing.firmware_build import FirmwareError
+    from mdms_host.flashing.firmware import FirmwareError
     from mdms_host.updating import bundles
-    from mdms_host.updating.key_file import key_beside, read_key
+    from mdms_host.updating.bundles import key_beside, read_key
     from mdms_protocol.update.bundle import HEAD_SIZE
     from mdms_protocol.version import VERSION
 

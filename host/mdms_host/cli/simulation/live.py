@@ -12,11 +12,10 @@ from mdms_array.host import (
     parcels_of,
 )
 from mdms_array.simulation import host_report_of
-from mdms_host.cli.exits import Exit
-from mdms_host.cli.paging import opened_page
-from mdms_host.cli.signals import interrupted
+from mdms_host.cli.exits import Exit, interrupted
+from mdms_host.cli.live_page import opened_page
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.page.seat import Seat
+from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
@@ -27,7 +26,7 @@ from mdms_sim.serve.server import Server
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 
-def seat_of(scenario: Scenario, main: Main | None = None) -> Seat:
+def slot_of(scenario: Scenario, main: Main | None = None) -> RunSlot:
     """The host's place at a simulated table, where nobody sits yet. Raises `CommandError`.
 
     Every start begins `main`, or the scenario's own program, anew.
@@ -40,11 +39,11 @@ def seat_of(scenario: Scenario, main: Main | None = None) -> Seat:
     def make() -> Coordinator:
         return first.pop() if first else new(desk=ThreadDesk())
 
-    return Seat(make, addresses_of(scenario).bus_count)
+    return RunSlot(make, addresses_of(scenario).bus_count)
 
 
 def table_of(
-    scenario: Scenario, seat: Seat, simulation: Simulation, time: RealTime
+    scenario: Scenario, slot: RunSlot, simulation: Simulation, time: RealTime
 ) -> SimulatedTable:
     """What a page shows of a simulation, and does to it."""
     told = believed(scenario)
@@ -54,7 +53,7 @@ def table_of(
         layout_of(told),
         # Those that the host is not told of lie there too.
         tuple(parcels.values()),
-        seat=seat,
+        slot=slot,
         simulation=simulation,
         time=time,
     )
@@ -63,13 +62,13 @@ def table_of(
 @contextmanager
 def attended(
     scenario: Scenario,
-    seat: Seat,
+    slot: RunSlot,
     server: Server,
     arguments: Namespace,
     over: Callable[[], object],
 ) -> Iterator[Callable[[], object]]:
     """The page of a served table; what is to be asked instead of `over` looks after it."""
-    table = table_of(scenario, seat, server.simulation, server.time)
+    table = table_of(scenario, slot, server.simulation, server.time)
     with opened_page(table, arguments) as page:
 
         def over_or_attended() -> object:
@@ -82,19 +81,19 @@ def attended(
 
 def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> Exit:
     """Run a scenario's program in real time with its page, until Ctrl-C."""
-    seat = seat_of(scenario, main)
+    slot = slot_of(scenario, main)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
         simulation = Simulation(
             scenario,
             bank,
-            [seat],
-            host_report=lambda: host_report_of(seat.coordinator),
+            [slot],
+            host_report=lambda: host_report_of(slot.coordinator),
             recorded=False,
         )
         # Whatever is compiled at its first use is so before anybody looks and time counts.
         simulation.kernel.run_until(SLICE_NS)
-        table = table_of(scenario, seat, simulation, RealTime())
-        seat.start()
+        table = table_of(scenario, slot, simulation, RealTime())
+        slot.start()
         with opened_page(table, arguments) as page, interrupted() as over:
             while not over():
                 page.attend()

@@ -11,20 +11,19 @@ from mdms_array.figures import simulated_run
 from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ENDS, Exit, interrupted
 from mdms_host.cli.files import writing
-from mdms_host.cli.signals import ENDS, interrupted
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import BUS_LOG, fresh_folder
-from mdms_model.run.history import MOST_SAMPLES
+from mdms_model.run.record import MOST_SAMPLES
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 
 if TYPE_CHECKING:
-    from mdms_host.page.seat import Seat
+    from mdms_host.page.run_slot import RunSlot
 
 
 def run(arguments: Namespace) -> Exit:
@@ -37,13 +36,13 @@ def run(arguments: Namespace) -> Exit:
     for number in ENDS:
         signal.signal(number, signal.default_int_handler)
     try:
-        seat = _seat(scenario, main) if arguments.page is not None else None
+        slot = _slot(scenario, main) if arguments.page is not None else None
         # What programs from elsewhere believe is for them to keep.
-        host = HostLog(scenario, lambda: seat.coordinator if seat else None)
+        host = HostLog(scenario, lambda: slot.coordinator if slot else None)
         if arguments.out is None:
-            simulation = _serve(scenario, seat, host, arguments)
+            simulation = _serve(scenario, slot, host, arguments)
         else:
-            simulation = _serve_and_keep(scenario, seat, host, arguments)
+            simulation = _serve_and_keep(scenario, slot, host, arguments)
     except KeyboardInterrupt:
         return Exit.OK
     for event in simulation.world.events:
@@ -53,12 +52,12 @@ def run(arguments: Namespace) -> Exit:
 
 
 def _serve_and_keep(
-    scenario: Scenario, seat: "Seat | None", host: HostLog, arguments: Namespace
+    scenario: Scenario, slot: "RunSlot | None", host: HostLog, arguments: Namespace
 ) -> Simulation:
     clock = MonotonicClock()
     with fresh_folder(arguments.out) as folder:
         with (folder / BUS_LOG).open("wb") as log:
-            simulation = _serve(scenario, seat, host, arguments, log)
+            simulation = _serve(scenario, slot, host, arguments, log)
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
@@ -78,7 +77,7 @@ def _serve_and_keep(
 
 def _serve(
     scenario: Scenario,
-    seat: "Seat | None",
+    slot: "RunSlot | None",
     host: HostLog,
     arguments: Namespace,
     log: BinaryIO | None = None,
@@ -89,9 +88,9 @@ def _serve(
         simulation = Simulation(
             scenario,
             bank,
-            [seat] if seat else [],
+            [slot] if slot else [],
             bus_log=log,
-            host_report=(lambda: host_report_of(seat.coordinator)) if seat else None,
+            host_report=(lambda: host_report_of(slot.coordinator)) if slot else None,
             estimates=lambda: host.sample(simulation.kernel.now_ns / NS_PER_S),
             recorded=log is not None,
             most_samples=MOST_SAMPLES,
@@ -102,24 +101,24 @@ def _serve(
                 Server(simulation, name, arguments.tcp, arguments.speed, report=say)
             )
             over: Callable[[], object] = opened.enter_context(interrupted())
-            if seat:
+            if slot:
                 # The page is an extra.
                 from mdms_host.cli.simulation.live import attended  # noqa: PLC0415
 
-                over = opened.enter_context(attended(scenario, seat, server, arguments, over))
+                over = opened.enter_context(attended(scenario, slot, server, arguments, over))
             buses = len(server.all_addresses)
             where = "a virtual CAN bus" if buses == 1 else f"{buses} virtual CAN buses"
             print(f"{scenario.title}: {cells} cells on {where}; connect with")
             for addresses in server.all_addresses:
                 print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
-            server.run(over, beyond_tipping=seat is not None)
+            server.run(over, beyond_tipping=slot is not None)
     return simulation
 
 
-def _seat(scenario: Scenario, main: Main | None) -> "Seat":
-    from mdms_host.cli.simulation.live import seat_of  # noqa: PLC0415
+def _slot(scenario: Scenario, main: Main | None) -> "RunSlot":
+    from mdms_host.cli.simulation.live import slot_of  # noqa: PLC0415
 
-    return seat_of(scenario, main)
+    return slot_of(scenario, main)
 
 
 def _name_of(scenario: str) -> str:

@@ -1,20 +1,38 @@
-"""`mdms simulate`: one scenario in virtual time."""
+"""`mdms simulate`, `demo` and `replay --nodes`: scenarios and bus logs in virtual time.
+
+A recorded host's frames alone make a run that is replayed. Its log has the time at which a frame
+ended, in whole microseconds. Nothing is lost by that: frames end at multiples of the bit time,
+which is never under 1 us, so rounding up to the next multiple restores the instant; the frame's own
+length leads back to where it began. A frame that is ready there wins the bus as it did. The log
+lacks a frame under way at the end of the run, attempts that an error frame ended, and so the draws
+of faults that came of them.
+"""
 
 import json
 from argparse import Namespace
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
+from functools import partial
+from math import degrees, hypot
 from pathlib import Path
+from typing import Any
 
-from mdms_array.figures import report
+from mdms_array.extras import PAGE, require
+from mdms_array.figures import REPORTED_S, report, simulated_run
 from mdms_array.run import Run, RunError
-from mdms_array.simulation import run_and_keep, run_scenario
+from mdms_array.simulation import run_and_keep, run_scenario, timed
 from mdms_array.source import open_program
+from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
 from mdms_host.cli.streams import say
 from mdms_host.programs.program import Main
-from mdms_model.scenario.scenario import Scenario
+from mdms_model.run.folder import BUS_LOG, read_run
+from mdms_model.scenario.scenario import Parcel, Scenario
+from mdms_protocol.codecs.frame import Frame
+from mdms_sim.bus.wire import frame_bits
+from mdms_sim.simulation import simulate
 
 
 def run(arguments: Namespace) -> Exit:
@@ -28,7 +46,7 @@ def run(arguments: Namespace) -> Exit:
         raise CommandError(
             "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE
         )
-    ended = simulate(scenario, arguments.nodes, arguments.out, arguments.bus_format, main)
+    ended = simulate_scenario(scenario, arguments.nodes, arguments.out, arguments.bus_format, main)
     if arguments.json:
         print(json.dumps(ended.figures))
     else:
@@ -36,7 +54,7 @@ def run(arguments: Namespace) -> Exit:
     return verdict(ended)
 
 
-def simulate(
+def simulate_scenario(
     scenario: Scenario,
     nodes: str,
     out: Path | None,
@@ -71,3 +89,109 @@ def verdict(run: Run) -> Exit:
             say(f"mdms: {run.reason}")
         return exit_of(error) or Exit.FAILURE
     return Exit.OK
+
+
+NS_PER_S = 1_000_000_000
+NS_PER_US = 1_000
+US_PER_S = 1_000_000
+#: Two frames of the least length take longer than a participant must wait between its polls.
+PLAYERS = 2
+
+
+def run_cells(arguments: Namespace) -> Exit:
+    """Run a folder's scenario with its recorded host, and print the figures of the run."""
+    frames = list(chosen(read_log(arguments.folder / BUS_LOG), "host"))
+    stored = read_run(arguments.folder)
+    scenario = stored.scenario
+    cells = scenario.array.columns * scenario.array.rows
+    if stored.figures.get("node_ids") not in (None, list(range(1, cells + 1))):
+        raise CommandError(
+            f"{arguments.folder}: its cells had other node ids than their numbers, which simulated "
+            "cells have; replay it to a bus: -i and -c",
+            Exit.USAGE,
+        )
+    with progress(scenario.title) as advance:
+        ended = replay_on_nodes(scenario, frames, arguments.nodes, advance)
+    print(json.dumps(ended.figures) if arguments.json else "\n".join(report(ended.figures)))
+    return verdict(ended)
+
+
+def replay_on_nodes(
+    scenario: Scenario,
+    frames: Iterable[tuple[float, Frame]],
+    nodes: str,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Run a scenario's cells with recorded frames of the host, and the ends of those [s].
+
+    Raises what `run_scenario` does.
+    """
+    ready = [(ready_s(end_s, frame, scenario.wire.bitrate), frame) for end_s, frame in frames]
+    players = [LogPlayer(ready[first::PLAYERS], 0.0) for first in range(PLAYERS)]
+
+    outcome, wall_s, compile_s = timed(
+        lambda: partial(simulate, scenario, players, nodes, progress=progress)
+    )
+    return simulated_run(
+        scenario, outcome.record, nodes=nodes, bus=outcome.bus, wall_s=wall_s, compile_s=compile_s
+    )
+
+
+def ready_s(end_s: float, frame: Frame, bitrate: int) -> float:
+    """When to have a frame ready that is to end at a logged time [s]: half a bit before its start.
+
+    The half bit is for the rounding of times; arbitration waits for the bit's boundary.
+    """
+    bit_ns = NS_PER_S // bitrate
+    end_bits = -(-round(end_s * US_PER_S) * NS_PER_US // bit_ns)
+    return max(0.0, (end_bits - frame_bits(frame) - 0.5) * bit_ns / NS_PER_S)
+
+
+def demo(arguments: Namespace) -> Exit:
+    """Run the prototype's array with its real firmware and report how it went; or with its page."""
+    scenario, main = open_program(arguments.scenario, ["run.fidelity=firmware"])
+    if arguments.page is not None:
+        require(PAGE, "mdms demo --page")
+        # The page is an extra.
+        from mdms_host.cli.simulation.live import show  # noqa: PLC0415
+
+        return show(scenario, arguments, main)
+    columns, rows = scenario.array.columns, scenario.array.rows
+    if not arguments.json:
+        print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
+    ended = simulate_scenario(scenario, "cpython", arguments.out, main=main)
+    if arguments.json:
+        print(json.dumps(ended.figures))
+    else:
+        _report(scenario, ended.figures, arguments.out)
+    return verdict(ended)
+
+
+def _report(scenario: Scenario, figures: Mapping[str, Any], folder: Path) -> None:
+    pairs = list(zip(scenario.parcel, figures["parcels"], strict=True))
+    goals = {goal["parcel"]: goal for goal in figures["goals"]}
+    print(*(_journey(parcel, end, goals) for parcel, end in pairs), sep="\n")
+    print(*_machine(figures), sep="\n")
+    print(f"  picture: {folder / 'picture.png'}")
+
+
+def _journey(parcel: Parcel, end: dict[str, Any], goals: dict[str, dict[str, Any]]) -> str:
+    way_m = hypot(end["x_m"] - parcel.x_m, end["y_m"] - parcel.y_m)
+    turn_deg = degrees(end["yaw_rad"] - parcel.yaw_rad)
+    journey = f"  {parcel.name} moved {way_m:.3f} m and turned {turn_deg:+.1f} degrees"
+    if parcel.name not in goals:
+        return journey
+    miss_m, miss_rad = (goals[parcel.name][name] for name in ("position_error_m", "yaw_error_rad"))
+    miss = f"{1000 * miss_m:.1f} mm and {degrees(abs(miss_rad)):.2f} degrees"
+    return f"{journey}; it stands {miss} off its goal"
+
+
+def _machine(figures: Mapping[str, Any]) -> list[str]:
+    bus = figures["bus"]
+    compiling = f" (after {figures['compile_s']:.0f} s of compiling)"
+    return [
+        f"  bus: {bus['frames']:,} frames, {100 * bus['load']:.0f} % load at 1 Mbit/s",
+        f"  {figures['duration_s']:g} s simulated in {figures['wall_s']:.1f} s: "
+        f"{figures['real_time_factor']:.1f} times real time"
+        f"{compiling if figures['compile_s'] >= REPORTED_S else ''}",
+    ]

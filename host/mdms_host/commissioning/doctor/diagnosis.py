@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from statistics import median
 
-from mdms_host.can_link.emergencies import code_text
 from mdms_host.commissioning.array_file import FiledCell
 from mdms_host.commissioning.doctor.examination import Examination, Examined
 from mdms_host.commissioning.doctor.findings import Finding
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
+from mdms_protocol.emergencies import code_text
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Protocol
 
-from mdms_host.can_link.emergencies import code_text
 from mdms_host.clock import Clock
 from mdms_host.commissioning.doctor.findings import Finding
 from mdms_host.commissioning.network import Commissioning, CommissioningError, SilentError
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
+from mdms_protocol.emergencies import code_text
 
 SHORT, CATEGORY_1 = "short", "category_1"
 #: A contact takes less than 0.05 s; the rest is for a look at 126 cells.

@@ -1,8 +1,8 @@
 """The way back of one cell that is out of action, through the phases of a bring-up of its own."""
 
-from mdms_host.can_link.emergencies import LOW_SUPPLY, code_text
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.phase import TRANSITIONS, Phase, Signal
+from mdms_protocol.emergencies import LOW_SUPPLY, code_text
 
 #: A cell that gets on no further for so long begins anew [s].
 _STEP_LIMIT_S = 1.0

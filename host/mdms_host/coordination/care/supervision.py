@@ -3,13 +3,13 @@
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import inf
 
-from mdms_host.can_link.emergencies import LOW_SUPPLY
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.coordination.care.trouble import Trouble, nature_of
 from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.phase import Phase
 from mdms_host.coordination.schedule import Timing
 from mdms_protocol.codecs import cob
+from mdms_protocol.emergencies import LOW_SUPPLY
 
 #: The trouble of a second host that sends heartbeats.
 OTHER_HOST = (

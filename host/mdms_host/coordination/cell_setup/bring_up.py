@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from mdms_host.can_link.emergencies import error_text
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import PATIENT, SdoClient, Setting
 from mdms_host.coordination.cell_setup.configuration import NOTHING, Configuration
@@ -15,6 +14,7 @@ from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.emergencies import error_text
 from mdms_protocol.entry import steps_per_unit
 
 _TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())

@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping
 
 from mdms_host.can_link import boards
-from mdms_host.can_link.emergencies import error_text
-from mdms_host.can_link.protocol_revision import other_protocol
+from mdms_host.can_link.remote_cell import other_protocol
 from mdms_host.can_link.sdo_client import PATIENT, Read, SdoClient
 from mdms_host.places import Place
 from mdms_protocol import indices
 from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.emergencies import error_text
 
 #: Where a cell reports the revision of its object table, its serial number, and its board.
 REVISION = Read(indices.IDENTITY, 3)

@@ -8,7 +8,7 @@ giving the beat, and report the host's silence.
 from collections.abc import Iterator
 
 from mdms_host.can_link.sdo_client import Setting
-from mdms_model.bus_time import WATCHED_HEARTBEAT_S
+from mdms_model.buses import WATCHED_HEARTBEAT_S
 from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 

@@ -9,8 +9,7 @@ that the sensors allow.
 import numpy as np
 
 from mdms_model.arrays import Floats
-from mdms_model.hull import convex_hull
-from mdms_model.outline import polygon_outline
+from mdms_model.outline import convex_hull, polygon_outline
 
 _ANGLES = np.arange(256) * (2 * np.pi / 256)
 _DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))

@@ -19,10 +19,12 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from mdms_model.arrays import Floats
-from mdms_model.run.mcap.log_messages import LOG_SCHEMA, LOG_SCHEMA_NAME, LOG_TOPIC, log_messages
 from mdms_model.run.mcap.messages import (
     CELLS_TOPIC,
     EVENTS_TOPIC,
+    LOG_SCHEMA,
+    LOG_SCHEMA_NAME,
+    LOG_TOPIC,
     PLAN_TOPIC,
     POSE,
     TWIST,
@@ -30,12 +32,12 @@ from mdms_model.run.mcap.messages import (
     WHEELS_TOPIC,
     Source,
     Timed,
+    log_messages,
     parcel_topic,
     schemas_of,
     sources,
 )
-from mdms_model.run.mcap.scene.primitives import SCENE_SCHEMA
-from mdms_model.run.mcap.scene.topics import layers, scene_messages
+from mdms_model.run.mcap.scene import SCENE_SCHEMA, layers, scene_messages
 from mdms_model.run.record import Event, Plan, Record, RecordFileError, Tile
 from mdms_model.scenario.scenario import Scenario
 

@@ -13,12 +13,10 @@ import numpy as np
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.run.colours import between, colours_of, parcel_colour
-from mdms_model.run.mcap.log_messages import LOG_TOPIC, Level
-from mdms_model.run.mcap.messages import OFF, WHEELS_TOPIC, parcel_topic
-from mdms_model.run.mcap.scene.primitives import FRAME
-from mdms_model.run.mcap.scene.topics import layers
+from mdms_model.run.derived import host_error
+from mdms_model.run.mcap.messages import LOG_TOPIC, OFF, WHEELS_TOPIC, Level, parcel_topic
+from mdms_model.run.mcap.scene import FRAME, layers
 from mdms_model.run.record import Record
-from mdms_model.run.shared_belief import host_error
 from mdms_model.scenario.scenario import Scenario
 
 #: Lines of more parcels are too many for one plot.

@@ -2,21 +2,22 @@
 
 JSON has no NaN: a value without a number is left out of a parcel's message, and is null in an array
 of the wheels or the cells. Such an array is left out of the schema, for viewers refuse a schema
-that allows two types. An array without any number is left out of the messages too.
+that allows two types. An array without any number is left out of the messages too. Events are lines
+of a log that viewers show in a panel of its own, as `foxglove.Log`.
 """
 
 from collections.abc import Iterator
 from dataclasses import asdict, fields
+from enum import IntEnum
 from itertools import repeat
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from mdms_model.arrays import Floats
-from mdms_model.run.cell_reports import REPORTED
-from mdms_model.run.planned import goals_at, goals_given
-from mdms_model.run.record import Record
-from mdms_model.run.shared_belief import host_error
+from mdms_model.run.derived import goals_at, goals_given, host_error
+from mdms_model.run.frame_readers import REPORTED
+from mdms_model.run.record import Event, Record
 from mdms_model.scenario.scenario import Parcel, Scenario
 
 POSE = ("x_m", "y_m", "yaw_rad")
@@ -29,7 +30,8 @@ WHEELS = tuple(item.name for item in fields(Record) if item.name not in _OTHERS)
 WHEELS_TOPIC, CELLS_TOPIC, PLAN_TOPIC = "/wheels", "/cells", "/plan"
 EVENTS_TOPIC, COMMANDS_TOPIC = "/events", "/commands"
 
-_TEXT, _INTEGER, _NUMBER = {"type": "string"}, {"type": "integer"}, {"type": "number"}
+_TEXT, _INTEGER = {"type": "string"}, {"type": "integer"}
+_NUMBER = {"type": "number"}
 _NUMBERS = {"type": "array", "items": _NUMBER}
 _INTEGERS = {"type": "array", "items": _INTEGER}
 _POSE_SCHEMA = {"type": "object", "properties": dict.fromkeys(POSE, _NUMBER)}
@@ -185,3 +187,52 @@ def _plain(array: Any) -> Any:
     finite: Any = np.isfinite(array)
     shown: Any = array if finite.all() else np.where(finite, array.astype(object), None)
     return shown.tolist()
+
+
+LOG_TOPIC, LOG_SCHEMA_NAME = "/log", "foxglove.Log"
+LOG_SCHEMA: dict[str, Any] = {
+    "timestamp": {"type": "object", "properties": dict.fromkeys(("sec", "nsec"), _INTEGER)},
+    "level": _INTEGER,
+    **dict.fromkeys(("message", "name", "file"), _TEXT),
+    "line": _INTEGER,
+}
+
+
+class Level(IntEnum):
+    """As the schema numbers them."""
+
+    DEBUG = 1
+    INFO = 2
+    WARNING = 3
+    ERROR = 4
+
+
+#: Of events by kind; others are `INFO`.
+_LEVELS = {
+    **dict.fromkeys(("support", "contact", "reversal"), Level.DEBUG),
+    **dict.fromkeys(("fault", "touch", "link"), Level.WARNING),
+    **dict.fromkeys(("tip", "solver", "violation"), Level.ERROR),
+}
+
+
+def log_messages(record: Record) -> Iterator[tuple[float, dict[str, Any]]]:
+    """Times [s] and lines, in their order."""
+    for event in sorted(record.events, key=lambda event: event.time_s):
+        time_ns = round(event.time_s * 1e9)
+        yield (
+            event.time_s,
+            {
+                "timestamp": {"sec": time_ns // 10**9, "nsec": time_ns % 10**9},
+                "level": int(_LEVELS.get(event.kind, Level.INFO)),
+                "message": _words(event),
+                "name": event.kind,
+                "file": "",
+                "line": 0,
+            },
+        )
+
+
+def _words(event: Event) -> str:
+    places = {"parcel": event.parcel, "cell": event.cell, "axis": event.axis}
+    named = " ".join(f"{name} {value}" for name, value in places.items() if value is not None)
+    return f"{named}: {event.detail}" if named else event.detail

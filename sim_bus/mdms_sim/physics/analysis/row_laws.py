@@ -8,7 +8,7 @@ import numpy as np
 from mdms_model.arrays import Floats
 from mdms_model.motor import Drive, drive_of
 from mdms_model.scenario.scenario import Parcel, Scenario
-from mdms_sim.physics.row.journey import row_parcel
+from mdms_sim.physics.row.trace import row_parcel
 
 
 @dataclass(frozen=True, slots=True)

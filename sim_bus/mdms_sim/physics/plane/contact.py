@@ -1,14 +1,4 @@
-"""The new velocity of a parcel on wheels whose pushes are lines clipped by friction.
-
-Wheel i pushes along its direction d_i with f_i = clip(c_i - k_i u_i, -limit_i, +limit_i), u_i the
-parcel's speed over it along d_i (eqs 7 to 12 of the paper; rolling where the clip is inactive).
-Over an implicit step the new twist xi is the minimum of
-
-    1/2 (xi - xi_0)^T D (xi - xi_0) + sum_i phi_i(J_i xi),   phi_i' = -f_i,   J_i = (d_i, lever_i),
-
-D the parcel's mass matrix per step: strictly convex in three unknowns. Its gradient is piecewise
-linear, so a Newton step that ends on the piece where it began has hit the minimum exactly.
-"""
+"""What each wheel does to the parcel on it, as a clipped line, and what that does to the wheel."""
 
 from typing import NamedTuple
 
@@ -17,9 +7,10 @@ from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
+from mdms_model.run.record import Contact
 from mdms_model.symmetric3 import Symmetric, Vector, solve
-from mdms_sim.physics.plane.motion import new_twist_of, twist_of
-from mdms_sim.physics.plane.records import UNSOLVED, Scene
+from mdms_sim.physics.motor import applied_voltage, coast
+from mdms_sim.physics.plane.records import UNSOLVED, Scene, new_twist_of, twist_of
 
 #: A Newton step that would move the parcel by less than this is rounding [m/s].
 ROUNDING_M_S = 1e-14
@@ -156,3 +147,189 @@ def pushes_on(scene: Scene, p: int) -> Pushes:
     first, end = 2 * share.first, 2 * share.first + share.lines
     jacobian, line = scene.scratch.jacobian[first:end], scene.scratch.line[first:end]
     return Pushes(jacobian, line, scene.state.piece[first:end])
+
+
+NONE, ROLLING = int(Contact.NONE), int(Contact.ROLLING)
+FORWARD, BACKWARD = int(Contact.SLIDING_FORWARD), int(Contact.SLIDING_BACKWARD)
+
+#: A roller with friction creeps: its push grows in proportion up to this speed [m/s].
+CREEP_M_S = 1e-3
+
+#: A jammed wheel that holds a parcel gives way by so much [m/s/N]: nothing against any speed that
+#: counts, and large enough that the problem of `contact` stays well conditioned.
+JAMMED_M_S_PER_N = 1e-7
+
+#: A wheel without inertia or damping that coasts would answer to a force without limit.
+LOSS_MIN_N_S_PER_M = 1e-6
+
+# Under the ideal law -----------------------------------------------------------------------------
+
+
+@compiled
+def draw_ideal_lines(scene: Scene, reference_m_s: Floats) -> None:
+    """Each support's push f = clip(a r - b u, -mu N, mu N) (eqs 9 and 12).
+
+    With viscous sliding, f = mu_v N (v - u) joined with f = a r - b v, no clip.
+    """
+    scratch = scene.scratch
+    for p in range(scratch.parcels.size):
+        body = scratch.parcels[p]
+        for i in range(body.first, body.first + body.supports):
+            w = scratch.support[i]
+            wheel, line = scene.model.wheels[w], scratch.line[body.first + i]
+            normal_n = scratch.normal_n[i]
+            stall, slope = wheel.a * reference_m_s[w], wheel.b
+            if wheel.viscous_s_per_m > 0.0:
+                film = wheel.viscous_s_per_m * normal_n
+                share = film / (film + slope)
+                set_line(line, share * stall, share * slope, np.inf)
+            else:
+                set_line(line, stall, slope, wheel.friction * normal_n)
+        draw_roller_lines(scene, p, 0.0, 0.0)
+
+
+@compiled
+def spin_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> None:
+    """Massless wheels run at the speed at which the motor's force is the push: f = a r - b v."""
+    for w in range(scene.model.wheels.size):
+        wheel, now = scene.model.wheels[w], scene.state.wheels[w]
+        now.speed_m_s = (wheel.a * reference_m_s[w] - now.force_n) / wheel.b
+        now.travel_m += step_s * now.speed_m_s
+
+
+# Under voltage -----------------------------------------------------------------------------------
+
+
+@compiled
+def power_wheels(scene: Scene, voltage_v: Floats, step_s: float) -> None:
+    """Work out how each wheel will answer to its voltage over the step (eq 8).
+
+    A current beyond the limit is held there instead: the motor then pushes evenly. A motor that its
+    bridge leaves open carries no current; one behind a jammed wheel that of a stall.
+    """
+    for w in range(scene.model.wheels.size):
+        wheel, now, answer = scene.model.wheels[w], scene.state.wheels[w], scene.scratch.wheels[w]
+        if now.jammed:
+            now.speed_m_s = 0.0
+        volts = applied_voltage(voltage_v[w], now.supply_v, wheel.pwm_steps)
+        drive_n, braking = wheel.force_per_volt * volts, wheel.loss - wheel.damping
+        torque_n = drive_n - braking * now.speed_m_s
+        if abs(torque_n) > wheel.force_limit_n:
+            drive_n, braking = np.copysign(wheel.force_limit_n, torque_n), 0.0
+        if now.coasting:
+            drive_n, braking = 0.0, 0.0
+        answer.drive_n, answer.braking = drive_n, braking
+        loss = max(wheel.damping + braking, LOSS_MIN_N_S_PER_M)
+        answer.decay, answer.gain, answer.glide, answer.stride = coast(wheel.mass_kg, loss, step_s)
+        if now.jammed:
+            answer.decay, answer.gain, answer.glide, answer.stride = 0.0, JAMMED_M_S_PER_N, 0.0, 0.0
+
+
+@compiled
+def draw_voltage_lines(scene: Scene, step_s: float) -> None:
+    """Each support's mean push over a step, as a line in the parcel's speed at its end.
+
+    A wheel alone would go v+ = decay v + gain (F - f). Rolling is v+ = u+; viscous sliding is
+    f = mu_v N (v + v+ - u - u+) / 2. The levers are those of halfway, so u+ = J xi+ + shift.
+    """
+    scratch = scene.scratch
+    for p in range(scratch.parcels.size):
+        body = scratch.parcels[p]
+        vx, vy, yaw_rate = twist_of(scene, p)
+        shift_x = -0.5 * step_s * yaw_rate * vy
+        shift_y = 0.5 * step_s * yaw_rate * vx
+        for i in range(body.first, body.first + body.supports):
+            w, line = scratch.support[i], scratch.line[body.first + i]
+            wheel, answer = scene.model.wheels[w], scratch.wheels[w]
+            speed = scene.state.wheels[w].speed_m_s
+            free = answer.decay * speed + answer.gain * answer.drive_n
+            if scene.state.wheels[w].jammed:
+                free = 0.0
+            if wheel.viscous_s_per_m > 0.0:
+                film = 0.5 * wheel.viscous_s_per_m * scratch.normal_n[i]
+                slope = film / (1.0 + film * answer.gain)
+                old = speed_over(scratch.jacobian[body.first + i], (vx, vy, yaw_rate))
+                set_line(line, slope * (speed + free - old), slope, np.inf)
+            else:
+                shift = wheel.direction_x * shift_x + wheel.direction_y * shift_y
+                limit = wheel.friction * scratch.normal_n[i]
+                set_line(line, (free + shift) / answer.gain, 1.0 / answer.gain, limit)
+        draw_roller_lines(scene, p, shift_x, shift_y)
+
+
+@compiled
+def spin_voltage(scene: Scene) -> None:
+    """Wheels with inertia answer to motor and push, both constant over the step, exactly."""
+    for w in range(scene.model.wheels.size):
+        now, answer = scene.state.wheels[w], scene.scratch.wheels[w]
+        force_n = answer.drive_n - now.force_n
+        now.travel_m += answer.glide * now.speed_m_s + answer.stride * force_n
+        now.speed_m_s = answer.decay * now.speed_m_s + answer.gain * force_n
+        if now.jammed:
+            now.speed_m_s = 0.0
+        torque_n = answer.drive_n - answer.braking * now.speed_m_s
+        now.current_a = torque_n / scene.model.wheels[w].force_per_ampere
+
+
+# Under both --------------------------------------------------------------------------------------
+
+
+@compiled
+def draw_roller_lines(scene: Scene, p: int, shift_x: float, shift_y: float) -> None:
+    """Rollers push against the parcel's motion along the axle, with mu_r N beyond their creep."""
+    scratch, body = scene.scratch, scene.scratch.parcels[p]
+    for i in range(body.first, body.first + body.lines - body.supports):
+        row = body.first + body.supports + i
+        limit = scene.model.wheels[scratch.support[i]].roller_friction * scratch.normal_n[i]
+        slope = limit / CREEP_M_S
+        shift = scratch.jacobian[row, 0] * shift_x + scratch.jacobian[row, 1] * shift_y
+        set_line(scratch.line[row], slope * shift, slope, limit)
+
+
+@compiled
+def set_line(line: Floats, stall_n: float, slope: float, limit_n: float) -> None:
+    """Fill in c, k and limit; a wheel without load gets a limit of zero and a harmless slope."""
+    loaded = slope > 0.0
+    line[0] = stall_n if loaded else 0.0
+    line[1] = slope if loaded else 1.0
+    line[2] = limit_n if loaded else 0.0
+
+
+@compiled
+def speed_over(row: Floats, twist: Vector) -> float:
+    """Speed of a parcel along the direction of a row of its Jacobian."""
+    return float(row[0] * twist[0] + row[1] * twist[1] + row[2] * twist[2])
+
+
+@compiled
+def push_wheels(scene: Scene, p: int, twist: Vector) -> None:
+    """Set what each support of a parcel carries, how it pushes and whether it rolls."""
+    scratch, body = scene.scratch, scene.scratch.parcels[p]
+    for i in range(body.first, body.first + body.supports):
+        wheel, line = scene.state.wheels[scratch.support[i]], scratch.line[body.first + i]
+        wheel.normal_n = scratch.normal_n[i]
+        wheel.force_n = push(line, scratch.jacobian[body.first + i], twist)
+        wheel.contact = contact_of(wheel.normal_n, wheel.force_n, line[2])
+
+
+@compiled
+def set_slips(scene: Scene) -> None:
+    """Set how fast each sliding support's surface runs ahead of its parcel."""
+    scratch = scene.scratch
+    for p in range(scratch.parcels.size):
+        body = scratch.parcels[p]
+        for i in range(body.first, body.first + body.supports):
+            wheel = scene.state.wheels[scratch.support[i]]
+            if wheel.contact > ROLLING:
+                over = speed_over(scratch.jacobian[body.first + i], new_twist_of(scene, p))
+                wheel.slip_m_s = wheel.speed_m_s - over
+
+
+@compiled
+def contact_of(normal_n: float, force_n: float, limit_n: float) -> int:
+    """The contact code of a wheel; a viscous film (no limit) always slides."""
+    if normal_n <= 0.0:
+        return NONE
+    if abs(force_n) < limit_n < np.inf:
+        return ROLLING
+    return FORWARD if force_n > 0.0 else BACKWARD

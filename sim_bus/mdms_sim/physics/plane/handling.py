@@ -1,6 +1,19 @@
-"""What is done to parcels from outside: pushed, lifted, set down again; brought and taken away."""
+"""Parcels handled from outside: pushed, lifted, set down; brought from a stock, taken away."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from mdms_model.array import build_wheels, last_support_m
+from mdms_model.arrays import Floats, Ints
+from mdms_model.outline import gap_m, outline_m, outline_of
 from mdms_model.parcel import turned
+from mdms_model.run.record import Event, leaving
+from mdms_model.scenario.scenario import Parcel, Scenario, Stream
 from mdms_sim.physics.plane.records import Scene
 
 
@@ -57,3 +70,122 @@ def bring(scene: Scene, p: int, pose: tuple[float, float, float]) -> None:
     """Parcel p, which is away, comes: at rest where its origin is to be [table frame]."""
     set_down(scene, p, *pose)
     scene.state.parcels[p].away = 0
+
+
+#: Whether a place is free is looked at so often [s].
+_LOOK_S = 0.01
+_ROUNDING_S = 1e-9
+#: What no support holds at an edge is so near to the last of them, or beyond it [m].
+_EDGE_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class StreamsState:
+    """What streams go on from: random numbers, how many came, when the next is due, and which."""
+
+    streams: tuple[tuple[Any, int, float, int | None], ...]
+
+
+class Streams:
+    """The streams and exits of a scenario."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._parcels = scenario.parcel
+        wheels_m = build_wheels(scenario).position_m
+        self._exits = [(each, last_support_m(wheels_m, each.side)) for each in scenario.exit]
+        numbers = {parcel.name: number for number, parcel in enumerate(scenario.parcel)}
+        self._streams = [
+            _Stream(stream, [numbers[name] for name in stream.parcels], f"{scenario.run.seed}/{i}")
+            for i, stream in enumerate(scenario.stream)
+        ]
+
+    def state(self) -> StreamsState:
+        """What the next parcels depend on."""
+        return StreamsState(
+            tuple((one.random.getstate(), one.count, one.due_s, one.next) for one in self._streams)
+        )
+
+    def restore(self, state: StreamsState) -> None:
+        """Go on from there."""
+        for one, (chance, count, due_s, next_) in zip(self._streams, state.streams, strict=True):
+            one.random.setstate(chance)
+            one.count, one.due_s, one.next = count, due_s, next_
+
+    def due(self, now_s: float) -> bool:
+        """Whether a stream may have something to bring."""
+        return any(now_s >= one.due_s - _ROUNDING_S for one in self._streams)
+
+    def bring(self, scene: Scene, now_s: float, poses: Floats) -> Iterator[Event]:
+        """Set down the next parcel of each stream that is due, where its place is free."""
+        for stream in self._streams:
+            if now_s < stream.due_s - _ROUNDING_S:
+                continue
+            stream.due_s = now_s + _LOOK_S
+            number = stream.next = stream.draw(self._parcels, scene.state.parcels["away"])
+            if number is None or not self._is_free(stream.plan, number, poses):
+                continue
+            pose = stream.place()
+            bring(scene, number, pose)
+            poses[number] = pose
+            stream.next = None
+            stream.count += 1
+            stream.due_s = inf if stream.count == stream.plan.most else now_s + stream.period_s
+            where = f"x {pose[0]:.4f} m, y {pose[1]:.4f} m, yaw {pose[2]:.4f} rad"
+            parcel = self._parcels[number].name
+            yield Event(now_s, "arrival", f"set down at {where}", parcel=parcel)
+
+    def take(self, scene: Scene, number: int, now_s: float) -> Event | None:
+        """The event of a parcel that no support holds, if an exit takes it; it is away then."""
+        now, parcel = scene.state.parcels[number], self._parcels[number]
+        outs = ((each.out_m(now.x_m, now.y_m, last_m), each) for each, last_m in self._exits)
+        out_m, taker = max(outs, key=lambda pair: pair[0], default=(-inf, None))
+        if taker is None or out_m < -_EDGE_M:
+            return None
+        take_away(scene, number)
+        wrong = bool(taker.kinds) and parcel.kind not in taker.kinds
+        return leaving(now_s, parcel.name, taker.name, wrong)
+
+    def _is_free(self, plan: Stream, number: int, poses: Floats) -> bool:
+        """Whether a parcel can be set down, wherever about its place it turns out to be put."""
+        mine, place = self._parcels[number], np.array([plan.x_m, plan.y_m, plan.yaw_rad])
+        radius_m = outline_of(mine).radius_m
+        clear_m = plan.clear_m + plan.spread_m + plan.spread_rad * radius_m
+        mine_m = outline_m(place, mine)
+        for other in np.flatnonzero(np.isfinite(poses[:, 0])).tolist():
+            theirs = self._parcels[other]
+            reach_m = radius_m + outline_of(theirs).radius_m + clear_m
+            if np.hypot(*(poses[other] - place)[:2]) > reach_m:
+                continue
+            if gap_m(mine_m, outline_m(poses[other], theirs)) < clear_m:
+                return False
+        return True
+
+
+class _Stream:
+    """One stream, and how far it has come."""
+
+    def __init__(self, plan: Stream, stock: list[int], seed: str) -> None:
+        self.plan = plan
+        self.stock = stock
+        self.random = Random(f"{seed}/stream")
+        self.count = 0
+        #: What comes next, if it is drawn already.
+        self.next: int | None = None
+        self.due_s = plan.start_s
+        self.period_s = max(plan.period_s, _LOOK_S)
+
+    def draw(self, parcels: tuple[Parcel, ...], away: Ints) -> int | None:
+        """What comes next: the first one in stock of a kind by chance; None while there is none."""
+        if self.next is not None:
+            return self.next
+        firsts: dict[str, int] = {}
+        for number in self.stock:
+            if away[number]:
+                firsts.setdefault(parcels[number].kind or parcels[number].name, number)
+        return self.random.choice(list(firsts.values())) if firsts else None
+
+    def place(self) -> tuple[float, float, float]:
+        """Where it is set down this time."""
+        spread = (self.plan.spread_m, self.plan.spread_m, self.plan.spread_rad)
+        x_m, y_m, yaw_rad = (self.random.uniform(-most, most) for most in spread)
+        return self.plan.x_m + x_m, self.plan.y_m + y_m, self.plan.yaw_rad + yaw_rad

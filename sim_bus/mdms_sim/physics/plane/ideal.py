@@ -9,8 +9,7 @@ from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.physics.plane.motion import read_poses
-from mdms_sim.physics.plane.records import Scene
+from mdms_sim.physics.plane.records import Scene, read_poses
 from mdms_sim.physics.plane.step import TIPPING, observe_ideal, step_ideal
 from mdms_sim.physics.plane.world import World
 

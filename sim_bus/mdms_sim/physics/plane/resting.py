@@ -5,8 +5,7 @@ from mdms_model.compiled import compiled
 from mdms_model.parcel import Place, cells_near, covers, place_of
 from mdms_model.statics.supports import press
 from mdms_model.symmetric3 import Vector
-from mdms_sim.physics.plane.motion import halfway
-from mdms_sim.physics.plane.records import NOBODY, Scene
+from mdms_sim.physics.plane.records import NOBODY, Scene, halfway
 
 
 @compiled

@@ -6,18 +6,25 @@ strictly convex problem of `contact`; parcels then move by the mean of the old a
 
 from mdms_model.arrays import Floats
 from mdms_model.compiled import compiled
-from mdms_sim.physics.plane.contact import settle_parcel
-from mdms_sim.physics.plane.motion import move, new_twist_of, twist_of
-from mdms_sim.physics.plane.pushes import (
+from mdms_sim.physics.plane.contact import (
     draw_ideal_lines,
     draw_voltage_lines,
     power_wheels,
     push_wheels,
     set_slips,
+    settle_parcel,
     spin_ideal,
     spin_voltage,
 )
-from mdms_sim.physics.plane.records import DROPPED, UNBALANCED, UNSOLVED, Scene
+from mdms_sim.physics.plane.records import (
+    DROPPED,
+    UNBALANCED,
+    UNSOLVED,
+    Scene,
+    move,
+    new_twist_of,
+    twist_of,
+)
 from mdms_sim.physics.plane.resting import rest_parcels
 from mdms_sim.physics.plane.touch import find_touches, press_apart
 

@@ -14,8 +14,17 @@ from mdms_model.compiled import for_types_of
 from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane import step
-from mdms_sim.physics.plane.control_step import Bridges, Registers, Sampled, step_cells
-from mdms_sim.physics.plane.motion import read_poses
+from mdms_sim.physics.plane.control_step import (
+    Bridges,
+    LoadCells,
+    PresenceSensors,
+    Registers,
+    Sampled,
+    SenseState,
+    counts_per_m,
+    step_cells,
+)
+from mdms_sim.physics.plane.handling import Streams, StreamsState
 from mdms_sim.physics.plane.records import (
     DROPPED,
     NOW,
@@ -23,9 +32,8 @@ from mdms_sim.physics.plane.records import (
     UNSOLVED,
     Scene,
     build_scene,
+    read_poses,
 )
-from mdms_sim.physics.plane.sensors import LoadCells, PresenceSensors, SenseState, counts_per_m
-from mdms_sim.physics.plane.streams import Streams, StreamsState
 
 #: What the solver could not do, by what is counted of it.
 SOLVER_LIMITS = {

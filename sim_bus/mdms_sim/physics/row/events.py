@@ -1,16 +1,109 @@
-"""When the next event of a phase comes: a reversal, an edge of the stretch, a wheel's new mode.
+"""The forces on one parcel of the row, and when the next event of a phase comes.
 
-A wheel's mode holds while a linear function of place and speed is positive (eq 12). Along a phase
-such a function has its extremes at times known in closed form; between them it is monotone, so no
-event can hide.
+An event is a reversal, an edge of the stretch, or a wheel's new mode. A wheel's mode holds while a
+linear function of place and speed is positive (eq 12). Along a phase such a function has its
+extremes at times known in closed form; between them it is monotone, so no event can hide.
 """
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
+from mdms_model.statics.supports import spread
 from mdms_sim.physics.row.motion import advance, first_zero, half_period
-from mdms_sim.physics.row.parcel import ROLLING, Footing, RowParcel
+
+Modes = NDArray[np.int8]
+
+BACKWARD, ROLLING, FORWARD, ABSENT = -1, 0, 1, 2
+"""What a wheel does: slides pushing back, rolls, slides pushing ahead, or carries nothing."""
+
+
+class RowParcel(NamedTuple):
+    """A parcel and the row under it, as the compiled loops take them [m, N, kg, N s/m]."""
+
+    edge_m: Floats
+    first: Ints
+    last: Ints
+    wheel_x_m: Floats
+    push_n: Floats
+    """a r of every wheel."""
+    drag: Floats
+    """b of every wheel, the force lost per speed."""
+    friction: Floats
+    most_pull_m_s2: float
+    """Acceleration that friction at its best cannot exceed."""
+    weight_n: float
+    mass_kg: float
+    com_m: float
+
+
+class Footing(NamedTuple):
+    """The wheels `first` to `last` that carry in stretch `k`: their loads and their modes.
+
+    Wheel i carries load[0, i] + load[1, i] x [N], x the parcel's place (eq 1).
+    """
+
+    k: int
+    first: int
+    last: int
+    load: Floats
+    mode: Modes
+
+
+@compiled
+def carried(row: RowParcel, k: int) -> bool:
+    """Whether the parcel has supports on both sides of its centre of mass in stretch `k`."""
+    return 0 <= k < len(row.first) and row.first[k] <= row.last[k]
+
+
+@compiled
+def footing(row: RowParcel, k: int, x_m: float, speed: float) -> Footing:
+    """What carries in stretch `k`; each wheel rolls where friction can hold it (eq 12)."""
+    wheels = len(row.wheel_x_m)
+    load, mode = np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8)
+    first, last = row.first[k], row.last[k]
+    mean_m, spread_m2 = spread(row.wheel_x_m, first, last)
+    for i in range(first, last + 1):
+        slope = row.weight_n * (row.wheel_x_m[i] - mean_m) / spread_m2
+        load[0, i] = row.weight_n / (last - first + 1) + slope * (row.com_m - mean_m)
+        load[1, i] = slope
+        hold_n = row.friction[i] * (load[0, i] + slope * x_m)
+        rolling_n = row.push_n[i] - row.drag[i] * speed
+        mode[i] = FORWARD if rolling_n > hold_n else BACKWARD if rolling_n < -hold_n else ROLLING
+    return Footing(k, first, last, load, mode)
+
+
+@compiled
+def no_footing(row: RowParcel, k: int) -> Footing:
+    """A stretch in which nothing carries."""
+    wheels = len(row.wheel_x_m)
+    return Footing(k, 0, -1, np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8))
+
+
+@compiled
+def coefficients(row: RowParcel, foot: Footing) -> tuple[float, float, float]:
+    """Of x'' = alpha + beta x + gamma x': eq (6) where wheels slide, eq (11) where they roll."""
+    force_n, spring, damping = 0.0, 0.0, 0.0
+    for i in range(foot.first, foot.last + 1):
+        if foot.mode[i] == ROLLING:
+            force_n += row.push_n[i]
+            damping += row.drag[i]
+        else:
+            force_n += foot.mode[i] * row.friction[i] * foot.load[0, i]
+            spring += foot.mode[i] * row.friction[i] * foot.load[1, i]
+    return force_n / row.mass_kg, spring / row.mass_kg, -damping / row.mass_kg
+
+
+@compiled
+def acceleration(row: RowParcel, foot: Footing, x_m: float, speed: float) -> float:
+    """Of the parcel, from eqs (6) and (11) [m/s^2]."""
+    alpha, beta, gamma = coefficients(row, foot)
+    return alpha + beta * x_m + gamma * speed
+
 
 START, SUPPORT, CONTACT, REVERSAL, REST, HELD, TIP, END = range(8)
 """What begins a phase. HELD: at rest on an edge between two support sets that push both ways."""
@@ -23,7 +116,7 @@ CLOSE = 1e-8
 """A Newton step this short leaves an error of its square, which is rounding."""
 
 
-class Phase(NamedTuple):
+class MotionPhase(NamedTuple):
     """A stretch of time with one law x'' = alpha + beta x + gamma x', by its start."""
 
     time_s: float
@@ -45,7 +138,7 @@ class Margin(NamedTuple):
 
 @compiled
 def next_event(
-    row: RowParcel, foot: Footing, phase: Phase, until_s: float
+    row: RowParcel, foot: Footing, phase: MotionPhase, until_s: float
 ) -> tuple[float, int, int, int]:
     """How long the phase lasts, what ends it, and for a CONTACT the wheel and its new mode.
 
@@ -75,14 +168,14 @@ def next_event(
 
 
 @compiled
-def edge_margin(row: RowParcel, foot: Footing, phase: Phase, side: int) -> Margin:
+def edge_margin(row: RowParcel, foot: Footing, phase: MotionPhase, side: int) -> Margin:
     """Way left to the edge of the stretch on one side."""
     edge_m = row.edge_m[foot.k + 1] if side > 0 else row.edge_m[foot.k]
     return Margin(side * (edge_m - phase.x_m), -side, 0.0, SLACK_M)
 
 
 @compiled
-def mode_margin(row: RowParcel, foot: Footing, phase: Phase, i: int, side: int) -> Margin:
+def mode_margin(row: RowParcel, foot: Footing, phase: MotionPhase, i: int, side: int) -> Margin:
     """Force by which wheel `i` keeps its mode: friction over a rolling wheel's force, or under.
 
     A wheel that rolls may slip to either `side`; one that slips to `side` may roll again (eq 12).
@@ -106,7 +199,7 @@ def most_change(row: RowParcel, foot: Footing, margin: Margin, within_s: float) 
 
 
 @compiled
-def crossing(phase: Phase, margin: Margin, until_s: float) -> float:
+def crossing(phase: MotionPhase, margin: Margin, until_s: float) -> float:
     """When the margin falls through zero in the phase; `until_s` if not before.
 
     Only a fall below its slack counts; the time is that of the zero on the way there.
@@ -127,7 +220,7 @@ def crossing(phase: Phase, margin: Margin, until_s: float) -> float:
 
 
 @compiled
-def margin_at(phase: Phase, margin: Margin, after_s: float) -> tuple[float, float]:
+def margin_at(phase: MotionPhase, margin: Margin, after_s: float) -> tuple[float, float]:
     """A margin some time into the phase, and its rate."""
     dx_m, dv, acceleration = advance(
         phase.beta, phase.gamma, phase.speed, phase.acceleration, after_s
@@ -137,7 +230,7 @@ def margin_at(phase: Phase, margin: Margin, after_s: float) -> tuple[float, floa
 
 
 @compiled
-def falling_zero(phase: Phase, margin: Margin, low_s: float, high_s: float) -> float:
+def falling_zero(phase: MotionPhase, margin: Margin, low_s: float, high_s: float) -> float:
     """The zero of a margin that falls from `low_s` to `high_s`: Newton's steps, kept inside."""
     value, rate = margin_at(phase, margin, low_s)
     if value <= 0.0:

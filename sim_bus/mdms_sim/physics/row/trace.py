@@ -1,36 +1,46 @@
-"""The row from event to event: one parcel's whole motion as phases, each exact."""
+"""The row from event to event: one parcel's whole journey as phases, each exact."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
-from mdms_model.statics.row_supports import EDGE_M
+from mdms_model.motor import drive_of
+from mdms_model.outline import chord_m
+from mdms_model.run.record import Event
+from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
+from mdms_model.statics.supports import EDGE_M, stretches_of
+from mdms_sim.physics.motor import true_cells
 from mdms_sim.physics.row.events import (
+    ABSENT,
+    BACKWARD,
     CONTACT,
     END,
+    FORWARD,
     HELD,
     REST,
     REVERSAL,
+    ROLLING,
     SLACK,
     START,
     SUPPORT,
     TIP,
-    Phase,
-    next_event,
-)
-from mdms_sim.physics.row.motion import advance
-from mdms_sim.physics.row.parcel import (
     Footing,
     Modes,
+    MotionPhase,
     RowParcel,
     acceleration,
     carried,
     coefficients,
     footing,
+    next_event,
     no_footing,
 )
+from mdms_sim.physics.row.motion import advance
 
 MOST_PHASES = 1_000_000
 
@@ -43,7 +53,7 @@ class Trace(NamedTuple):
     modes: Modes
 
 
-class State(NamedTuple):
+class RowState(NamedTuple):
     """Where a parcel is."""
 
     time_s: float
@@ -60,7 +70,7 @@ def trace(row: RowParcel, x_m: float, until_s: float) -> Trace:
     book = Trace(
         np.zeros((256, 6)), np.zeros((256, 2), np.int64), np.zeros((256, len(row.push_n)), np.int8)
     )
-    state = State(0.0, x_m, 0.0)
+    state = RowState(0.0, x_m, 0.0)
     foot, cause = start(row, x_m)
     count = 0
     while count < MOST_PHASES:
@@ -74,7 +84,7 @@ def trace(row: RowParcel, x_m: float, until_s: float) -> Trace:
             break
         state, pull = coast(phase, after_s)
         if cause == REVERSAL:
-            state = State(state.time_s, state.x_m, 0.0)
+            state = RowState(state.time_s, state.x_m, 0.0)
         elif cause == CONTACT:
             foot.mode[what] = becomes
         else:
@@ -83,13 +93,13 @@ def trace(row: RowParcel, x_m: float, until_s: float) -> Trace:
 
 
 @compiled
-def begin(row: RowParcel, foot: Footing, cause: int, state: State) -> Phase:
+def begin(row: RowParcel, foot: Footing, cause: int, state: RowState) -> MotionPhase:
     """The phase that begins now; one without force keeps the parcel where it rests."""
     alpha, beta, gamma = coefficients(row, foot)
     pull = alpha + beta * state.x_m + gamma * state.speed
     if cause in (HELD, TIP) or (state.speed == 0.0 and negligible(row, pull)):
-        return Phase(state.time_s, state.x_m, state.speed, 0.0, 0.0, 0.0)
-    return Phase(state.time_s, state.x_m, state.speed, pull, beta, gamma)
+        return MotionPhase(state.time_s, state.x_m, state.speed, 0.0, 0.0, 0.0)
+    return MotionPhase(state.time_s, state.x_m, state.speed, pull, beta, gamma)
 
 
 @compiled
@@ -99,7 +109,7 @@ def negligible(row: RowParcel, pull: float) -> bool:
 
 
 @compiled
-def note(book: Trace, count: int, phase: Phase, cause: int, foot: Footing) -> Trace:
+def note(book: Trace, count: int, phase: MotionPhase, cause: int, foot: Footing) -> Trace:
     """Write one more phase; the book grows when it is full."""
     if count == len(book.phases):
         book = Trace(
@@ -115,10 +125,10 @@ def note(book: Trace, count: int, phase: Phase, cause: int, foot: Footing) -> Tr
 
 
 @compiled
-def coast(phase: Phase, after_s: float) -> tuple[State, float]:
+def coast(phase: MotionPhase, after_s: float) -> tuple[RowState, float]:
     """Where a phase leads, and the acceleration there."""
     dx_m, dv, pull = advance(phase.beta, phase.gamma, phase.speed, phase.acceleration, after_s)
-    return State(phase.time_s + after_s, phase.x_m + dx_m, phase.speed + dv), pull
+    return RowState(phase.time_s + after_s, phase.x_m + dx_m, phase.speed + dv), pull
 
 
 @compiled
@@ -147,20 +157,112 @@ def start(row: RowParcel, x_m: float) -> tuple[Footing, int]:
 
 @compiled
 def cross(
-    row: RowParcel, k: int, side: int, state: State, pull: float
-) -> tuple[Footing, int, State]:
+    row: RowParcel, k: int, side: int, state: RowState, pull: float
+) -> tuple[Footing, int, RowState]:
     """Go over an edge of stretch `k`: onto what, how that is called, and the state there.
 
     An edge whose two sides push the parcel back holds it, once it strays less than EDGE_M.
     Without that, ever shorter swings about the edge would go on for ever.
     """
     edge_m = row.edge_m[k + 1] if side > 0 else row.edge_m[k]
-    there = State(state.time_s, edge_m, state.speed)
+    there = RowState(state.time_s, edge_m, state.speed)
     if not carried(row, k + side):
         return no_footing(row, k + side), TIP, there
     foot = footing(row, k + side, edge_m, state.speed)
     reach = min(side * pull, -side * acceleration(row, foot, edge_m, state.speed))
     if reach > 0.0 and state.speed * state.speed < 2.0 * reach * EDGE_M:
         right = footing(row, max(k, k + side), edge_m, 0.0)
-        return right, HELD, State(state.time_s, edge_m, 0.0)
+        return right, HELD, RowState(state.time_s, edge_m, 0.0)
     return foot, SUPPORT, there
+
+
+NEW_MODE = {
+    ROLLING: "starts to roll",
+    FORWARD: "starts to slip, pushing ahead",
+    BACKWARD: "starts to slip, pushing back",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Journey:
+    """A parcel's motion, from rest to the end of the run or until it tips."""
+
+    parcel: Parcel
+    row: RowParcel
+    trace: Trace
+
+    @property
+    def tip_s(self) -> float:
+        """When the parcel tips; inf where it does not."""
+        return float(self.trace.phases[-1, 0]) if self.trace.whys[-1, 0] == TIP else np.inf
+
+
+def journey_of(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Journey:
+    """Trace one parcel from rest over the scenario's duration, as if it were alone.
+
+    Raises `ScenarioError` when it has more events than can be kept.
+    """
+    row = row_parcel(scenario, parcel, reference_m_s)
+    found = trace(row, parcel.x_m, scenario.run.duration_s)
+    if len(found.phases) == MOST_PHASES:
+        raise ScenarioError(
+            f"parcel {parcel.name!r} has {MOST_PHASES} events in {found.phases[-1, 0]:.3g} s, "
+            "which is all that can be kept; take a shorter run.duration_s"
+        )
+    return Journey(parcel, row, found)
+
+
+def row_parcel(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> RowParcel:
+    """The row as one parcel meets it; wheels beside the parcel do not count."""
+    wheels, cells = build_wheels(scenario), true_cells(scenario)
+    drives = [drive_of(cell) for cell in cells]
+    friction = np.array([cell.friction for cell in cells])
+    wheel_x_m = np.ascontiguousarray(wheels.position_m[:, 0])
+    ends_m = chord_m(parcel, float(wheels.position_m[0, 1]) - parcel.y_m)
+    com_m = parcel.centre_of_mass_m[0]
+    stretches = stretches_of(wheel_x_m, ends_m, com_m)
+    return RowParcel(
+        edge_m=stretches.edge_m,
+        first=stretches.first,
+        last=stretches.last,
+        wheel_x_m=wheel_x_m,
+        push_n=np.array([drive.a for drive in drives]) * reference_m_s,
+        drag=np.array([drive.b for drive in drives]),
+        friction=friction,
+        most_pull_m_s2=float(friction.max()) * scenario.run.gravity_m_s2,
+        weight_n=parcel.mass_kg * scenario.run.gravity_m_s2,
+        mass_kg=parcel.mass_kg,
+        com_m=com_m,
+    )
+
+
+def events_of(journey: Journey) -> Iterator[Event]:
+    """What happened on the way, in order of time."""
+    for at in range(len(journey.trace.phases)):
+        cause = journey.trace.whys[at, 0]
+        if cause == REVERSAL:
+            yield _event(journey, at, "reversal", f"turns at {journey.trace.phases[at, 1]:+.6f} m")
+        elif cause == TIP:
+            yield _event(journey, at, "tip", f"tips at {journey.trace.phases[at, 1]:+.6f} m")
+            return
+        elif cause == HELD:
+            where_m = journey.trace.phases[at, 1]
+            yield _event(journey, at, "support", f"rests on an edge at {where_m:+.6f} m")
+        if at > 0 and cause != HELD:
+            yield from _wheel_events(journey, at)
+
+
+def _wheel_events(journey: Journey, at: int) -> Iterator[Event]:
+    before, after = journey.trace.modes[at - 1], journey.trace.modes[at]
+    for wheel in np.flatnonzero(before != after).tolist():
+        if before[wheel] == ABSENT:
+            yield _event(journey, at, "support", "takes load", wheel)
+        elif after[wheel] == ABSENT:
+            yield _event(journey, at, "support", "is left", wheel)
+        else:
+            yield _event(journey, at, "contact", NEW_MODE[int(after[wheel])], wheel)
+
+
+def _event(journey: Journey, at: int, kind: str, detail: str, wheel: int | None = None) -> Event:
+    cell, axis = (None, None) if wheel is None else (wheel + 1, 1)
+    return Event(float(journey.trace.phases[at, 0]), kind, detail, journey.parcel.name, cell, axis)

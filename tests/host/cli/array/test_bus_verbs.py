@@ -7,7 +7,7 @@ from threading import Event, Thread
 import can
 import pytest
 
-from mdms_host.can_link.incidents import LinkCounts
+from mdms_host.can_link.link import LinkCounts
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.coordination.operation import Ending, Operation
@@ -147,7 +147,7 @@ def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
         limits_s.append(limit_s)
         return Operation(Ending.TIME_LIMIT, 13.0, None, LinkCounts(0, 0, 0, 0))
 
-    monkeypatch.setattr("mdms_host.cli.array.run.operate", operated)
+    monkeypatch.setattr("mdms_array.operation.operate", operated)
     assert on(channel, "run", "array18", "--set", "run.duration_s=3", *options) == Exit.TIME_LIMIT
     assert limits_s == [limit_s]
     assert capsys.readouterr().err == "mdms: goal not reached: box has not been found\n"

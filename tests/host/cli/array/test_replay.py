@@ -8,15 +8,9 @@ import cantools
 import pytest
 
 from mdms_array.recording import convert_log
+from mdms_host.can_link.bus_log import LogPlayer, LogWriter, chosen, is_from_host, read_log
 from mdms_host.cli import main
-from mdms_host.cli.exits import CommandError
-from mdms_host.cli.records.bus_log import (
-    LogPlayer,
-    LogWriter,
-    chosen,
-    is_from_host,
-    read_log,
-)
+from mdms_model.errors import InputError
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
@@ -172,7 +166,7 @@ def test_log_of_several_buses_is_not_sent_to_one(tmp_path):
     path.write_text("(1.0) can1 080#\n(2.0) can1 181#00\n")
     assert len(list(read_log(path))) == 2
     path.write_text("(1.0) can0 080#\n(1.0) can1 080#\n")
-    with pytest.raises(CommandError, match=r"a log of several buses \(can0, can1\)"):
+    with pytest.raises(InputError, match=r"a log of several buses \(can0, can1\)"):
         list(read_log(path))
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from tests.host.motion.believing import beliefs
 
-from mdms_host.can_link.incidents import LinkCounts
-from mdms_host.can_link.link import DeviceGoneError
+from mdms_array import operation
+from mdms_host.can_link.link import DeviceGoneError, LinkCounts
 from mdms_host.cli import main
-from mdms_host.cli.array import run
 from mdms_host.cli.exits import Exit
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_model.run.folder import read_run
@@ -24,7 +23,7 @@ def on_a_bus_that_ends(monkeypatch, request):
             (participant or coordinator).poll(0.05 * poll)
         raise DeviceGoneError("the CAN device is gone: unplugged")
 
-    monkeypatch.setattr(run, "operate", operate)
+    monkeypatch.setattr(operation, "operate", operate)
     return lambda *more: main(
         ["run", "array18", "-i", "virtual", "-c", request.node.name, "--json", *more]
     )
@@ -72,7 +71,7 @@ def test_a_program_that_fails_or_waits_ends_with_its_message_and_code(
         ending = Ending.TIME_LIMIT if coordinator.stuck is None else Ending.STUCK
         return Operation(ending, 0.5, None, LinkCounts(0, 0, 0, 0))
 
-    monkeypatch.setattr(run, "operate", operate)
+    monkeypatch.setattr(operation, "operate", operate)
     (tmp_path / "table.toml").write_text("scenario = 'array18'\n[motion]\nfield = 'program'\n")
     program = tmp_path / "program.py"
     program.write_text(f"SCENARIO = 'table.toml'\nasync def main(table):\n    {does}\n")

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from tests.held_up import until_not_held_up
 
+from mdms_host.can_link.bus_log import read_log
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.records.bus_log import read_log
 from mdms_model.run.folder import read_run
 
 pytestmark = pytest.mark.real_time

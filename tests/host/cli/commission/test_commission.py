@@ -7,8 +7,7 @@ import pytest
 from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, ORDER_6, blank, serials
 
 from mdms_host.cli.exits import Exit
-from mdms_host.commissioning.array_file import read_array
-from mdms_host.commissioning.array_writing import array_document
+from mdms_host.commissioning.array_file import array_document, read_array
 from mdms_host.commissioning.network import SilentError
 from mdms_protocol import indices
 from mdms_protocol.codecs import nmt

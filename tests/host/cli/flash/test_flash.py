@@ -22,7 +22,7 @@ class Port:
 def connect(monkeypatch):
     def connect(*devices):
         ports = [Port(device) for device in devices]
-        monkeypatch.setattr("mdms_host.flashing.board_port.list_ports", lambda: ports)
+        monkeypatch.setattr("mdms_host.flashing.board_link.list_ports", lambda: ports)
 
     return connect
 

@@ -10,8 +10,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.updating.bundles import sign
-from mdms_host.updating.key_file import make_key, read_key
+from mdms_host.updating.bundles import make_key, read_key, sign
 from mdms_protocol.codecs import nmt
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION

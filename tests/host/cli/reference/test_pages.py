@@ -9,8 +9,8 @@ import pytest
 
 import mdms_array as mdms
 from mdms_host.cli.reference import pages
-from mdms_host.cli.reference.units import unit_of
-from mdms_protocol.generators.writing import write_or_check
+from mdms_host.cli.reference.keys import unit_of
+from mdms_protocol.generators.generate import write_or_check
 
 DOCS = Path(__file__).parents[4] / "docs"
 REFERENCE = re.findall(

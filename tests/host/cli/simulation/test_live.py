@@ -61,11 +61,11 @@ def test_demo_without_a_page_begins_it_too(program, tmp_path, capsys):
 def test_the_place_at_a_served_table_has_the_main_of_a_file(program, monkeypatch):
     given = []
 
-    def seat_of(scenario, main):
+    def slot_of(scenario, main):
         given.append((scenario.title, main.__name__))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(live, "seat_of", seat_of)
+    monkeypatch.setattr(live, "slot_of", slot_of)
     assert main(["serve", program, "--page", "0"]) == 0
     assert [name for _, name in given] == ["main"]
 
@@ -74,16 +74,16 @@ def test_served_table_keeps_what_programs_of_its_page_believed_and_planned(tmp_p
     out, ends_s = tmp_path / "run", []
 
     @contextmanager
-    def attended(_scenario, seat, server, _arguments, over):
-        seat.start()
+    def attended(_scenario, slot, server, _arguments, over):
+        slot.start()
 
         def over_or_done():
             now_s = server.simulation.kernel.now_ns / 1e9
-            if seat.coordinator.stopped:
+            if slot.coordinator.stopped:
                 ends_s.append(now_s)
-                seat.start()
+                slot.start()
             elif now_s > 0.8 and not ends_s:
-                seat.stop_all()
+                slot.stop_all()
             return over() or bool(ends_s and now_s > ends_s[0] + 0.8)
 
         yield over_or_done

@@ -1,13 +1,18 @@
 """`mdms simulate` prints what a run came to, keeps it, and can run it again."""
 
+import io
 import json
 import re
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import pytest
 
 import mdms_model.scenario
 from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.simulation.simulate import ready_s
+from mdms_protocol.codecs.frame import Frame
 
 BUILTIN = Path(mdms_model.scenario.__file__).parent / "builtin"
 
@@ -150,3 +155,123 @@ def test_a_scenario_that_states_its_stop_refuses_heavier_parcels(capsys):
     assert main(["simulate", "array18", "--set", stop]) == 2
     told = "mdms: parcel.0.mass_kg is 2, but the table's emergency stop holds 1.5 kg at most"
     assert told in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """What the demo printed, its exit code, and its run folder."""
+    folder = tmp_path_factory.mktemp("demo") / "run"
+    told = io.StringIO()
+    with redirect_stdout(told):
+        code = main(["demo", "--out", str(folder)])
+    return code, told.getvalue(), folder
+
+
+def test_box_is_carried_and_turned_to_its_goal(demo):
+    code, told, _ = demo
+    assert code == Exit.OK
+    found = re.search(
+        r"box moved ([\d.]+) m and turned \+([\d.]+) degrees; "
+        r"it stands ([\d.]+) mm and ([\d.]+) degrees off its goal",
+        told,
+    )
+    moved_m, turned_deg, miss_mm, miss_deg = map(float, found.groups())
+    assert moved_m == pytest.approx(0.20, abs=0.01)
+    assert turned_deg == pytest.approx(30, abs=3)
+    assert miss_mm <= 5
+    assert miss_deg <= 1.7
+
+
+def test_figures_of_the_bus_and_the_picture_are_told(demo):
+    _, told, folder = demo
+    assert re.search(r"bus: [\d,]+ frames, \d+ % load at 1 Mbit/s", told)
+    assert re.search(r"12 s simulated in [\d.]+ s: [\d.]+ times real time", told)
+    assert f"picture: {folder / 'picture.png'}" in told
+    assert (folder / "picture.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_run_folder_is_whole(demo):
+    folder = demo[2]
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == [
+        *("bus.log", "lichtblick_layout.json", "mdms-cell.dbc"),
+        *("meta.json", "picture.png", "run.mcap"),
+    ]
+    figures = json.loads((folder / "meta.json").read_text())["figures"]
+    assert set(figures["bus"]) == {"frames", "load", "errors", "log_sha256"}
+    assert set(figures["parcels"][0]["estimate"]) == {"x_m", "y_m", "yaw_rad"}
+    assert figures["nodes"] == "cpython"
+    assert figures["bus"]["frames"] == len((folder / "bus.log").read_text().splitlines())
+
+
+def test_run_of_the_demo_can_be_plotted_and_exported(demo, tmp_path):
+    folder = str(demo[2])
+    assert main(["plot", folder, "--wheels", "--out", str(tmp_path / "wheels.png")]) == 0
+    assert main(["export", folder, "--csv", str(tmp_path)]) == 0
+    assert len((tmp_path / "cells.csv").read_text().splitlines()) % 36 == 1
+
+
+def test_box_that_does_not_arrive_in_time_is_told(monkeypatch, tmp_path, capsys):
+    from mdms_model.scenario.file import load_scenario
+
+    short = load_scenario("array18", ["run.duration_s=1"])
+    monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
+    assert main(["demo", "--out", str(tmp_path / "run")]) == Exit.TIME_LIMIT
+    assert "goal not reached: box is " in capsys.readouterr().err
+
+
+def test_demo_has_its_figures_as_json(monkeypatch, tmp_path, capsys):
+    from mdms_model.scenario.file import load_scenario
+
+    short = load_scenario("array18", ["run.duration_s=1"])
+    monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
+    assert main(["demo", "--json", "--out", str(tmp_path / "run")]) == Exit.TIME_LIMIT
+    assert json.loads(capsys.readouterr().out)["goals"][0]["reached"] is False
+
+
+def told(capsys, *arguments):
+    assert main([*map(str, arguments), "--json"]) in (0, 3)
+    return json.loads(capsys.readouterr().out)
+
+
+def assert_same_bytes(again, run):
+    """All but the load, in which a frame counts that is still under way at the end."""
+    for name in ("frames", "errors", "log_sha256"):
+        assert again["bus"][name] == run["bus"][name]
+
+
+@pytest.mark.parametrize("bitrate", [1_000_000, 800_000])
+def test_replayed_host_carries_the_parcel_to_the_same_place(capsys, tmp_path, bitrate):
+    short = ("--set", "run.duration_s=0.8", "--set", f"wire.bitrate={bitrate}")
+    run = told(capsys, "simulate", "array18", *short, "--out", tmp_path / "run")
+    again = told(capsys, "replay", tmp_path / "run", "--nodes", "cpython")
+    (before,), (after,) = run["parcels"], again["parcels"]
+    before.pop("estimate", None)
+    assert after == before
+    assert_same_bytes(again, run)
+
+
+def test_micropython_cells_follow_the_same_recording(capsys, tmp_path):
+    short = ("--set", "run.duration_s=0.2", "--set", "array.columns=3")
+    fidelity = ("--fidelity", "firmware", "--out", tmp_path / "run")
+    small = ("--set", "parcel.0.length_m=0.3", "--set", "parcel.0.x_m=0")
+    run = told(capsys, "simulate", "paper-fig7", *short, *small, *fidelity)
+    again = told(capsys, "replay", tmp_path / "run", "--nodes", "micropython")
+    assert again["nodes"] == "micropython"
+    assert_same_bytes(again, run)
+
+
+@pytest.mark.parametrize("option", [("--only", "cells"), ("-i", "virtual"), ("-c", "name")])
+def test_cells_and_a_bus_at_once_are_refused(capsys, tmp_path, option):
+    assert main(["replay", str(tmp_path), "--nodes", "cpython", *option]) == 2
+    assert "--nodes" in capsys.readouterr().err
+
+
+def test_frame_is_ready_half_a_bit_before_it_began():
+    # 44 bits without data, and at most 8 stuff bits.
+    sync = Frame(0x080, b"")
+    bits = round((0.001 - ready_s(0.001, sync, 1_000_000)) * 1e6 - 0.5)
+    assert 44 <= bits <= 52
+    # 800 bits of 1.25 us end at 1 ms; one bit later the log says 1.001 ms for 1.00125 ms.
+    first, second = (ready_s(end_s, sync, 800_000) for end_s in (0.001, 0.001001))
+    assert second - first == pytest.approx(1.25e-6, abs=1e-12)

@@ -46,7 +46,7 @@ def test_a_run_that_keeps_the_rules_has_an_empty_list(capsys):
 @pytest.mark.violates("true")
 def test_a_violation_is_among_the_events_of_the_page(hasty, monkeypatch):
     desk = Desk(monkeypatch, load_scenario("array18"))
-    desk.seat.start()
+    desk.slot.start()
     desk.run(0.2)
     (event,) = [
         event

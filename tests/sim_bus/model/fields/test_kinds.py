@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_host.layout import Layout, WheelPlace
-from mdms_model.fields.kinds import FIELDS, FieldError
+from mdms_model.fields import FIELDS, FieldError
 from mdms_model.scenario.motion import Part
 
 ROW = Layout(10, 1, wheels=(WheelPlace(0.0),))

@@ -8,9 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mdms_model.array import build_wheels
-from mdms_model.fields.command import accepted, command_of
-from mdms_model.fields.policy import PolicyError, bound_of
-from mdms_model.fields.references import references_m_s
+from mdms_model.fields import PolicyError, accepted, bound_of, command_of, references_m_s
 from mdms_model.motor import drive_of
 from mdms_model.run.record import Contact
 from mdms_model.scenario.file import load_scenario

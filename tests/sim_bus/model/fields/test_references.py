@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_model.array import build_wheels
-from mdms_model.fields.kinds import FIELDS, FieldError
-from mdms_model.fields.references import references_m_s
-from mdms_model.fields.regions import inside
+from mdms_model.fields import FIELDS, FieldError, inside, references_m_s
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.motion import Part, Region
 

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_model.fields.regions import inside
+from mdms_model.fields import inside
 from mdms_model.scenario.motion import Region
 
 grid = st.integers(-8, 8).map(lambda n: n * 0.127)

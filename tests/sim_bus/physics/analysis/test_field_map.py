@@ -9,9 +9,16 @@ from mdms_model.array import build_wheels
 from mdms_model.motor import drive_of
 from mdms_model.parcel import held_parcel
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, Wheel
-from mdms_sim.physics.analysis.equilibria import Kind, place_rests, turn_rests
-from mdms_sim.physics.analysis.field_map import map_field
-from mdms_sim.physics.analysis.held_parcel import Law, held_force, settle, table_of
+from mdms_sim.physics.analysis.field_map import (
+    Law,
+    Stability,
+    held_force,
+    map_field,
+    place_rests,
+    running_wheels_of,
+    settle,
+    turn_rests,
+)
 from mdms_sim.physics.analysis.row_laws import row_laws
 
 PITCH_M = 0.127
@@ -47,7 +54,7 @@ def test_held_parcel_feels_the_friction_of_least_squares_loads(x_m, y_m, yaw_rad
     scenario = plane(offset_m=0.03)
     wheels = build_wheels(scenario)
     reference_m_s = np.random.default_rng(seed).normal(size=len(wheels.position_m))
-    table = table_of(scenario, reference_m_s, Law.SLIDING)
+    table = running_wheels_of(scenario, reference_m_s, Law.SLIDING)
     found = held_force(table, held_parcel(scenario, BOX), x_m, y_m, yaw_rad)
     arm_m = wheels.position_m - (x_m, y_m)
     own_m = arm_m @ np.array(
@@ -70,7 +77,7 @@ def test_row_that_slides_is_held_at_the_origin_by_the_paper_spring():
     (rest,) = field.places
     laws = row_laws(scenario, ROW_BOX, reference_m_s)
     (law,) = [each for each in laws if each.cells == range(4, 8)]
-    assert rest.kind is Kind.STABLE
+    assert rest.kind is Stability.STABLE
     assert rest.x_m == pytest.approx(0.0, abs=1e-9)
     assert rest.stiffness_n_per_m[0].real == pytest.approx(law.sliding.spring_n_per_m)
 
@@ -90,15 +97,15 @@ def test_columns_that_come_and_go_split_the_middle_into_three_stable_places():
     field = mapped(plane(), inward(plane(), 2.0))
     kinds = {round(rest.x_m, 4): rest.kind for rest in field.places}
     touch_m = round(1.5 * PITCH_M - BOX.length_m / 2, 4)
-    assert kinds[touch_m] is kinds[-touch_m] is Kind.SADDLE
-    stable = [x for x, kind in kinds.items() if kind is Kind.STABLE]
+    assert kinds[touch_m] is kinds[-touch_m] is Stability.SADDLE
+    stable = [x for x, kind in kinds.items() if kind is Stability.STABLE]
     assert stable == pytest.approx([-0.0212, 0.0, 0.0212])
     assert len(kinds) == 5
 
 
 def test_wheels_beside_their_cells_centres_shift_where_a_field_holds():
     shifted = mapped(plane(offset_m=0.03), inward(plane(offset_m=0.03), 2.0))
-    places = [(rest.x_m, rest.y_m) for rest in shifted.places if rest.kind is Kind.STABLE]
+    places = [(rest.x_m, rest.y_m) for rest in shifted.places if rest.kind is Stability.STABLE]
     assert len(places) == 1
     assert abs(places[0][0]) > 0.03
 
@@ -110,14 +117,14 @@ def test_squeeze_holds_across_its_line_and_frees_along_it():
     field = mapped(scenario, reference_m_s)
     on_line = [rest for rest in field.places if abs(rest.y_m) < 1e-6]
     assert len(on_line) > 20
-    assert {rest.kind for rest in on_line} == {Kind.NEUTRAL}
+    assert {rest.kind for rest in on_line} == {Stability.NEUTRAL}
     assert not any(rest.alone for rest in on_line)
 
 
 def test_viscous_wheels_push_in_proportion_to_their_speeds():
     slow, fast = (
         held_force(
-            table_of(row(viscous_friction_s_per_m=2.0), np.full(10, speed), Law.SLIDING),
+            running_wheels_of(row(viscous_friction_s_per_m=2.0), np.full(10, speed), Law.SLIDING),
             held_parcel(row(), ROW_BOX),
             0.01,
             0.0,
@@ -145,7 +152,7 @@ def test_mirrored_field_turns_a_parcel_the_other_way():
 
 def test_parcel_settles_at_the_equilibrium():
     scenario = row()
-    table = table_of(scenario, inward(scenario, 10.0), Law.SLIDING)
+    table = running_wheels_of(scenario, inward(scenario, 10.0), Law.SLIDING)
     place_m = settle(table, held_parcel(scenario, ROW_BOX), np.array([0.02, 0.0]), 0.0, 0.03)
     assert place_m == pytest.approx([0.0, 0.0], abs=1e-5)
 
@@ -160,11 +167,11 @@ def test_uniform_field_holds_a_parcel_nowhere():
 @pytest.mark.parametrize(
     ("matrix", "kind"),
     [
-        ([[-2.0, 0.0], [0.0, -1.0]], Kind.STABLE),
-        ([[-1.0, -2.0], [2.0, -1.0]], Kind.SPIRAL),
-        ([[-1.0, 0.0], [0.0, 1.0]], Kind.SADDLE),
-        ([[2.0, 0.0], [0.0, 1.0]], Kind.UNSTABLE),
-        ([[0.0, -1.0], [1.0, 0.0]], Kind.NEUTRAL),
+        ([[-2.0, 0.0], [0.0, -1.0]], Stability.STABLE),
+        ([[-1.0, -2.0], [2.0, -1.0]], Stability.SPIRAL),
+        ([[-1.0, 0.0], [0.0, 1.0]], Stability.SADDLE),
+        ([[2.0, 0.0], [0.0, 1.0]], Stability.UNSTABLE),
+        ([[0.0, -1.0], [1.0, 0.0]], Stability.NEUTRAL),
     ],
 )
 def test_linear_forces_are_told_apart_by_their_eigenvalues(matrix, kind):

@@ -6,20 +6,21 @@ import numpy as np
 import pytest
 
 from mdms_model.array import build_wheels
-from mdms_model.fields.references import references_m_s
+from mdms_model.fields import references_m_s
 from mdms_model.outline import outline_m, outline_of
 from mdms_model.scenario.motion import Part
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
-from mdms_model.squeeze.plan import plan_squeezes
-from mdms_model.squeeze.turning import squeeze_function
+from mdms_model.squeeze import plan_squeezes, squeeze_function
 from mdms_model.statics.support_margin import support_margin_m
-from mdms_sim.physics.analysis.squeeze_outcome import (
+from mdms_sim.physics.analysis.squeeze_trials import (
     Ending,
+    Trials,
     final_error_rad,
+    random_poses,
     share_within,
     step_outcomes,
+    try_squeezes,
 )
-from mdms_sim.physics.analysis.squeeze_trials import Trials, random_poses, try_squeezes
 
 TOGETHER = (Wheel(0.0), Wheel(np.pi / 2))
 PLATE = Parcel("plate", 2.0, 0.4, 0.2)

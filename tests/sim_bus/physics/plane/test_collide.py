@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from mdms_model.outline import outline_of
 from mdms_model.parcel import Place
 from mdms_model.scenario.scenario import Parcel
-from mdms_sim.physics.plane.collide import Solid, closest
+from mdms_sim.physics.plane.touch import Solid, closest
 
 BOX = {"length_m": 0.4, "width_m": 0.2}
 DISC = {"length_m": 0.2, "width_m": 0.2, "shape": "disc"}

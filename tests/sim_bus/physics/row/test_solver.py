@@ -20,8 +20,8 @@ from mdms_model.scenario.scenario import (
     ScenarioError,
     Wheel,
 )
-from mdms_sim.physics.row.journey import row_parcel
 from mdms_sim.physics.row.solver import solve_row
+from mdms_sim.physics.row.trace import row_parcel
 
 PITCH_M = 0.127
 BOX = Parcel("box", mass_kg=2.0, length_m=0.4445, width_m=0.1, x_m=-0.34925)

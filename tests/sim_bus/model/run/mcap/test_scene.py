@@ -8,9 +8,9 @@ import pytest
 from mcap.reader import make_reader
 
 from mdms_model.run.mcap.file import write_record
-from mdms_model.run.mcap.scene.topics import AGAIN_S, layers, scene_messages
+from mdms_model.run.mcap.scene import AGAIN_S, layers, scene_messages
 from mdms_model.run.record import Plan, Tile
-from mdms_model.scenario.stream import Exit
+from mdms_model.scenario.scenario import Exit
 
 
 def messages(scenario, record, topic):

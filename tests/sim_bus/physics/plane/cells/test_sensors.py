@@ -5,7 +5,7 @@ import pytest
 from tests.sim_bus.physics.tables import BOX, plane
 
 from mdms_model.scenario.scenario import Cell, Parcel, Run
-from mdms_sim.physics.plane.sensors import LoadCells, counts_per_m, encoder_count
+from mdms_sim.physics.plane.control_step import LoadCells, counts_per_m, encoder_count
 from mdms_sim.physics.plane.world import World
 
 REST = np.zeros(36)

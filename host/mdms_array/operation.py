@@ -1,0 +1,125 @@
+"""A program on a real or served array, from the first look at its bus to a recorded run."""
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from mdms_array.array import BelievedArray
+from mdms_array.checks import check_load, refuse_tipping
+from mdms_array.connection import open_links
+from mdms_array.figures import believed_run
+from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
+from mdms_array.recording import PlanLog
+from mdms_array.run import Run
+from mdms_host.can_link.bus_log import LogWriter
+from mdms_host.can_link.link import DeviceGoneError
+from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.coordination.recorder import Recorder
+from mdms_host.programs.program import Main
+from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_model.errors import Error, InputError
+from mdms_model.run.folder import BUS_LOG
+from mdms_protocol.codecs.frame import Frame
+
+LogFrame = Callable[[Frame, float, int], object]
+#: While it is entered, its value gives the interrupt that asks for the end, or None.
+Interrupted = Callable[[], AbstractContextManager[Callable[[], KeyboardInterrupt | None]]]
+
+
+class BrokenOffError(Error):
+    """A defect broke the run off; the array is off."""
+
+
+def check_array(belief: BelievedArray, options: Namespace, array_file: Path | None) -> None:
+    """Raise `InputError` for a scenario that the array does not bear."""
+    if array_file is not None:
+        _refuse_tipping_on(belief, array_file)
+    check_load(belief.scenario, options)
+    refuse_unstoppable(belief.scenario)
+
+
+def _refuse_tipping_on(belief: BelievedArray, array_file: Path) -> None:
+    """Raise `InputError` for a parcel that fits the scenario's table, but not the file's."""
+    try:
+        refuse_tipping(belief.scenario)
+    except InputError as error:
+        where = f"{belief.scenario.title!r} on {array_file}"
+        raise InputError(f"{where}: {error}") from None
+
+
+def operate_array(
+    belief: BelievedArray,
+    options: Namespace,
+    limit_s: float,
+    main: Main | None = None,
+    *,
+    report: Callable[[float, str], object],
+    interrupted: Interrupted,
+    log_frame: LogFrame = lambda _frame, _time_s, _bus: None,
+) -> tuple[Operation, Run]:
+    """Bring an array up, run its program, turn everything off; the ending, and the believed run.
+
+    `options` are python-can's, `report` is given events with their times. Raises `LinkError` for a
+    bus that cannot be opened, while one that goes away later ends the run. Raises OtherHostError,
+    and `BrokenOffError` for a defect.
+    """
+    scenario = belief.scenario
+    coordinator = coordinator_of(scenario, belief.cells, main=main, desk=ThreadDesk())
+    plans = PlanLog(coordinator)
+    recorder = Recorder(
+        coordinator, lambda: estimates_of(coordinator, scenario), log_frame, look=plans.look
+    )
+    with open_links(options, belief.channels) as (link, clock), _broken_off():
+        refuse_other_host(link, clock)
+        try:
+            with interrupted() as pressed:
+                operation = operate(
+                    coordinator,
+                    link,
+                    clock,
+                    limit_s,
+                    report,
+                    participant=recorder,
+                    interrupted=pressed,
+                )
+        except DeviceGoneError as error:
+            operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error), link.counts)
+        record = recorder.record(link.incidents)
+    record.plans = plans.plans
+    run = believed_run(
+        scenario,
+        record,
+        coordinator,
+        fault=operation.fault,
+        late=operation.ending is not Ending.DONE,
+        interrupted=operation.interrupt is not None,
+    )
+    of_operation = {
+        "ending": str(operation.ending),
+        "duration_s": operation.duration_s,
+        "link": asdict(operation.link),
+        "node_ids": [cell.node_id for cell in coordinator.cells],
+    }
+    return operation, replace(run, figures={**run.figures, **of_operation})
+
+
+@contextmanager
+def _broken_off() -> Iterator[None]:
+    """Say of an error that nobody expected what became of the array."""
+    try:
+        yield
+    except (Error, OSError):
+        raise
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}"
+        raise BrokenOffError(f"the run was broken off, and the array turned off: {what}") from error
+
+
+@contextmanager
+def bus_log_in(folder: Path, belief: BelievedArray) -> Iterator[LogFrame]:
+    """Yield the function that logs a frame of an array's buses into a run folder."""
+    with (folder / BUS_LOG).open("w") as log:
+        yield LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame

@@ -1,0 +1,104 @@
+"""The bus log of a run: written, read again, by sender, sent once more, in forms of other tools."""
+
+from collections.abc import Iterable, Iterator
+from math import inf
+from pathlib import Path
+from typing import TextIO
+
+import can
+
+from mdms_model.errors import InputError
+from mdms_model.run.folder import START_S, interface_of
+from mdms_protocol.codecs import cob
+from mdms_protocol.codecs.frame import Frame
+
+#: What the host alone sends: to all, to each node, and its heartbeat.
+_TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
+_TO_NODES = (*cob.RPDO_BASES, cob.SDO_REQUEST_BASE)
+
+
+def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
+    """Times since the run's start [s] and frames of its log. Raises `InputError`.
+
+    A log of several buses is refused, for its frames go back to one.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such bus log; runs of the firmware have one")
+    try:
+        with can.CanutilsLogReader(path) as reader:
+            only = None
+            for message in reader:
+                only = only or message.channel
+                if message.channel != only:
+                    raise InputError(
+                        f"{path}: a log of several buses ({only}, {message.channel}), which cannot "
+                        "be replayed to one"
+                    )
+                if not (message.is_extended_id or message.is_remote_frame):
+                    time_s = message.timestamp
+                    # Logs of older runs begin at 0.
+                    time_s -= START_S if time_s >= START_S else 0
+                    yield time_s, Frame(message.arbitration_id, bytes(message.data))
+    except (ValueError, IndexError) as error:
+        raise InputError(f"{path}: not a candump log: {error}") from None
+
+
+class LogWriter:
+    """Writes frames of 11-bit identifiers as they come, in the form of `candump -L`.
+
+    Frames of both directions come by two clocks' readings; a line is never before the last. With
+    several `buses` a line names the frame's.
+    """
+
+    def __init__(self, file: TextIO, buses: int = 1) -> None:
+        self._file = file
+        self._last_s = 0.0
+        self._interfaces = [interface_of(bus, buses) for bus in range(buses)]
+
+    def on_frame(self, frame: Frame, time_s: float, bus: int = 0) -> None:
+        """Append one line."""
+        self._last_s = max(self._last_s, time_s)
+        data = frame.data.hex().upper()
+        time = f"{START_S + self._last_s:.6f}"
+        self._file.write(f"({time}) {self._interfaces[bus]} {frame.can_id:03X}#{data}\n")
+
+
+def chosen(frames: Iterable[tuple[float, Frame]], sender: str) -> Iterator[tuple[float, Frame]]:
+    """The frames that the host, the cells, or all have sent."""
+    for time_s, frame in frames:
+        if sender == "all" or is_from_host(frame.can_id) == (sender == "host"):
+            yield time_s, frame
+
+
+def is_from_host(can_id: int) -> bool:
+    """Whether the host sends this identifier in the predefined connection set (CiA 301, 7.3.3)."""
+    return can_id in _TO_ALL or (bool(can_id & 0x7F) and can_id & ~0x7F in _TO_NODES)
+
+
+class LogPlayer:
+    """A participant that sends frames at their times, counted from its start."""
+
+    def __init__(self, frames: list[tuple[float, Frame]], start_s: float) -> None:
+        self.start_s = start_s
+        self._frames = frames
+        self._next = 0
+
+    @property
+    def over(self) -> bool:
+        """Whether all has been sent."""
+        return self._next == len(self._frames)
+
+    @property
+    def wake_s(self) -> float:
+        """When the next frame is due [s]."""
+        return inf if self.over else self.start_s + self._frames[self._next][0]
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Frames of others change nothing."""
+
+    def poll(self, now_s: float) -> Iterator[Frame]:
+        """The frames that are due."""
+        while self.wake_s <= now_s:
+            frame = self._frames[self._next][1]
+            self._next += 1
+            yield frame

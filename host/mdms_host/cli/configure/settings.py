@@ -1,0 +1,264 @@
+"""`mdms configure show`, `set` and `restore-defaults`: settings of cells.
+
+They are shown where they are not at their defaults, or not alike. New ones are checked, written,
+read back, and stored if that is wanted. Cells that return to their defaults keep their node ids.
+"""
+
+import json
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+
+from rich import box
+from rich.table import Table
+
+from mdms_array.checks import motor_of
+from mdms_host.cli.configure.cells import (
+    agreed,
+    open_commissioning,
+    ranges,
+    read_cells,
+    refuse_other_host,
+    show_changes,
+    write_cells,
+)
+from mdms_host.cli.console import show
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.streams import say
+from mdms_host.commissioning.cell_settings import CellSettings, Change
+from mdms_host.commissioning.parameters import (
+    BY_NAME,
+    PARAMETERS,
+    WIRING,
+    Parameter,
+    find_parameters,
+    parse_assignments,
+)
+from mdms_model.loop_margin import GainError, Observer, check_gain
+from mdms_model.scenario.file import load_scenario
+
+LEGEND = "* not the default   ! cells differ"
+
+
+def show_settings(arguments: Namespace) -> Exit:
+    """Read the settings and print them."""
+    parameters = _parameters(arguments)
+    with open_commissioning(arguments) as commissioning:
+        cells = read_cells(commissioning, arguments, parameters)
+    if arguments.json:
+        print(json.dumps(_document(parameters, cells)))
+    else:
+        show(_table(parameters, cells))
+        say(LEGEND)
+    return Exit.OK
+
+
+def _parameters(arguments: Namespace) -> list[Parameter]:
+    named = [each for name in arguments.names for each in find_parameters(name)]
+    return named or [*PARAMETERS, *(WIRING if arguments.wiring else ())]
+
+
+def _document(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> dict[str, object]:
+    return {
+        "cells": [{"node": cell.node_id, "serial": f"{cell.serial:08X}"} for cell in cells],
+        "settings": [_row(parameter, cells) for parameter in parameters],
+    }
+
+
+def _row(parameter: Parameter, cells: Sequence[CellSettings]) -> dict[str, object]:
+    entry = parameter.entry
+    return {
+        "name": parameter.name,
+        "object": parameter.object,
+        "title": entry.name,
+        "unit": parameter.unit,
+        "default": parameter.si(entry.default),
+        "low": parameter.si(entry.low),
+        "high": parameter.si(entry.high),
+        "values": {str(cell.node_id): parameter.si(cell.values[parameter]) for cell in cells},
+        "changed": [cell.node_id for cell in cells if _changed(parameter, cell)],
+        "cells_differ": _differ(parameter, cells),
+    }
+
+
+def _table(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> Table:
+    nodes = ranges(cell.node_id for cell in cells)
+    table = Table(box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
+    for name in ("setting", "object", ""):
+        table.add_column(name, no_wrap=True)
+    for name in (f"node {nodes}", "unit", "default", "limits"):
+        table.add_column(name, overflow="fold")
+    for parameter in parameters:
+        entry = parameter.entry
+        changed = any(_changed(parameter, cell) for cell in cells)
+        differ = _differ(parameter, cells)
+        default = parameter.text(entry.default, unit=False)
+        table.add_row(
+            parameter.name,
+            parameter.object,
+            ("*" if changed else " ") + ("!" if differ else " "),
+            _values(parameter, cells),
+            parameter.unit,
+            f"node + {default}" if entry.from_node else default,
+            _limits(parameter),
+            style="red" if differ else "yellow" if changed else None,
+        )
+    return table
+
+
+def _limits(parameter: Parameter) -> str:
+    """The limits; what is alike to both sides is written once, which 80 columns have room for."""
+    entry = parameter.entry
+    low, high = (parameter.text(bound, unit=False) for bound in (entry.low, entry.high))
+    return f"+-{high}" if low == f"-{high}" else f"{low} to {high}"
+
+
+def _values(parameter: Parameter, cells: Sequence[CellSettings]) -> str:
+    """The value if all cells have the same, else each with the nodes that have it."""
+    nodes_by_value: dict[str, list[int]] = {}
+    for cell in cells:
+        text = parameter.text(cell.values[parameter], unit=False)
+        nodes_by_value.setdefault(text, []).append(cell.node_id)
+    if len(nodes_by_value) == 1:
+        return next(iter(nodes_by_value))
+    return "\n".join(f"{text} ({ranges(nodes)})" for text, nodes in nodes_by_value.items())
+
+
+def _changed(parameter: Parameter, cell: CellSettings) -> bool:
+    return cell.values[parameter] != parameter.default(cell.node_id)
+
+
+def _differ(parameter: Parameter, cells: Sequence[CellSettings]) -> bool:
+    """Whether cells differ from each other, not counting what comes from their node ids."""
+    offsets = {cell.values[parameter] - parameter.default(cell.node_id) for cell in cells}
+    return len(offsets) > 1
+
+
+#: What the speed loop's margin depends on, by axis; while it brakes it has another gain.
+LOOPS = tuple(
+    (f"axis{axis}.{gain}", f"axis{axis}.observer_lag", f"axis{axis}.acceleration_per_volt")
+    for axis in (1, 2)
+    for gain in ("gain", "braking_gain")
+)
+
+
+def set_settings(arguments: Namespace) -> Exit:
+    """Change settings."""
+    wanted = parse_assignments(arguments.assignments)
+    with open_commissioning(arguments) as commissioning:
+        cells = read_cells(commissioning, arguments, to_read(wanted), to_write=True)
+        check_margins(arguments.scenario, cells, [wanted] * len(cells))
+        changes = [change for cell in cells for change in cell.changes(wanted)]
+        node_ids = [cell.node_id for cell in cells]
+        if not arguments.json:
+            show_changes(changes)
+        write_cells(commissioning, changes, node_ids, save=arguments.save)
+    if arguments.json:
+        print(json.dumps({"changes": list(map(_change, changes)), "saved": arguments.save}))
+    else:
+        print(_verdict(changes, node_ids, saved=arguments.save))
+    return Exit.OK
+
+
+def check_margins(
+    scenario: str,
+    cells: Sequence[CellSettings],
+    wanted: Sequence[Mapping[Parameter, int]],
+) -> None:
+    """Raises `CommandError` (bad input) for settings that leave a speed loop no margin.
+
+    `wanted` has what each cell is to be given; only loops that it changes are looked at, with the
+    motor of the scenario.
+    """
+    loops = {
+        tuple(node.after[each] for each in loop)
+        for node in map(_After, cells, wanted)
+        for loop in ([BY_NAME[name] for name in names] for names in LOOPS)
+        if any(map(node.changes, loop))
+    }
+    if loops:
+        _check_loops(scenario, loops)
+
+
+class _After:
+    """A cell's settings as they will be."""
+
+    def __init__(self, cell: CellSettings, wanted: Mapping[Parameter, int]) -> None:
+        self._before = cell.values
+        self.after = {**cell.values, **wanted}
+
+    def changes(self, parameter: Parameter) -> bool:
+        return self.after.get(parameter) != self._before.get(parameter)
+
+
+def _check_loops(scenario: str, loops: set[tuple[int, ...]]) -> None:
+    motor = motor_of(load_scenario(scenario).cell)
+    if motor.mass_kg == 0.0:
+        say(f"mdms: the motors of {scenario} have no inertia, so no gain is too large for them")
+        return
+    gain, lag, feed = (BY_NAME[name] for name in LOOPS[0])
+    for numbers in sorted(loops):
+        gain_vs_per_m, lag_s, acceleration = (
+            float(each.decimal(number))
+            for each, number in zip((gain, lag, feed), numbers, strict=True)
+        )
+        try:
+            check_gain(motor, gain_vs_per_m, Observer(lag_s, acceleration))
+        except GainError as error:
+            raise CommandError(
+                f"{error} (motor of {scenario}, observer lag {lag.text(numbers[1])}, "
+                f"acceleration per volt {feed.text(numbers[2])}); name your motors with --scenario",
+                Exit.USAGE,
+            ) from None
+
+
+def to_read(wanted: Mapping[Parameter, int]) -> list[Parameter]:
+    """What is to be changed, and what the margin of its speed loop depends on besides."""
+    needed = dict.fromkeys(wanted)
+    for names in LOOPS:
+        if any(BY_NAME[name] in wanted for name in names):
+            needed.update(dict.fromkeys(BY_NAME[name] for name in names))
+    return list(needed)
+
+
+def _change(change: Change) -> dict[str, object]:
+    parameter = change.parameter
+    return {
+        "node": change.node_id,
+        "name": parameter.name,
+        "before": parameter.si(change.before),
+        "after": parameter.si(change.after),
+    }
+
+
+def _verdict(changes: Sequence[Change], node_ids: Sequence[int], *, saved: bool) -> str:
+    done = f"{len(changes)} settings written and verified" if changes else "nothing to change"
+    return f"{done}; stored on node {ranges(node_ids)}" if saved else done
+
+
+def restore_defaults(arguments: Namespace) -> Exit:
+    """Show what is not at its default; when that is agreed, restore, restart, and verify."""
+    every = (*PARAMETERS, *WIRING)
+    with open_commissioning(arguments) as commissioning:
+        cells = read_cells(commissioning, arguments, every, to_write=not arguments.dry_run)
+        node_ids = [cell.node_id for cell in cells]
+        changes = [
+            change
+            for cell in cells
+            for change in cell.changes({each: each.default(cell.node_id) for each in every})
+        ]
+        show_changes(changes)
+        if arguments.dry_run:
+            print(f"{len(changes)} settings are not at their defaults")
+            return Exit.OK
+        refuse_other_host(commissioning)
+        if not agreed(arguments, f"Restore the defaults of node {ranges(node_ids)}, and restart?"):
+            raise CommandError("nothing was changed", Exit.FAILURE)
+        for node_id in node_ids:
+            commissioning.restore_defaults(node_id)
+        for change in changes:
+            found = commissioning.read(change.node_id, *change.parameter.place)
+            if found != change.after:
+                what = f"node {change.node_id}, {change.parameter.name}"
+                raise CommandError(f"{what} is not at its default", Exit.NODE_FAULT)
+    print(f"defaults restored and verified on node {ranges(node_ids)}")
+    return Exit.OK

@@ -1,0 +1,48 @@
+"""`mdms plot` and `mdms export`: a run folder as a picture, and as tables."""
+
+import json
+from argparse import Namespace
+from pathlib import Path
+
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.files import check_own, replacing, writing
+from mdms_model.run.folder import CELLS_HEADER, PARCELS_HEADER, export_csv, read_run
+
+#: What stands at the top of each table.
+TABLES = {"parcels.csv": PARCELS_HEADER, "cells.csv": CELLS_HEADER}
+
+
+def plot(arguments: Namespace) -> Exit:
+    """Draw the run and print the path of the picture."""
+    # Tables are exported where nothing draws.
+    from mdms_sim.plots import MARK, check_name, save_picture, save_wheels  # noqa: PLC0415
+
+    name = "wheels.png" if arguments.wheels else "picture.png"
+    path = arguments.out or arguments.folder / name
+    check_name(path, wheels=arguments.wheels)
+    stored = read_run(arguments.folder)
+    save = save_wheels if arguments.wheels else save_picture
+    # Pictures of a run folder are its own, whoever drew them.
+    force = arguments.force or arguments.out is None
+    with replacing(path, MARK.encode(), force) as partial:
+        save(partial, stored.scenario, stored.record)
+    print(json.dumps({"picture": str(path)}) if arguments.json else path)
+    return Exit.OK
+
+
+def export(arguments: Namespace) -> Exit:
+    """Write the run as CSV tables and print their paths."""
+    stored = read_run(arguments.folder)
+    for name, header in TABLES.items():
+        check_own(arguments.csv / name, ",".join(header).encode(), arguments.force)
+    with writing(arguments.csv):
+        paths = export_csv(arguments.csv, stored.scenario, stored.record)
+    _print(paths, arguments.json)
+    return Exit.OK
+
+
+def _print(paths: tuple[Path, ...], as_json: bool) -> None:
+    if as_json:
+        print(json.dumps({"tables": list(map(str, paths))}))
+    else:
+        print(*paths, sep="\n")

@@ -1,1 +1,0 @@
-"""Wheels of cells that nobody drives: turned by hand, measured, and their margins."""

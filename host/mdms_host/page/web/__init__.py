@@ -1,1 +1,0 @@
-"""The page's server: addresses, clients, and who may do what."""

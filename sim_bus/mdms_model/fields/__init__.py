@@ -1,1 +1,0 @@
-"""Open-loop velocity fields: the reference of every wheel, from its place and direction alone."""

@@ -1,0 +1,346 @@
+"""Rules of a scenario's values together: buses, control, parcels; `tree` checks single keys."""
+
+from math import cos, sin
+
+from mdms_model.buses import address_cells, plan_gateways
+from mdms_model.outline import outline_of
+from mdms_model.scenario.belief import believed
+from mdms_model.scenario.run_rules import (
+    check_faults,
+    check_field,
+    check_over,
+    check_streams,
+    check_tasks,
+    half_table_m,
+)
+from mdms_model.scenario.scenario import Array, Parcel, Scenario, ScenarioError, name_fault
+
+#: Node ids go up to 127, which is the host's own.
+MOST_NODES = 126
+
+
+def check_buses(scenario: Scenario) -> None:
+    """Refuse cells on no bus or on two. Raises `ScenarioError` with the key's full path."""
+    array, firmware = scenario.array, scenario.run.fidelity == "firmware"
+    if firmware and not array.buses and array.columns * array.rows > MOST_NODES:
+        raise ScenarioError(
+            f"array has {array.columns} x {array.rows} cells, but one bus takes at most "
+            f"{MOST_NODES}; give it several with array.buses, make it smaller or set "
+            "run.fidelity to 'ideal'"
+        )
+    if array.forwarded and len(array.buses) < 2:
+        raise ScenarioError("array.forwarded needs several buses; list their cells in array.buses")
+    if array.buses:
+        _check_lists(array)
+        _check_forwarding(array)
+
+
+def _check_lists(array: Array) -> None:
+    cells = array.columns * array.rows
+    bus_of: dict[int, int] = {}
+    for bus, numbers in enumerate(array.buses):
+        if not 1 <= len(numbers) <= MOST_NODES:
+            raise ScenarioError(
+                f"array.buses.{bus} has {len(numbers)} items, but must have 1 to {MOST_NODES}"
+            )
+        for place, number in enumerate(numbers):
+            key = f"array.buses.{bus}.{place}"
+            if number > cells:
+                raise ScenarioError(f"{key} is {number}, but the array has {cells} cells")
+            if number in bus_of:
+                raise ScenarioError(
+                    f"{key} is {number}, but cell {number} is in array.buses.{bus_of[number]} "
+                    "already; name each cell once"
+                )
+            bus_of[number] = bus
+    missing = sorted(set(range(1, cells + 1)) - bus_of.keys())
+    if missing:
+        raise ScenarioError(
+            f"array.buses lacks cell {missing[0]}; put each of the {cells} cells on a bus"
+        )
+
+
+def _check_forwarding(array: Array) -> None:
+    addresses = address_cells(array.columns * array.rows, array.buses)
+    try:
+        plan_gateways(array.columns, array.rows, addresses, array.forwarded)
+    except ValueError as error:
+        raise ScenarioError(f"array.forwarded: {error}; put fewer cells on it") from None
+
+
+#: What the neighbour layer of a cell is made for: two axes, five sensors, a beat of 10 ms.
+AXES = 2
+SENSORS = 5
+BEAT_S = 0.01
+FORWARDED = frozenset((1, 2, 3, 4))
+#: What fits the frames of a motion program.
+SHAPES = ("rectangle", "disc")
+MOST_PARCELS = 63
+LONGEST_M = 1.02
+FASTEST_M_S = 1.27
+
+
+def check_control(scenario: Scenario) -> None:
+    """Refuse `cells` where they cannot steer. Raises `ScenarioError` with the key's full path."""
+    motion = scenario.motion
+    if motion.control != "cells":
+        if motion.go_on:
+            raise ScenarioError(
+                f"motion.go_on is true, but motion.control is {motion.control!r}, and nothing goes "
+                "on without a host that steers; set motion.control to 'cells' or leave go_on out"
+            )
+        return
+    if motion.field not in ("goal", "program"):
+        raise ScenarioError(
+            f"motion.control is 'cells', but motion.field is {motion.field!r}; cells steer parcels "
+            "to goals, so set motion.field to 'goal' or 'program', or motion.control to 'host'"
+        )
+    for key in ("stream", "exit"):
+        if getattr(scenario, key):
+            raise ScenarioError(
+                f"{key} is given, but motion.control is 'cells': cells keep parcels on the table, "
+                "and none comes or leaves; set motion.control to 'host'"
+            )
+    if motion.speed_m_s > FASTEST_M_S:
+        raise ScenarioError(
+            f"motion.speed_m_s is {motion.speed_m_s}, but a motion program has {FASTEST_M_S} m/s "
+            "at most"
+        )
+    _check_cells(scenario)
+    _check_borders(scenario)
+    if len(scenario.parcel) > MOST_PARCELS:
+        raise ScenarioError(
+            f"parcel has {len(scenario.parcel)} items, but cells distinguish {MOST_PARCELS} at most"
+        )
+    for number, parcel in enumerate(scenario.parcel):
+        _check_steered_parcel(parcel, f"parcel.{number}")
+
+
+def _check_cells(scenario: Scenario) -> None:
+    wheels, sensors = len(scenario.cell.wheel), len(scenario.cell.sensor_offset_m)
+    if wheels != AXES:
+        raise ScenarioError(
+            f"motion.control is 'cells', which needs {AXES} wheels a cell, but cell.wheel has "
+            f"{wheels}; set motion.control to 'host'"
+        )
+    if sensors != SENSORS:
+        raise ScenarioError(
+            f"motion.control is 'cells', which needs {SENSORS} sensors a cell, but "
+            f"cell.sensor_offset_m has {sensors}; set motion.control to 'host'"
+        )
+    if scenario.wire.sync_period_s != BEAT_S:
+        raise ScenarioError(
+            f"motion.control is 'cells', whose beat is {BEAT_S} s, but wire.sync_period_s is "
+            f"{scenario.wire.sync_period_s}; leave it out"
+        )
+
+
+def _check_borders(scenario: Scenario) -> None:
+    """Neighbours on different buses need each other's speeds, states, estimates and programs."""
+    array = scenario.array
+    if len(array.buses) > 1 and not {*array.forwarded} >= FORWARDED:
+        raise ScenarioError(
+            f"array.forwarded is {list(array.forwarded)}, but cells that steer need all PDOs of "
+            f"their neighbours beyond a border; set it to {sorted(FORWARDED)}"
+        )
+
+
+def _check_steered_parcel(parcel: Parcel, key: str) -> None:
+    if parcel.shape not in SHAPES:
+        raise ScenarioError(
+            f"{key}.shape is {parcel.shape!r}, but cells steer {' or '.join(SHAPES)} only; "
+            "set motion.control to 'host'"
+        )
+    for name in ("length_m", "width_m"):
+        if getattr(parcel, name) > LONGEST_M:
+            raise ScenarioError(
+                f"{key}.{name} is {getattr(parcel, name)}, but a motion program has {LONGEST_M} m "
+                "at most; set motion.control to 'host'"
+            )
+
+
+MOST_STEPS = 100_000_000
+#: A sample of a wheel takes about 50 bytes.
+MOST_SAMPLES = 50_000_000
+SAMPLE_S = 0.01
+MOST_AXES = 2
+
+
+def check_rules(scenario: Scenario) -> None:
+    """Refuse what no single value shows. Raises `ScenarioError` with the key's full path."""
+    _check_title(scenario)
+    _check_steps(scenario)
+    _check_memory(scenario)
+    _check_fidelity(scenario)
+    check_buses(scenario)
+    _check_names(scenario)
+    _check_patches(scenario)
+    _check_wire(scenario)
+    for number, parcel in enumerate(scenario.parcel):
+        _check_parcel(scenario, parcel, f"parcel.{number}")
+    _check_goals(scenario)
+    check_control(scenario)
+    check_field(scenario)
+    check_faults(scenario)
+    check_streams(scenario)
+    check_tasks(scenario)
+    _check_belief(scenario)
+
+
+def _check_title(scenario: Scenario) -> None:
+    if not scenario.title.isprintable():
+        raise ScenarioError(f"title is {scenario.title!r}, but must be one line of plain text")
+
+
+def _check_steps(scenario: Scenario) -> None:
+    run = scenario.run
+    if run.duration_s / run.step_s > MOST_STEPS:
+        raise ScenarioError(
+            f"run.step_s is {run.step_s}, which makes {run.duration_s / run.step_s:.3g} steps in "
+            f"run.duration_s, but at most {MOST_STEPS} are allowed; take a longer step"
+        )
+
+
+def _check_memory(scenario: Scenario) -> None:
+    run, array = scenario.run, scenario.array
+    period_s = run.step_s if run.fidelity == "row" else max(run.step_s, SAMPLE_S)
+    wheels = array.columns * array.rows * len(scenario.cell.wheel)
+    samples = wheels * run.duration_s / period_s
+    if samples > MOST_SAMPLES:
+        raise ScenarioError(
+            f"run.duration_s is {run.duration_s}, which makes {samples:.3g} samples of {wheels} "
+            f"wheels, but at most {MOST_SAMPLES} are kept; make the run "
+            "shorter or the array smaller"
+        )
+
+
+def _check_fidelity(scenario: Scenario) -> None:
+    wheels = len(scenario.cell.wheel)
+    if scenario.run.fidelity == "firmware" and wheels > MOST_AXES:
+        raise ScenarioError(
+            f"cell.wheel has {wheels} items, but the firmware drives at most {MOST_AXES}; "
+            "set run.fidelity to 'ideal'"
+        )
+    if scenario.run.fidelity == "row" and not _is_paper_row(scenario):
+        raise ScenarioError(
+            "run.fidelity is 'row', which needs array.rows = 1 and one wheel a cell that pushes "
+            "along x; set run.fidelity to 'ideal'"
+        )
+
+
+def _is_paper_row(scenario: Scenario) -> bool:
+    wheels = scenario.cell.wheel
+    return (
+        scenario.array.rows == 1 and len(wheels) == 1 and abs(sin(wheels[0].direction_rad)) < 1e-9
+    )
+
+
+def _check_names(scenario: Scenario) -> None:
+    seen: dict[str, int] = {}
+    for number, parcel in enumerate(scenario.parcel):
+        key = f"parcel.{number}.name"
+        if fault := name_fault(parcel.name):
+            raise ScenarioError(f"{key} is {parcel.name!r}, but {fault}")
+        if parcel.name in seen:
+            raise ScenarioError(
+                f"{key} is {parcel.name!r}, but parcel.{seen[parcel.name]} has that name already; "
+                "give each parcel a name of its own"
+            )
+        seen[parcel.name] = number
+
+
+def _check_patches(scenario: Scenario) -> None:
+    cells, fidelity = scenario.array.columns * scenario.array.rows, scenario.run.fidelity
+    for number, patch in enumerate(scenario.patch):
+        key = f"patch.{number}"
+        if max(patch.cells, default=0) > cells:
+            raise ScenarioError(
+                f"{key}.cells has {max(patch.cells)}, but the array has {cells} cells"
+            )
+        if fidelity == "row" or (fidelity == "firmware" and patch.wheel is not None):
+            raise ScenarioError(
+                f"{key} makes cells unlike the rest, which run.fidelity {fidelity!r} does not "
+                "know; set run.fidelity to 'ideal'"
+            )
+
+
+def _check_wire(scenario: Scenario) -> None:
+    if 1_000_000_000 % scenario.wire.bitrate:
+        raise ScenarioError(
+            f"wire.bitrate is {scenario.wire.bitrate}, but a bit must last a whole number of ns"
+        )
+
+
+def _check_belief(scenario: Scenario) -> None:
+    taken, fidelity = believed(scenario), scenario.run.fidelity
+    if scenario.belief and fidelity != "firmware":
+        raise ScenarioError(
+            f"belief needs a host, which run.fidelity {fidelity!r} has not; "
+            "set run.fidelity to 'firmware'"
+        )
+    for key in ("wheel", "sensor_offset_m"):
+        count, most = len(getattr(taken.cell, key)), len(getattr(scenario.cell, key))
+        if count != most:
+            raise ScenarioError(
+                f"belief.{key} has {count} items, but must have {most}, as cell.{key} has"
+            )
+    for parcel in taken.parcel:
+        if parcel.name in scenario.belief:
+            _check_parcel(taken, parcel, f"belief.{parcel.name}")
+
+
+def _check_parcel(scenario: Scenario, parcel: Parcel, key: str) -> None:
+    _check_outline(parcel, key)
+    _check_centre_of_mass(parcel, key)
+    _check_on_table(scenario, parcel, key)
+
+
+def _check_outline(parcel: Parcel, key: str) -> None:
+    try:
+        outline_of(parcel)
+    except ScenarioError as error:
+        raise ScenarioError(f"{key}: {error}") from None
+    if parcel.corners_m and parcel.shape != "polygon":
+        raise ScenarioError(
+            f"{key}.corners_m is given, but {key}.shape is {parcel.shape!r}; set it to 'polygon'"
+        )
+
+
+def _check_centre_of_mass(parcel: Parcel, key: str) -> None:
+    x_m, y_m = parcel.centre_of_mass_m
+    half_length_m, half_width_m = parcel.length_m / 2, parcel.width_m / 2
+    if abs(x_m) > half_length_m or abs(y_m) > half_width_m:
+        raise ScenarioError(
+            f"{key}.centre_of_mass_m is [{x_m}, {y_m}], but must lie in the parcel, within "
+            f"{half_length_m:g} m along and {half_width_m:g} m across its middle"
+        )
+
+
+def _check_on_table(scenario: Scenario, parcel: Parcel, key: str) -> None:
+    """The centre of mass must be over the array; where it tips even so, the physics finds out."""
+    along_m, across_m = parcel.centre_of_mass_m
+    x_m = parcel.x_m + along_m * cos(parcel.yaw_rad) - across_m * sin(parcel.yaw_rad)
+    y_m = parcel.y_m + along_m * sin(parcel.yaw_rad) + across_m * cos(parcel.yaw_rad)
+    half_x_m, half_y_m = half_table_m(scenario)
+    name = f"the centre of mass of {parcel.name!r}"
+    check_over(f"{key}.x_m", name, parcel.x_m, x_m, half_x_m)
+    check_over(f"{key}.y_m", name, parcel.y_m, y_m, half_y_m)
+
+
+def _check_goals(scenario: Scenario) -> None:
+    steered = scenario.motion.field == "goal"
+    goals = [(number, p.goal) for number, p in enumerate(scenario.parcel) if p.goal is not None]
+    if steered and not goals:
+        raise ScenarioError(
+            "motion.field is 'goal', but no parcel has a goal; "
+            "give one, as in parcel.0.goal = { x_m = 0.1, y_m = 0.0, yaw_rad = 0.5 }"
+        )
+    if steered and scenario.run.fidelity != "firmware":
+        raise ScenarioError(
+            f"motion.field is 'goal', but run.fidelity is {scenario.run.fidelity!r}; "
+            "steering needs the cells' sensors, so set run.fidelity to 'firmware'"
+        )
+    half_x_m, half_y_m = half_table_m(scenario)
+    for number, goal in goals:
+        check_over(f"parcel.{number}.goal.x_m", "the goal", goal.x_m, goal.x_m, half_x_m)
+        check_over(f"parcel.{number}.goal.y_m", "the goal", goal.y_m, goal.y_m, half_y_m)

@@ -1,1 +1,0 @@
-"""The rules of a scenario that can be run, table by table."""

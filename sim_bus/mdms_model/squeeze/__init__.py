@@ -1,1 +1,0 @@
-"""Orienting a polygon without sensors, by squeeze fields (Boehringer, Donald, MacDonald 1994)."""

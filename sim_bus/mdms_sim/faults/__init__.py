@@ -1,1 +1,0 @@
-"""What goes wrong in a scenario, by schedule and by chance."""

@@ -1,1 +1,0 @@
-"""Maps of fields, and plans of squeezes."""

@@ -1,0 +1,42 @@
+"""Where the array's key lies, and who may read it."""
+
+import os
+
+import pytest
+
+from mdms_cell.update import signature
+from mdms_host.updating.bundles import KeyFileError, key_beside, key_id, make_key, read_key
+
+
+def test_new_key_is_its_owners_alone_and_is_read_again(tmp_path):
+    path = tmp_path / "array.key"
+    key = make_key(path)
+    assert len(key) == 32
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert read_key(path) == key
+    assert key_id(key) == signature.key_id(key)
+    with pytest.raises(FileExistsError):
+        make_key(path)
+
+
+def test_key_that_others_may_read_is_refused(tmp_path):
+    path = tmp_path / "array.key"
+    make_key(path)
+    os.chmod(path, 0o640)
+    with pytest.raises(KeyFileError, match="chmod 600"):
+        read_key(path)
+
+
+@pytest.mark.parametrize("text", ["", "00", "zz" * 32, "00" * 33])
+def test_file_that_is_no_key_is_refused(tmp_path, text):
+    path = tmp_path / "array.key"
+    path.write_text(text)
+    path.chmod(0o600)
+    with pytest.raises(KeyFileError, match="64 hex digits"):
+        read_key(path)
+
+
+def test_key_lies_beside_the_array_file(tmp_path):
+    assert key_beside(tmp_path / "hall.toml") == tmp_path / "hall.key"
+    with pytest.raises(KeyFileError, match="No such file"):
+        read_key(tmp_path / "hall.key")
