@@ -14,6 +14,7 @@ from mdms_host.coordination.cell_setup.bring_up import BringUpCell
 from mdms_host.coordination.journal import Journal
 from mdms_host.coordination.phase import HELD, Phase, Signal
 from mdms_host.coordination.speeds.odometry import Odometry
+from mdms_protocol.emergencies import LOW_SUPPLY
 
 #: Pauses are counted over so long [s].
 _COUNTED_S = 60.0
@@ -179,15 +180,23 @@ class Care:
         return self._settle(unsure, held_s, now_s) if heard else None
 
     def _power_cut(self) -> str | None:
-        """Why a run ends in which most cells restart: somebody has cut their supply.
+        """Why a run ends if most cells have lost their supply, or that of their motors.
 
-        That may have been an emergency stop, and letting go of it is to move nothing.
+        That may have been an emergency stop, and letting go of it is to move nothing: a cell that
+        measures a supply where there is none is disabled, too.
         """
-        restarted = sum(way.has_restarted for way in self._roster.out.values())
-        cells = len(self._roster.cells)
-        if 2 * restarted <= cells:
-            return None
-        return f"{restarted} of {cells} cells have restarted: their supply was cut; start again"
+        ways, cells = self._roster.out.values(), len(self._roster.cells)
+        restarted = sum(way.has_restarted for way in ways)
+        cut = sum(way.had_no_supply for way in ways)
+        if 2 * restarted > cells:
+            return f"{restarted} of {cells} cells have restarted: their supply was cut; start again"
+        if 2 * cut > cells:
+            return (
+                f"{cut} of {cells} cells have lost the supply of their motors "
+                f"(0x{LOW_SUPPLY:04X}): release the emergency stop, or mend the supply, then "
+                "start again"
+            )
+        return None
 
     def _refusal(self, now_s: float) -> str | None:
         """Why a run ends whose cells are refused; where it need not, it waits for them no more."""

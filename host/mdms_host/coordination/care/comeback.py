@@ -13,7 +13,8 @@ class Comeback:
 
     Settings are written and verified as when it came up first, and every target begins at 0. `text`
     is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
-    asked again only when it has restarted; `has_restarted` is whether it has since it is out.
+    asked again only when it has restarted; `has_restarted` is whether it has since it is out, and
+    `had_no_supply` whether its motors have lost their supply.
     """
 
     def __init__(self, cell: BringUpCell, text: str, now_s: float) -> None:
@@ -23,6 +24,7 @@ class Comeback:
         self.phase = Phase.WAITING
         self.refused: str | None = None
         self.has_restarted = cell.restarted
+        self.had_no_supply = cell.lacks_supply
         self._step_s = now_s
         cell.begin_again()
 
@@ -39,6 +41,7 @@ class Comeback:
     def step(self, now_s: float, silent: bool) -> None:
         """Look how far the cell is by now."""
         self.has_restarted |= self.cell.restarted
+        self.had_no_supply |= self.cell.lacks_supply
         if self.refused is not None:
             if self.cell.restarted or silent:
                 self._begin_again(now_s)
