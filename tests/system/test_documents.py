@@ -50,7 +50,7 @@ ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure", "sto
 #: The reader's own table is empty until a person puts the box onto it, before a program runs.
 EMPTY = "fault=[]"
 #: What another test runs as it stands, and which call of it; nothing else goes on with it.
-ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_demo.py", 'main(["demo", "--out"')}
+ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_simulate.py", 'main(["demo", "--out"')}
 #: What a person types at `mdms commission`: Enter to all questions but the one that wants a yes.
 CELLS = 18
 ANSWERS = CELLS * "\n" + "y\n" + 2 * CELLS * "\n"
