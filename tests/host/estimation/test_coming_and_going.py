@@ -410,3 +410,20 @@ def test_what_covers_sensors_where_a_parcel_was_lost_is_an_obstacle_at_once() ->
     lost_s = next(time_s for time_s, change in table.changes if change.event is Event.LOST)
     assert seen_s
     assert seen_s[0] <= lost_s + 0.025
+
+
+def test_a_polygon_at_the_edge_is_found_whose_origin_is_beyond_all_wheels() -> None:
+    """Its middle is over the wheels, and it stands."""
+    triangle = Parcel(
+        "wedge",
+        0.4,
+        0.3,
+        shape="polygon",
+        corners_m=((-0.2, -0.15), (0.2, -0.15), (-0.2, 0.15)),
+    )
+    table = Lying(LAYOUT, (triangle,))
+    last_x_m = float(LAYOUT.wheel_positions_m[:, 0].max())
+    table.put("wedge", triangle.bottom, last_x_m + 0.055, 0.0, 0.0)
+    table.run(0.4)
+    assert table.events() == [("wedge", Event.FOUND)]
+    assert table.off_m("wedge") < 0.03

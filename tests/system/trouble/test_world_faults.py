@@ -92,6 +92,27 @@ def test_a_box_that_is_longer_than_believed_is_carried_by_its_believed_edges():
     assert away_m(right) < 0.010
 
 
+@pytest.mark.parametrize("off_m", [-0.015, 0.015])
+def test_a_size_that_is_told_roughly_is_learned_before_the_parcel_has_arrived(off_m):
+    """On so short a way edges pass sensors on one side only, unless the parcel feels for them."""
+    scenario = load_scenario(
+        "array18",
+        [
+            *("run.duration_s=10.0", "motion.speed_m_s=0.3"),
+            *("parcel.0.length_m=0.36", "parcel.0.width_m=0.30"),
+            *("parcel.0.x_m=-0.095", "parcel.0.y_m=-0.04", "parcel.0.yaw_rad=-0.062"),
+            "parcel.0.goal={x_m=-0.124, y_m=-0.043, yaw_rad=-0.059}",
+            f"belief.box.length_m={0.36 + off_m}",
+            f"belief.box.width_m={0.30 + off_m}",
+            "belief.box.size_spread_m=0.008",
+        ],
+    )
+    ended = mdms.simulate(scenario)
+    assert ended.status == "reached"
+    x_m, y_m, _ = ended.parcels["box"].true_pose
+    assert np.hypot(x_m + 0.124, y_m + 0.043) < 0.005
+
+
 @pytest.mark.parametrize("cell", [8, 9])
 @pytest.mark.parametrize("kind", ["encoder_stuck", "wheel_jammed"])
 def test_a_parcel_gets_past_a_wheel_that_stands_and_the_wheel_is_named(kind, cell):

@@ -15,9 +15,9 @@ from mdms_model.arrays import Bools
 _DOUBTFUL_SHARE = 0.2
 #: So many contradictions may be of one cell that is all wrong, if as many are gone without it.
 _SUSPICIOUS = 3
-#: A parcel tips whose centre of mass is beyond all wheels; that lies so far beside its middle at
-#: most [m].
-_BESIDE_MIDDLE_M = 0.03
+#: A parcel tips if its centre of mass is beyond all wheels. The centre of mass lies at most this
+#: far from the middle of the outline's corners [m].
+_BESIDE_MIDDLE_M = 0.05
 
 
 class Search:
@@ -37,8 +37,11 @@ class Search:
         self._bottom = bottom
         self._sensors_m = layout.sensors_m
         wheels_m = layout.wheel_positions_m
+        # The origin of a polygon may lie beside the middle of its corners.
+        middle_m = bottom.outline_m(np.zeros(3)).mean(axis=0)
+        beyond_m = _BESIDE_MIDDLE_M + float(np.hypot(*middle_m))
         low_m, high_m = wheels_m.min(axis=0), wheels_m.max(axis=0)
-        self._within_m = np.array((low_m - _BESIDE_MIDDLE_M, high_m + _BESIDE_MIDDLE_M))
+        self._within_m = np.array((low_m - beyond_m, high_m + beyond_m))
         self._cell = layout.sensor_cells
         self._mine = mine
         self._yaw_hint_rad = yaw_hint_rad
