@@ -12,9 +12,14 @@ from mdms_sim.simulation import open_bank
 
 pytestmark = pytest.mark.real_time
 
+SILENT = "has fallen silent"
+
 
 def on_a_served_table(tmp_path, use):
-    """Serve `array18` and use it by hand; what `use` returns, of a run that nothing held up."""
+    """Serve `array18` and use it by hand; the result of `use` in a run that nothing held up.
+
+    No cell fails here. So a cell falls silent only where the machine stands still for a while.
+    """
     for chance in range(CHANCES):
         channel = str(tmp_path / f"bus{chance}")
         try:
@@ -23,12 +28,14 @@ def on_a_served_table(tmp_path, use):
                 mdms.connect(scenario="array18", interface="mdms", channel=channel) as table,
             ):
                 result = use(table, simulation)
+                held = [one.text for one in table.run_so_far.incidents if SILENT in one.text]
+            if not held:
+                return result
+            told = held[0]
         except mdms.RunError as error:
-            if not any(text in str(error) for text in HELD_UP):
+            if not any(text in str(error) for text in (SILENT, *HELD_UP)):
                 raise
             told = str(error)
-        else:
-            return result
     pytest.skip(f"the machine is too slow for runs in real time: {told}")
 
 
