@@ -10,8 +10,8 @@ import numpy as np
 from mdms_array.checks import goal_of, motor_of, timing_of
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.commissioning.parameters import BY_NAME
-from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.allocation import AHEAD_M

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from functools import partial
 
 from mdms_host.can_link.remote_cell import Handler
-from mdms_host.coordination.care.supervision import Supervision
-from mdms_host.coordination.cell_setup.bring_up import BringUpCell
-from mdms_host.coordination.cells_control import CellsControl
-from mdms_host.coordination.commands import Commands
-from mdms_host.coordination.journal import Journal
-from mdms_host.coordination.speeds.odometry import Odometry
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.commands import CellsControl, Commands
+from mdms_host.coordination.run_state import Journal
+from mdms_host.coordination.supervision import Supervision
+from mdms_host.coordination.wheel_speeds import Odometry
 from mdms_host.estimation.tracker import Tracker
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob, nmt

@@ -1,19 +1,190 @@
-"""Reaction of a run to cells out of action: hold the parcels, go on without the cells, or end."""
+"""Cells that fall out of action: their recovery, and the reaction of the run by a policy.
+
+The run holds the parcels, goes on without the cells, or ends.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from math import inf
 
-from mdms_host.coordination.care.comeback import Comeback
-from mdms_host.coordination.care.policy import OnLostCell, Policy
-from mdms_host.coordination.care.roster import Roster
-from mdms_host.coordination.care.supervision import Supervision
-from mdms_host.coordination.care.trouble import Nature, Trouble
-from mdms_host.coordination.cell_setup.bring_up import BringUpCell
-from mdms_host.coordination.journal import Journal
-from mdms_host.coordination.phase import HELD, Phase, Signal
-from mdms_host.coordination.speeds.odometry import Odometry
+import numpy as np
+
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.run_state import HELD, TRANSITIONS, Journal, Phase, Signal
+from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
+from mdms_host.coordination.wheel_speeds import Odometry
+from mdms_model.arrays import Bools
+from mdms_protocol.emergencies import LOW_SUPPLY, code_text
+
+
+class OnLostCell(StrEnum):
+    """Reaction to a cell that does not come back.
+
+    The run goes on without the cell, holds all parcels for it, or stops.
+    """
+
+    GO_ON = "go_on"
+    HOLD = "hold"
+    STOP = "stop"
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """How often and how long trouble may hold the array, and the reaction to lost cells.
+
+    Where cells are out of action all parcels are held for `pause_s` at most [s], until the cells
+    are back; at most `pauses` times in a minute (0: no trouble passes). With 'hold' it is `hold_s`
+    instead, however often, and with 'go_on' parcels are held only where most cells are out.
+    """
+
+    on_lost_cell: OnLostCell = OnLostCell.STOP
+    pauses: int = 3
+    pause_s: float = 5.0
+    hold_s: float = 60.0
+
+    @property
+    def limit_s(self) -> float:
+        """How long the array may be held at a time [s]."""
+        return self.hold_s if self.on_lost_cell is OnLostCell.HOLD else self.pause_s
+
+
+#: A cell that gets on no further for so long begins anew [s].
+_STEP_LIMIT_S = 1.0
+
+
+class Comeback:
+    """Takes one cell from its next heartbeat to enabled drives, while others may run.
+
+    Settings are written and verified as when it came up first, and every target begins at 0. `text`
+    is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
+    asked again only when it has restarted; `has_restarted` is whether it has since it is out.
+    """
+
+    def __init__(self, cell: BringUpCell, text: str, now_s: float) -> None:
+        self.cell = cell
+        self.text = text
+        self.since_s = now_s
+        self.phase = Phase.WAITING
+        self.refused: str | None = None
+        self.has_restarted = cell.restarted
+        self._step_s = now_s
+        cell.begin_again()
+
+    @property
+    def heard(self) -> bool:
+        """Whether the cell has reported since it is out, and not fallen silent again."""
+        return self.phase is not Phase.WAITING
+
+    @property
+    def back(self) -> bool:
+        """Whether the cell is up again."""
+        return self.phase is Phase.RUNNING
+
+    def step(self, now_s: float, silent: bool) -> None:
+        """Look how far the cell is by now."""
+        self.has_restarted |= self.cell.restarted
+        if self.refused is not None:
+            if self.cell.restarted or silent:
+                self._begin_again(now_s)
+            return
+        if self._is_stuck(now_s, silent):
+            self._begin_again(now_s)
+        if self.heard and self.cell.lacks_supply:
+            self._refuse(code_text(LOW_SUPPLY))
+        while self.refused is None and not self.back and self.cell.has_reached(self.phase):
+            self._advance(now_s)
+
+    def _advance(self, now_s: float) -> None:
+        """Take the cell into its next phase, unless it is not to be taken."""
+        cell, reached = self.cell, self.phase
+        self.phase, self._step_s = TRANSITIONS[reached, Signal.DONE], now_s
+        if reached is Phase.WAITING:
+            cell.restarted = False
+        reason = {Phase.IDENTIFYING: cell.refusal, Phase.CONFIGURING: cell.mismatch}.get(reached)
+        if reason is not None:
+            self._refuse(reason)
+
+    def _refuse(self, reason: str) -> None:
+        self.refused = f"{self.cell.name} is not taken back: {reason}"
+        self.phase = Phase.WAITING
+
+    def _is_stuck(self, now_s: float, silent: bool) -> bool:
+        """Whether the cell has fallen silent or restarted on its way, or takes too long."""
+        fallen = silent or self.cell.restarted or self.cell.fault(self.phase) is not None
+        return (self.heard and fallen) or now_s >= self._step_s + _STEP_LIMIT_S
+
+    def _begin_again(self, now_s: float) -> None:
+        self.phase, self._step_s, self.refused = Phase.WAITING, now_s, None
+        self.cell.begin_again()
+
+
+class Roster:
+    """The cells of `axes` wheels each; a cell is `taking_part`, or `out` with its way back.
+
+    `wheels_out` are the wheels of cells that are out, shape (W,). No reference moves them, and
+    their reports show nothing of a parcel. The run does not wait for the cells in `given_up`.
+    """
+
+    def __init__(self, cells: Sequence[BringUpCell], axes: int) -> None:
+        self.cells = cells
+        self.taking_part: tuple[BringUpCell, ...] = tuple(cells)
+        self.out: dict[BringUpCell, Comeback] = {}
+        self.given_up: set[BringUpCell] = set()
+        self.wheels_out: Bools = np.zeros(axes * len(cells), dtype=bool)
+        self._axes = axes
+
+    @property
+    def awaited(self) -> list[Comeback]:
+        """The ways back of the cells that the run waits for."""
+        return [way for cell, way in self.out.items() if cell not in self.given_up]
+
+    def phase_of(self, cell: BringUpCell, phase: Phase) -> Phase:
+        """The phase of a cell in that of the run: its own while it is out."""
+        way = self.out.get(cell)
+        return phase if way is None else way.phase
+
+    def lose(self, cell: BringUpCell, text: str, now_s: float) -> None:
+        """A cell is out of action, for a reason in words; its way back begins."""
+        self.out[cell] = Comeback(cell, text, now_s)
+        self._sort()
+
+    def give_up(self, cells: Iterable[BringUpCell]) -> None:
+        """Wait no more for these cells; they may come back all the same."""
+        self.given_up.update(cells)
+
+    def await_since(self, since_s: float) -> None:
+        """Wait again for cells that have been out since then only, and are not refused."""
+        late = (
+            cell for cell, way in self.out.items() if way.since_s >= since_s and not way.refused
+        )
+        self.given_up.difference_update(list(late))
+
+    def step(
+        self,
+        now_s: float,
+        silent: Callable[[BringUpCell], bool],
+        ready: Callable[[BringUpCell], bool],
+    ) -> list[BringUpCell]:
+        """Take the cells that are out further; those that are back, and `ready`, take part again.
+
+        `silent` is whether a cell has fallen silent.
+        """
+        for cell, way in self.out.items():
+            way.step(now_s, silent(cell))
+        back = [cell for cell, way in self.out.items() if way.back and ready(cell)]
+        for cell in back:
+            del self.out[cell]
+            self.given_up.discard(cell)
+        if back:
+            self._sort()
+        return back
+
+    def _sort(self) -> None:
+        self.taking_part = tuple(cell for cell in self.cells if cell not in self.out)
+        self.wheels_out = np.repeat([cell in self.out for cell in self.cells], self._axes)
+
 
 #: Pauses are counted over so long [s].
 _COUNTED_S = 60.0
@@ -77,7 +248,7 @@ class Care:
         for trouble in troubles:
             self._roster.lose(trouble.cell, trouble.text, now_s)
         self.bring_back(now_s)
-        if any(each.nature is Nature.DELIBERATE for each in troubles):
+        if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
             return Decision(Signal.FAULT, _told(each.text for each in troubles))
         decision = None
         if phase in HELD:
@@ -131,7 +302,7 @@ class Care:
         if self._may_lose(len(self._roster.out)):
             self._go_without([each.cell for each in troubles], text, now_s)
             return None
-        if all(each.nature is Nature.LASTING for each in troubles) and not self._waits:
+        if all(each.nature is TroubleNature.LASTING for each in troubles) and not self._waits:
             return Decision(Signal.FAULT, text)
         return self._hold(text, now_s)
 

@@ -1,15 +1,64 @@
-"""Supervision of the cells: heartbeats, and states that the phase requires."""
+"""Supervision of the cells: heartbeats, states that the phase requires, and a second host.
+
+A trouble is that of a cell that has been up. Some troubles may pass by themselves.
+"""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from math import inf
 
+from mdms_host.can_link.link import AnyLink, drive
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.coordination.care.trouble import Trouble, nature_of
-from mdms_host.coordination.cell_setup.bring_up import BringUpCell
-from mdms_host.coordination.phase import Phase
-from mdms_host.coordination.schedule import Timing
-from mdms_protocol.codecs import cob
+from mdms_host.clock import Clock
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.cell_setup import PASSING_CODES
+from mdms_host.coordination.run_state import Phase, Timing
+from mdms_model.errors import Error
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.emergencies import LOW_SUPPLY
+
+#: Errors with which drives shut off; others are mere reports.
+_OF_DRIVES = PASSING_CODES | {0x2310, 0x3220, 0x6100, 0x7121, 0x7302, 0x8150, 0x8611}
+_FAULTED = frozenset((cia402.FAULT, cia402.FAULT_REACTION))
+
+
+class TroubleNature(StrEnum):
+    """Of what kind a trouble is."""
+
+    #: It may be over soon: silence, a restart, a watchdog's stop.
+    PASSING = "passing"
+    #: The cell needs a person: its drives have shut off for a reason of their own.
+    LASTING = "lasting"
+    #: Another program has switched the cell off, and is to be obeyed.
+    DELIBERATE = "deliberate"
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """A trouble of a cell, in words that name the cell."""
+
+    cell: BringUpCell
+    text: str
+    nature: TroubleNature = TroubleNature.PASSING
+
+
+def nature_of(cell: BringUpCell) -> TroubleNature:
+    """The nature of the event that ended 'operational', or that disabled the drives.
+
+    A cell leaves 'operational' by itself for a restart, which it announces. A cell that steers also
+    leaves it when the host is silent. Drives are off by themselves in 'fault' only. Everything else
+    was commanded from outside.
+    """
+    codes = _OF_DRIVES.intersection(cell.errors.values())
+    if codes - PASSING_CODES:
+        return TroubleNature.LASTING
+    if cell.nmt_state != nmt.OPERATIONAL:
+        return TroubleNature.PASSING if cell.restarted or cell.steers else TroubleNature.DELIBERATE
+    faulted = not _FAULTED.isdisjoint(cell.drive_states or ())
+    return TroubleNature.PASSING if faulted else TroubleNature.DELIBERATE
+
 
 #: The trouble of a second host that sends heartbeats.
 OTHER_HOST = (
@@ -160,3 +209,59 @@ def _other_boards(cells: Iterable[BringUpCell]) -> Iterator[str]:
 def names(cells: Sequence[RemoteCell]) -> str:
     """How messages call these cells."""
     return ", ".join(cell.name for cell in cells)
+
+
+#: A host sends a heartbeat every 0.1 s.
+_LISTEN_S = 0.35
+HEARTBEAT = cob.HEARTBEAT_BASE + cob.NODE_MAX
+
+
+class OtherHostError(Error):
+    """Another host runs on the bus."""
+
+
+class OtherHost:
+    """Whether a host sends heartbeats, by frames that somebody else has sent."""
+
+    def __init__(self) -> None:
+        self._last_s = -inf
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Note a host's heartbeat."""
+        if frame.can_id == HEARTBEAT and nmt.decode_heartbeat(frame.data) is not None:
+            self._last_s = now_s
+
+    def speaks(self, now_s: float) -> bool:
+        """Whether a host is there; a host that has missed three heartbeats is gone."""
+        return now_s - self._last_s < _LISTEN_S
+
+
+class _Listening:
+    """A participant that sends nothing, and notes whether a host sends heartbeats."""
+
+    wake_s = inf
+
+    def __init__(self) -> None:
+        self._other = OtherHost()
+        self.found = False
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """Note a host's heartbeat."""
+        self._other.on_frame(frame, now_s)
+        self.found = self.found or self._other.speaks(now_s)
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """Nothing."""
+        return ()
+
+    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
+        """Nothing on any bus."""
+        return ()
+
+
+def refuse_other_host(link: AnyLink, clock: Clock) -> None:
+    """Listen for a while before anything is sent. Raises OtherHostError, DeviceGoneError."""
+    listening, end_s = _Listening(), clock.now_s() + _LISTEN_S
+    drive(listening, link, clock, lambda: listening.found or clock.now_s() >= end_s)
+    if listening.found:
+        raise OtherHostError(OTHER_HOST)

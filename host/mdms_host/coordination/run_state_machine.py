@@ -2,14 +2,20 @@
 
 from collections.abc import Callable
 
-from mdms_host.coordination.care.care import Care
-from mdms_host.coordination.care.roster import Roster
-from mdms_host.coordination.care.supervision import OTHER_HOST, SWITCHED_OFF, Supervision, names
-from mdms_host.coordination.cell_setup.bring_up import BringUpCell
-from mdms_host.coordination.journal import Journal
-from mdms_host.coordination.phase import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, Signal
-from mdms_host.coordination.reception import Reception
-from mdms_host.coordination.schedule import Timing
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.frame_router import Reception
+from mdms_host.coordination.recovery import Care, Roster
+from mdms_host.coordination.run_state import (
+    BRING_UP,
+    STOPPED,
+    TRANSITIONS,
+    UP,
+    Journal,
+    Phase,
+    Signal,
+    Timing,
+)
+from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, Supervision, names
 
 _OVER = (Phase.FAILING, *STOPPED)
 
