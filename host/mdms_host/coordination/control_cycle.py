@@ -12,8 +12,7 @@ from mdms_host.coordination.run_state import HELD, UP, Journal, Phase, Timing
 from mdms_host.coordination.supervision import names
 from mdms_host.coordination.watch import Standings, Watch
 from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, Odometry, VelocityFrames
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.program import Program

@@ -6,8 +6,7 @@ from math import degrees, radians
 import numpy as np
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.change import Change, Event
+from mdms_host.estimation.belief import Belief, Change, Event
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
 from mdms_model.arrays import Bools, Floats

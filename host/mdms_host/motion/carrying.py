@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mdms_host.estimation.gain import Gain
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.belief import Gain
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.allocation import Claim, allocate
 from mdms_host.motion.trajectory.follower import Carried

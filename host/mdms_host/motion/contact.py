@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from math import hypot
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.motion.trajectory.path import Path
 from mdms_model import outline
 from mdms_model.arrays import Floats

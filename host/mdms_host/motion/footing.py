@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 from math import ceil, hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_host.motion.footholds import INSET_M, MARGIN_M
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import shorter_turn_rad
+from mdms_model.arrays import Floats
 from mdms_model.outline import Outline
 from mdms_model.statics.support_margin import support_margins_m
-
-Floats = NDArray[np.float64]
 
 #: How far a corner moves from one place of the way that is checked to the next, at most.
 _STEP_M = 0.002

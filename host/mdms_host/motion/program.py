@@ -7,8 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.contact import Body, Contacts, gap_m, has_room, has_room_to, press

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered

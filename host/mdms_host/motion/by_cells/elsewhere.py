@@ -8,7 +8,7 @@ the one where it is.
 from collections.abc import Collection, Mapping
 from math import hypot, inf
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_model.arrays import Floats
 
 #: Cells are off by so much, a corner's way included [m]: by more than host and cells may be off at

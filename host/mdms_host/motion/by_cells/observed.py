@@ -4,7 +4,7 @@ from collections.abc import Callable
 from math import degrees
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.motion.by_cells.blocked import Blocked
 from mdms_host.motion.by_cells.elsewhere import Elsewhere
 from mdms_host.motion.by_cells.followed import Followed

@@ -5,7 +5,7 @@ from math import pi
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.layout import Layout
 from mdms_host.places import neighbours_of
 from mdms_model.arrays import Floats

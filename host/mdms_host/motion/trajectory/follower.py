@@ -15,8 +15,7 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.motion.trajectory.grip import Given, Grip
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.reference import Reference

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.mass import Mass, centre_at
 from mdms_host.motion.trajectory.normal_forces import Spots, normal_forces_n

@@ -20,7 +20,7 @@ from math import ceil
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.path import Path, Piece

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.standstill import Standstill
 from mdms_host.motion.trajectory.follower import Carried, Follower

@@ -3,7 +3,7 @@
 import numpy as np
 from tests.host.programs.traffic.test_legs import BOX
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.mass import uniform_mass

@@ -4,16 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.change import Change, Event
-from mdms_host.estimation.gate import Gate
-from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.estimation.parcel import Parcel, Region
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.belief import Belief, Change, Event, Standing
+from mdms_host.estimation.footprint import Rectangle
+from mdms_host.estimation.locating import Location
+from mdms_host.estimation.parcel import Gate, Parcel, Region
 from mdms_host.estimation.pose.estimator import ParcelEstimator, View
-from mdms_host.estimation.presence.surroundings import Surroundings
-from mdms_host.estimation.search.locate import Location
-from mdms_host.estimation.search.roll_call import Sought
+from mdms_host.estimation.presence import Surroundings
+from mdms_host.estimation.roll_call import Sought
 from mdms_host.estimation.size import Size
 from mdms_model.arrays import Bools, Floats
 

@@ -4,15 +4,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mdms_host.estimation.change import Change, Event
-from mdms_host.estimation.known import Known
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.belief import Change, Event, Standing
 from mdms_host.estimation.pose.estimator import BESIDE_M
-from mdms_host.estimation.presence.presence_map import PresenceMap
-from mdms_host.estimation.presence.surroundings import Surroundings
-from mdms_host.estimation.search.roll_call import Found, RollCall, Scene
-from mdms_host.estimation.strangers.strangers import Strangers
-from mdms_host.estimation.strangers.unknowns import Unknowns
+from mdms_host.estimation.presence import PresenceMap, Surroundings
+from mdms_host.estimation.roll_call import Found, RollCall, Scene
+from mdms_host.estimation.tracked_parcel import Known
+from mdms_host.estimation.unexplained_sensors import Strangers
+from mdms_host.estimation.unknowns import Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Ints
 
