@@ -12,7 +12,7 @@ from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.recovery import Roster
 from mdms_host.coordination.run_state import BRING_UP, HELD, STOPPED, UP, Phase, Schedule
 from mdms_host.estimation.belief import Belief
-from mdms_host.motion.by_cells.steering import ByCells
+from mdms_host.motion.program import ByCells
 from mdms_model.arrays import Floats
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame

@@ -14,8 +14,7 @@ from mdms_host.coordination.watch import Standings, Watch
 from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, Odometry, VelocityFrames
 from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.estimation.tracker import Tracker
-from mdms_host.motion.by_cells.steering import ByCells
-from mdms_host.motion.program import Program
+from mdms_host.motion.program import ByCells, Program
 from mdms_model.arrays import Floats
 from mdms_protocol.codecs.frame import Frame
 

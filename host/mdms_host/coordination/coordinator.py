@@ -21,10 +21,8 @@ from mdms_host.coordination.supervision import Supervision
 from mdms_host.coordination.wheel_speeds import Odometry, VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
-from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.lost_cells import MindsLostCells
-from mdms_host.motion.program import Program
+from mdms_host.motion.program import ByCells, MindsLostCells, Program
 from mdms_host.motion.safe_goals import Places, SafeGoals
 from mdms_model.arrays import Floats
 from mdms_model.buses import WATCHED_HEARTBEAT_S
