@@ -16,8 +16,7 @@ from mdms_host.motion.by_cells.reports import Lasting, Reports, cells_text
 from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours import messages
-from mdms_protocol.neighbours import precedence as wire
+from mdms_protocol.neighbours import messages, precedence
 from mdms_protocol.neighbours.messages import End, Page, Precedence
 
 _STEP_M = wire.STEP_UM * 1e-6
@@ -352,7 +351,7 @@ class Precedences:
         changed = [cell for cell, order in wanted.items() if self._orders.get(cell) != order]
         self._orders = wanted
         for cell in changed:
-            self._numbers[cell] = (self._numbers.get(cell, 0) + 1) % wire.NUMBERS
+            self._numbers[cell] = (self._numbers.get(cell, 0) + 1) % precedence.NUMBERS
         # Changed orders go first.
         self._queue = [*changed, *(cell for cell in self._queue if cell not in changed)]
 
@@ -364,6 +363,6 @@ class Precedences:
         cell = self._queue.pop(0)
         self._queue.append(cell)
         row, column = divmod(cell - 1, self._columns)
-        turns = self._orders[cell][: wire.PLACES]
+        turns = self._orders[cell][: precedence.PLACES]
         order = tuple(identities[turn.parcel] for turn in turns)
         yield Precedence(self._numbers[cell], column + 1, row + 1, order)
