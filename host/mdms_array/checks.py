@@ -8,10 +8,10 @@ from math import degrees
 
 import numpy as np
 
-from mdms_host.coordination.schedule import Timing
+from mdms_host.coordination.run_state import Timing
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.footing import Footing, Load, least_footing
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.safe_goals import Footing, Load, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.buses import (
     CROWDED,

@@ -11,13 +11,7 @@ from mdms_array.host import has_failed, waits_text
 from mdms_array.run import Incident, ParcelRun, Run
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.outcome import (
-    REACHED_M,
-    REACHED_RAD,
-    GoalOutcome,
-    missed_text,
-    outcome_of,
-)
+from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, missed_text, outcome_of
 from mdms_model.arrays import Floats
 from mdms_model.run.derived import slip_m_s
 from mdms_model.run.record import Contact, Record, exit_of, is_wrong

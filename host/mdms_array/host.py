@@ -10,18 +10,16 @@ import numpy as np
 from mdms_array.checks import goal_of, motor_of, timing_of
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.commissioning.parameters import BY_NAME
-from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.motion.allocation import AHEAD_M
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.motion.by_cells.steering import ByCells
+from mdms_host.motion.carrying import AHEAD_M
 from mdms_host.motion.goal import Goal, Limits
-from mdms_host.motion.program import FieldProgram, GoalProgram, Program
-from mdms_host.motion.trajectory.mass import Mass
-from mdms_host.motion.trajectory.traction import Traction
-from mdms_host.motion.trajectory.wheel_drives import wheel_drives_of
+from mdms_host.motion.program import ByCells, FieldProgram, GoalProgram, Program
+from mdms_host.motion.trajectory.pushes import Mass
+from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
 from mdms_host.programs.cells_program import CellsTableProgram
 from mdms_host.programs.comings import Comings, Infeed
 from mdms_host.programs.order import Gate

@@ -17,7 +17,7 @@ from mdms_cell.presence import Presence
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_protocol import indices, pdo, record, signature
 from mdms_protocol.codecs import cia402, cob, nmt, sdo

@@ -17,7 +17,7 @@ import numpy as np
 
 from mdms_array.checks import refuse_overload, refuse_tipping
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.footing import Load, least_footing
+from mdms_host.motion.safe_goals import Load, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.errors import InputError
 from mdms_model.outline import DISC_CORNERS, outline_of

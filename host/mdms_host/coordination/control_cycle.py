@@ -5,23 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdms_host.coordination.care.roster import Roster
-from mdms_host.coordination.care.supervision import names
-from mdms_host.coordination.cell_setup.bring_up import BringUpCell
-from mdms_host.coordination.cells_control import CellsControl
-from mdms_host.coordination.journal import Journal
-from mdms_host.coordination.phase import HELD, UP, Phase
-from mdms_host.coordination.schedule import Timing
-from mdms_host.coordination.speeds.odometry import Odometry
-from mdms_host.coordination.speeds.speed_reports import MISSED_SYNCS
-from mdms_host.coordination.speeds.velocity_frames import VelocityFrames
-from mdms_host.coordination.watching.standings import Standings
-from mdms_host.coordination.watching.watch import Watch
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.commands import CellsControl
+from mdms_host.coordination.recovery import Roster
+from mdms_host.coordination.run_state import HELD, UP, Journal, Phase, Timing
+from mdms_host.coordination.supervision import names
+from mdms_host.coordination.watch import Standings, Watch
+from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, Odometry, VelocityFrames
+from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.estimation.tracker import Tracker
-from mdms_host.motion.by_cells.steering import ByCells
-from mdms_host.motion.program import Program
+from mdms_host.motion.program import ByCells, Program
 from mdms_model.arrays import Floats
 from mdms_protocol.codecs.frame import Frame
 

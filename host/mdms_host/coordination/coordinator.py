@@ -10,27 +10,19 @@ from types import MappingProxyType
 import numpy as np
 
 from mdms_host.can_link.sdo_client import Setting
-from mdms_host.coordination.care.care import Care
-from mdms_host.coordination.care.policy import Policy
-from mdms_host.coordination.care.roster import Roster
-from mdms_host.coordination.care.supervision import Supervision
-from mdms_host.coordination.cell_setup.cells import cells_of
-from mdms_host.coordination.cells_control import CellsControl
-from mdms_host.coordination.commands import Commands
+from mdms_host.coordination.bring_up import cells_of
+from mdms_host.coordination.commands import CellsControl, Commands
 from mdms_host.coordination.control_cycle import ControlCycle
-from mdms_host.coordination.course import Course
-from mdms_host.coordination.journal import Journal
-from mdms_host.coordination.phase import HELD, STOPPED, Phase
-from mdms_host.coordination.reception import Reception
-from mdms_host.coordination.schedule import Schedule, Timing
-from mdms_host.coordination.speeds.odometry import Odometry
-from mdms_host.coordination.speeds.velocity_frames import VelocityFrames
+from mdms_host.coordination.frame_router import Reception
+from mdms_host.coordination.recovery import Care, Policy, Roster
+from mdms_host.coordination.run_state import HELD, STOPPED, Journal, Phase, Schedule, Timing
+from mdms_host.coordination.run_state_machine import Course
+from mdms_host.coordination.supervision import Supervision
+from mdms_host.coordination.wheel_speeds import Odometry, VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
-from mdms_host.motion.by_cells.steering import ByCells
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.lost_cells import MindsLostCells
-from mdms_host.motion.program import Program
+from mdms_host.motion.program import ByCells, MindsLostCells, Program
 from mdms_host.motion.safe_goals import Places, SafeGoals
 from mdms_model.arrays import Floats
 from mdms_model.buses import WATCHED_HEARTBEAT_S

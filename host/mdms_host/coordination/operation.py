@@ -8,7 +8,7 @@ from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import HELD, Phase
+from mdms_host.coordination.run_state import HELD, Phase
 from mdms_model.participant import Participant
 from mdms_protocol.codecs import nmt
 

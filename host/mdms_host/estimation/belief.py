@@ -1,14 +1,61 @@
-"""The belief of one parcel at one instant, as a value."""
+"""The belief of one parcel at one instant, its standing, and its changes, as values.
+
+Sensors confirm a belief: the parcel is found, doubtful or lost.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.footprint import Bottom
 from mdms_model.arrays import Floats
+
+#: A parcel that is not shown is doubtful after this while, and lost after that [s].
+_DOUBTFUL_S = 0.1
+_LOST_S = 0.8
+
+
+class Standing(StrEnum):
+    """Standing of a belief.
+
+    A doubtful parcel is not steered on, a lost one has no pose.
+    """
+
+    FOUND = "found"
+    DOUBTFUL = "doubtful"
+    LOST = "lost"
+
+
+class Confirmation:
+    """How long a parcel has not been shown; `standing` is what follows from it.
+
+    A parcel that has never been found is lost from the start.
+    """
+
+    def __init__(self) -> None:
+        self.standing = Standing.LOST
+        self._shown_s = -inf
+
+    def find(self, now_s: float) -> None:
+        """A search has found the parcel."""
+        self.standing, self._shown_s = Standing.FOUND, now_s
+
+    def step(self, now_s: float, shown: bool) -> Standing:
+        """Take in whether the sensors show it now.
+
+        A doubtful or lost parcel stays so until a search finds it: it may be back, but elsewhere.
+        """
+        if self.standing is Standing.FOUND and shown:
+            self._shown_s = now_s
+        missing_s = now_s - self._shown_s
+        if missing_s >= _LOST_S:
+            self.standing = Standing.LOST
+        elif missing_s >= _DOUBTFUL_S:
+            self.standing = Standing.DOUBTFUL
+        return self.standing
+
 
 #: A place in the plane, and a turn, are within so many standard deviations with 95 %.
 _PLANE_DEVIATIONS, _TURN_DEVIATIONS = 2.45, 1.96
@@ -60,3 +107,52 @@ class Belief:
     def named(self) -> bool:
         """Whether it is a parcel that somebody has given an outline and a name."""
         return self.kind is Kind.PARCEL
+
+
+class Event(StrEnum):
+    """Kind of a change; the first three are standings of a parcel's belief."""
+
+    FOUND = "found"
+    DOUBTFUL = "doubtful"
+    LOST = "lost"
+    #: A parcel has left over its exit, or was taken off as announced.
+    DEPARTED = "departed"
+    #: Sensors are covered by nothing that is known.
+    APPEARED = "appeared"
+    #: The same, and it is more than one parcel, which cannot be told apart.
+    HEAPED = "heaped"
+    #: An unknown thing is there no more.
+    CLEARED = "cleared"
+    #: An unknown thing is a parcel that has been found.
+    EXPLAINED = "explained"
+    #: Another thing was taken for a parcel that was to come.
+    WITHDRAWN = "withdrawn"
+    #: A thing that was named as a parcel does not have its outline.
+    MISFIT = "misfit"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One event of one name; `pose` (x, y, yaw) where there is one [table frame].
+
+    `size_m` is how far something unknown reaches at most, along x and y. `other` is the parcel that
+    something unknown has turned out to be, or is not.
+    """
+
+    name: str
+    event: Event
+    pose: Floats | None = None
+    size_m: tuple[float, float] | None = None
+    other: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Rates of twists [table frame; m/s2, rad/s2], shape (3,).
+
+    `gained` is the rate at which the wheels have become faster. `missing` is the part that their
+    pushes do not explain: while it lasts, all wheels slip.
+    """
+
+    gained: Floats
+    missing: Floats

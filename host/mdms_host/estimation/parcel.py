@@ -1,14 +1,11 @@
-"""A parcel as given to the host, and a region of the table where one is expected."""
+"""A parcel as given to the host, a region where one is expected, and an exit of the table."""
 
 from dataclasses import dataclass
 from math import cos, sin
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.estimation.outlines.polygon import Polygon
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Bottom, Disc, Polygon, Rectangle
 from mdms_model.arrays import Bools, Floats
 from mdms_model.scenario.scenario import DRAWN_M
 
@@ -72,3 +69,26 @@ class Region:
         beyond = (points_m < self.low_m) | (points_m > self.high_m)
         inside: Bools = np.logical_not(beyond.any(axis=1))
         return inside
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A line through a point [m; table frame], square to the heading in which parcels leave [rad].
+
+    A parcel has left once its centre is past the line: at an edge of the table, where it loses its
+    support.
+    """
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+    def past_m(self, points_m: Floats) -> Floats:
+        """How far points (..., 2) are past the line [m], negative before it, shape (...)."""
+        outward = cos(self.heading_rad), sin(self.heading_rad)
+        past_m: Floats = (points_m - (self.x_m, self.y_m)) @ outward
+        return past_m
+
+    def reached_by(self, bottom: Bottom, pose: Floats) -> bool:
+        """Whether any of a parcel at this pose [m, m, rad; table frame] is past the line."""
+        return bool(self.past_m(bottom.outline_m(pose)).max() >= 0.0)

@@ -6,22 +6,16 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.change import Change, Event
-from mdms_host.estimation.gain import Gain
-from mdms_host.estimation.gate import Gate
-from mdms_host.estimation.known import Known
-from mdms_host.estimation.parcel import Parcel, Region
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.belief import Belief, Change, Event, Gain, Standing
+from mdms_host.estimation.parcel import Gate, Parcel, Region
+from mdms_host.estimation.parcel_search import Seeking
 from mdms_host.estimation.pose.estimator import BESIDE_M, Shown, View
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
-from mdms_host.estimation.presence.presence_map import PresenceMap
-from mdms_host.estimation.presence.surroundings import Surroundings
+from mdms_host.estimation.presence import PresenceMap, Surroundings
 from mdms_host.estimation.size import Size
-from mdms_host.estimation.strangers.coverage import Coverage
-from mdms_host.estimation.strangers.seeking import Seeking
-from mdms_host.estimation.strangers.strangers import Strangers
-from mdms_host.estimation.strangers.unknowns import Unknown, Unknowns
+from mdms_host.estimation.tracked_parcel import Known
+from mdms_host.estimation.unexplained_sensors import Coverage, Strangers
+from mdms_host.estimation.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.scenario.scenario import name_fault

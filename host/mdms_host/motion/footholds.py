@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.pushes import by_parts
 from mdms_model.arrays import Floats, Ints

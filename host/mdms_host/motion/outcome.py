@@ -1,8 +1,12 @@
-"""Whether parcels have come to their goals, and how far off the others are."""
+"""Whether parcels have come to their goals, and whether they get on towards them.
 
+A parcel that stands though it is commanded to move is tried again, a few times.
+"""
+
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import degrees, hypot
+from math import degrees, hypot, inf
 
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import shorter_turn_rad
@@ -62,3 +66,81 @@ def missed_text(outcomes: Iterable[GoalOutcome]) -> str | None:
     """The goals that were not reached, in one line; None if all were."""
     missed = [outcome.text for outcome in outcomes if not outcome.reached]
     return f"goal not reached: {'; '.join(missed)}" if missed else None
+
+
+#: A parcel stands when it has made less than this share of the commanded way in either half of the
+#: window: an edge that corrects the belief spoils one half at most.
+_HALF_S = 0.4
+_SHARE = 0.2
+#: A commanded way too short to judge by [m].
+_LEAST_M = 0.0015
+#: However slowly it is to go, it stands when it has made less than this way in so long.
+_LONG_S = 1.6
+_CREEP_M = 0.0005
+#: A parcel that does not get on is tried so often, each time after so long [s], unless it has got
+#: on by so much since the first time [m].
+TRIES = 5
+_REST_S = 0.5
+_GOT_ON_M = 0.05
+
+
+class Standstill:
+    """Compares the way that a parcel has made with the way it was commanded to make."""
+
+    def __init__(self) -> None:
+        self._lately: deque[tuple[float, float]] = deque()
+        self._commanded_m = 0.0
+        self._leg = 0
+
+    def step(self, left_m: float, speed_m_s: float, step_s: float, leg: int = 0) -> bool:
+        """Take in the way left and the commanded speed; whether the parcel stands.
+
+        On another `leg` of its way, which leads elsewhere, the comparison begins anew.
+        """
+        if leg != self._leg:
+            self._leg = leg
+            self.clear()
+        half, long = round(_HALF_S / step_s), round(_LONG_S / step_s)
+        self._commanded_m += speed_m_s * step_s
+        self._lately.append((left_m, self._commanded_m))
+        if len(self._lately) > long + 1:
+            self._lately.popleft()
+        if len(self._lately) <= 2 * half:
+            return False
+        first, middle, last = (self._lately[-1 - before] for before in (2 * half, half, 0))
+        creeps = len(self._lately) > long and _creeps(self._lately[0], last)
+        return creeps or (_stands(first, middle) and _stands(middle, last))
+
+    def clear(self) -> None:
+        """Begin anew: the parcel has been still, or out of sight."""
+        self._lately.clear()
+
+
+def _stands(before: tuple[float, float], after: tuple[float, float]) -> bool:
+    commanded_m, made_m = after[1] - before[1], before[0] - after[0]
+    return commanded_m >= _LEAST_M and made_m < _SHARE * commanded_m
+
+
+def _creeps(before: tuple[float, float], after: tuple[float, float]) -> bool:
+    """Whether it has made hardly any way, though it was commanded to go."""
+    return after[1] > before[1] and before[0] - after[0] < _CREEP_M
+
+
+class Tries:
+    """How often a parcel has not got on, and until when it rests."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._first_m = inf
+        self._until_s = -inf
+
+    def stand(self, left_m: float, now_s: float) -> bool:
+        """Take in that it stands, with so much left to go; whether it is to be tried again."""
+        if left_m < self._first_m - _GOT_ON_M:
+            self.count, self._first_m = 0, left_m
+        self.count, self._until_s = self.count + 1, now_s + _REST_S
+        return self.count < TRIES
+
+    def rests(self, now_s: float) -> bool:
+        """Whether it is not to be tried yet."""
+        return now_s < self._until_s

@@ -1,25 +1,42 @@
-"""Aims of the array: from the parcels' estimated poses to every wheel's reference."""
+"""Aims of the array: from the parcels' estimated poses to every wheel's reference.
+
+The coordinator runs a `Program`, which sets the wheels, or a `ByCells`, whose parcels are steered
+by the cells: pages out, estimates in.
+"""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
-from mdms_host.motion.contact import Body, Contacts, gap_m, has_room, has_room_to, press
+from mdms_host.motion.contact import Body, Contacts, Obstacles, gap_m, has_room, has_room_to, press
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.obstacles import Obstacles
-from mdms_host.motion.standstill import TRIES, Standstill, Tries
+from mdms_host.motion.outcome import TRIES, Standstill, Tries
 from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.grip import Grip
-from mdms_host.motion.trajectory.mass import Mass, uniform_mass
+from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats
+from mdms_protocol.neighbours.messages import Estimate, Page
+
+
+@runtime_checkable
+class MindsLostCells(Protocol):
+    """A program that must know which cells are lost.
+
+    Their wheels get no reference, whatever a program commands. A parcel on them drags them along,
+    against the friction of motors without power. Their sensors show nothing.
+    """
+
+    def on_lost_cells(self, cells: frozenset[int]) -> None:
+        """These cells (from 1) are lost, and no others; called whenever that changes."""
+        ...
+
 
 #: A standing parcel is pressed by another one that is believed to be so near.
 _NEAR_M = 0.015
@@ -496,3 +513,24 @@ class GoalProgram:
             reason = f"{' and '.join(names)} press each other: stopped"
         self._notices.append(reason)
         self._reasons.update(dict.fromkeys(names, reason))
+
+
+@runtime_checkable
+class ByCells(AnyProgram, Protocol):
+    """Has pages for the cells, step by step."""
+
+    def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
+        """A cell (from 1) has sent its estimate."""
+        ...
+
+    def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
+        """The pages to send now, given the beliefs; once a cycle."""
+        ...
+
+    def begin_again(self) -> None:
+        """Send every parcel's program anew, from where the parcel is; it was at rest meanwhile."""
+        ...
+
+    def ends(self) -> list[Page]:
+        """The pages that end all programs."""
+        ...

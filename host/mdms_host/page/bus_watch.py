@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.coordination.schedule import Timing
+from mdms_host.coordination.run_state import Timing
 from mdms_host.layout import Layout
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses, worst_bits

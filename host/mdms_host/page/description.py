@@ -12,7 +12,7 @@ from typing import Any, Protocol, Self, TypeAlias, cast
 import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.run_state import Phase
 from mdms_host.estimation.parcel import Parcel, outline_corners_m
 from mdms_host.estimation.size import Size
 from mdms_host.layout import Layout

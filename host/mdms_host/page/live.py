@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import BRING_UP
+from mdms_host.coordination.run_state import BRING_UP
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal

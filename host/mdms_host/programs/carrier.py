@@ -3,11 +3,10 @@
 from collections.abc import Collection, Mapping, Sequence
 from typing import Protocol
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.program import Steered
-from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
 from mdms_model.arrays import Floats
 

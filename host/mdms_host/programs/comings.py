@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mdms_host.estimation.gate import Gate as TrackerGate
+from mdms_host.estimation.parcel import Gate as TrackerGate
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.programs.order import Gate
 from mdms_model.arrays import Floats

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.size import Size
-from mdms_host.motion.trajectory.mass import UNKNOWN_KG, Mass, uniform_mass
+from mdms_host.motion.trajectory.pushes import UNKNOWN_KG, Mass, uniform_mass
 from mdms_host.programs.comings import Register, around
 from mdms_host.programs.table import Newcomer, ProgramError
 

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
-from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.carrier import Traffic
 from mdms_host.programs.comings import Comings, tracker_gate
 from mdms_host.programs.newcomers import NamingRegister, TrackedNewcomers

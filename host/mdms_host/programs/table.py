@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order

@@ -15,8 +15,7 @@ from random import Random
 import numpy as np
 from scipy import ndimage
 
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Planner

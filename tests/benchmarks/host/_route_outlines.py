@@ -12,8 +12,7 @@ from math import ceil, hypot
 import numpy as np
 from shapely.geometry import MultiPoint, Point, Polygon
 
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan
 from mdms_host.routes.route import Route

@@ -32,8 +32,8 @@ from mdms_array.host import coordinator_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.footing import Load, least_footing
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.safe_goals import Load, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of
 from mdms_model.scenario.file import load_scenario

@@ -24,7 +24,7 @@ from tests.benchmarks.cells.neighbours import CELLS, CONFIDENCE, at_least, scena
 
 from mdms_array.host import coordinator_of
 from mdms_array.simulation import host_report_of
-from mdms_host.coordination.phase import HELD
+from mdms_host.coordination.run_state import HELD
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.referee.claims import TRUE_M, TRUE_RAD

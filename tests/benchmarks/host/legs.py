@@ -33,8 +33,7 @@ from tests.benchmarks.host._route_outlines import faults
 from tests.benchmarks.host.routes import held
 
 from mdms_array.host import coordinator_of
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Planner
 from mdms_host.routes.space.tiles import Tiles

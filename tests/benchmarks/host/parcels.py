@@ -21,7 +21,7 @@ import numpy as np
 from mdms_array.host import layout_of, settings_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel, Tracker
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.program import FieldProgram

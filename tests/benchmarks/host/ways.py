@@ -17,8 +17,8 @@ from tests.host.motion.driving import LAYOUT
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import INSET_M, MARGIN_M, Footholds
-from mdms_host.motion.footing import straight_way
 from mdms_host.motion.goal import Goal
+from mdms_host.motion.safe_goals import straight_way
 from mdms_host.motion.way_search import WaySearch
 
 MIDDLE = (0.0, 0.0)

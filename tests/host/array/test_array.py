@@ -11,8 +11,8 @@ from mdms_array.array import believe
 from mdms_array.host import coordinator_of, gains_vs_per_m, layout_of, parcels_of
 from mdms_host.cli.exits import exit_of
 from mdms_host.commissioning.array_file import ArrayFileError
-from mdms_host.coordination.phase import Phase
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.coordination.run_state import Phase
+from mdms_host.estimation.footprint import Rectangle
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import ScenarioError

@@ -15,8 +15,7 @@ from mdms_array.host import (
     settings_of,
 )
 from mdms_host.can_link.sdo_client import Setting
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.estimation.outlines.polygon import Polygon
+from mdms_host.estimation.footprint import Disc, Polygon
 from mdms_model.array import build_wheels
 from mdms_model.errors import InputError
 from mdms_model.fields import FieldError

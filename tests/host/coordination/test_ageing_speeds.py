@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from mdms_host.coordination.care.policy import Policy
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.coordination.recovery import Policy
+from mdms_host.coordination.run_state import Phase
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.program import FieldProgram

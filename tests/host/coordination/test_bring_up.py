@@ -7,8 +7,7 @@ from tests.host.coordination.arrays import BOTTOM, LAYOUT, running, still
 from mdms_cell.canopen.objects import Objects
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
-from mdms_host.coordination.schedule import Timing
+from mdms_host.coordination.run_state import Phase, Timing
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import record, signature

@@ -5,10 +5,9 @@ from tests.host.coordination.arrays import BOTTOM, LAYOUT, still
 from mdms_array.host import Cells, coordinator_of
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo_server import SdoServer
-from mdms_host.coordination.cell_setup.identification import Identification
-from mdms_host.coordination.cell_setup.steering_settings import HEARTBEAT_LIMIT_MS
+from mdms_host.coordination.cell_setup import HEARTBEAT_LIMIT_MS, Identification
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.run_state import Phase
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal

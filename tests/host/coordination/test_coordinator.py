@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.host.coordination.arrays import BOTTOM, BOX, LAYOUT, STRICT, running, steering, still
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.run_state import Phase
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram

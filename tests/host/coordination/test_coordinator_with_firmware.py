@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.run_state import Phase
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import pdo

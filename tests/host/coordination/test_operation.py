@@ -7,8 +7,7 @@ from tests.host.cells_link import CellsLink
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, operate
-from mdms_host.coordination.phase import Phase
-from mdms_host.coordination.schedule import Timing
+from mdms_host.coordination.run_state import Phase, Timing
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol.codecs import nmt

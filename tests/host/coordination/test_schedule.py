@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.coordination.schedule import Schedule
+from mdms_host.coordination.run_state import Schedule
 
 
 def test_a_thing_is_due_once_a_period() -> None:

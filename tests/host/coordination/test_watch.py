@@ -6,10 +6,9 @@ from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import traction_of
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import Phase
-from mdms_host.coordination.watching.following import Following
-from mdms_host.coordination.watching.watch import Watch
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.coordination.run_state import Phase
+from mdms_host.coordination.watch import Following, Watch
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal

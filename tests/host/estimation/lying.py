@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mdms_host.estimation.change import Change, Event
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.belief import Change, Event
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.estimation.tracker import Parcel, Tracker
 from mdms_host.layout import Layout, WheelPlace
 from mdms_model.arrays import Bools, Floats

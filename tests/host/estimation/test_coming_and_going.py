@@ -5,9 +5,8 @@ import pytest
 from shapely import Polygon as Shape
 from tests.host.estimation.lying import WHEELS, Lying
 
-from mdms_host.estimation.belief import Kind
-from mdms_host.estimation.change import Event
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.belief import Event, Kind
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Gate, Parcel, Region
 from mdms_host.layout import Layout
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from tests.host.estimation.lying import WHEELS, Lying
 
-from mdms_host.estimation.change import Event
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.belief import Event
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.size import rectangles_of, size_of
 from mdms_host.layout import Layout
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel, Tracker
 from mdms_host.layout import Layout
 

@@ -10,9 +10,8 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.trajectory.follower import Carried
-from mdms_host.motion.trajectory.mass import Mass, uniform_mass
-from mdms_host.motion.trajectory.traction import Traction
-from mdms_host.motion.trajectory.wheel_drives import wheel_drives_of
+from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
+from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
 from mdms_model.arrays import Floats
 from mdms_model.scenario.scenario import Array, Cell, Scenario, Wheel
 from mdms_model.scenario.scenario import Parcel as TrueParcel

@@ -1,7 +1,7 @@
 import numpy as np
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.motion.allocation import FREE, Claim, allocate
+from mdms_host.estimation.footprint import Rectangle
+from mdms_host.motion.carrying import FREE, Claim, allocate
 
 BOX = Rectangle(0.30, 0.20)
 

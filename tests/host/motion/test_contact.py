@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.motion.contact import Body, Contacts, gap_m, has_room_to
 from mdms_host.motion.trajectory.path import straight
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.host.motion.driving import LAYOUT, WHEELS
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.footholds import Footholds
 from mdms_model.outline import polygon_outline

@@ -5,8 +5,8 @@ from tests.host.motion.driving import Table, mass_of, traction_of
 
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.footing import Load, least_footing, straight_way
 from mdms_host.motion.goal import Goal, GoalController
+from mdms_host.motion.safe_goals import Load, least_footing, straight_way
 from mdms_model.outline import outline_of
 from mdms_model.scenario.scenario import Parcel
 

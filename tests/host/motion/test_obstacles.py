@@ -6,11 +6,11 @@ from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import Table, traction_of
 
 from mdms_host.estimation.belief import Belief, Kind
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
+from mdms_host.motion.contact import Obstacles
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.obstacles import Obstacles
 from mdms_host.motion.program import GoalProgram
 from mdms_host.motion.trajectory.path import Path, straight
 

@@ -6,7 +6,7 @@ from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import traction_of
 
 from mdms_host.estimation.belief import Belief, Kind
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.contact import gap_m

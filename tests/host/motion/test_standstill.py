@@ -3,7 +3,7 @@ import pytest
 from tests.host.motion.driving import BOX, Table, mass_of, traction_of
 
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.standstill import Standstill
+from mdms_host.motion.outcome import Standstill
 
 STEP_S = 0.01
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.programs.order import Gate
 from mdms_host.programs.program import Member, TableProgram
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from mdms_array.host import layout_of, masses_of, parcels_of, table_program, traction_of
-from mdms_host.estimation.belief import Belief, Kind
-from mdms_host.estimation.pose.confirmation import Standing
-from mdms_host.estimation.presence.sensor_groups import SensorGroups
+from mdms_host.estimation.belief import Belief, Kind, Standing
+from mdms_host.estimation.presence import SensorGroups
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.physics.plane.handling import lift, set_down
 from mdms_sim.physics.plane.world import World

@@ -5,7 +5,7 @@ import pytest
 from tests.host.programs.hands import Stage
 
 from mdms_host.estimation.belief import Belief, Kind
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.size import Size
 from mdms_host.programs.table import Newcomer, ProgramError
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.routes.errand import Task
 from mdms_host.routes.space.shape import Shape
 

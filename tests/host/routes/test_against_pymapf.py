@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pymapf import Agent, ConflictBasedSearch, GridMap, MAPFProblem, space_time_astar
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Planner

@@ -8,7 +8,7 @@ from tests.benchmarks.host.routes import held
 from tests.host.motion.driving import LAYOUT
 from tests.host.routes.parcels import BOX, task
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.planner import Planner

@@ -15,7 +15,7 @@ from mdms_host.routes.space.tiles import Tiles
 
 PLANNED = """
 import numpy as np
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Planner

@@ -7,7 +7,7 @@ import numpy as np
 import mdms_array as mdms
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import verdict
-from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.run_state import Phase
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.neighbours import frames as wire

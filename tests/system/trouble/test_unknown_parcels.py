@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mdms_array as mdms
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.motion.contact import gap_m
 from mdms_model.scenario.file import scenario_from
 

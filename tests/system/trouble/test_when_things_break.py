@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mdms_array as mdms
-from mdms_host.coordination.phase import Phase
+from mdms_host.coordination.run_state import Phase
 from mdms_model.scenario.file import load_scenario
 
 #: 12 cells, of which the sixth lies under the box all the way.

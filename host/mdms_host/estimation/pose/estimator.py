@@ -8,15 +8,14 @@ from math import hypot, inf, log, pi, sqrt
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
-from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.estimation.pose.confirmation import Confirmation, Standing
+from mdms_host.estimation.belief import Confirmation, Standing
+from mdms_host.estimation.footprint import Bottom, Rectangle
+from mdms_host.estimation.locating import Location
 from mdms_host.estimation.pose.feeling import edge_of, move_to_feel
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
 from mdms_host.estimation.pose.sliding import Sliding
-from mdms_host.estimation.presence.surroundings import Near, Surroundings
-from mdms_host.estimation.search.locate import Location
+from mdms_host.estimation.presence import Near, Surroundings
 from mdms_model.arrays import Bools, Floats
 from mdms_model.scenario.scenario import DRAWN_M
 

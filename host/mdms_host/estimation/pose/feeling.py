@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_model.arrays import Bools, Floats
 
 #: A place is known well enough within these, as standard deviations [m, rad]: within 3 mm and 1

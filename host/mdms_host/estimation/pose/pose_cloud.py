@@ -7,7 +7,7 @@ carried along with the wheels, and each counts as much as the sensors agree with
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: So many poses are kept.

@@ -1,14 +1,66 @@
-"""Parcels roll on with the wheels under them: the twists of all, from the speeds of all wheels."""
+"""Parcels roll on with the wheels under them: the twists of all, from the speeds of all wheels.
 
-from collections.abc import Iterable
+The twist is the one that most wheels under a parcel agree on: wheels that slip count little.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mdms_host.estimation.pose.estimator import ParcelEstimator
-from mdms_host.estimation.pose.twist_fit import fit_twists
-from mdms_host.estimation.presence.surroundings import Near
+from mdms_host.estimation.presence import Near
 from mdms_model.arrays import Bools, Floats
+
+#: Wheels this far from the fit are taken to slip.
+_SLIPPING_M_S = 0.003
+_ROUNDS = 5
+#: Keeps a fit solvable, and at zero, where no wheel shows a motion (a row: neither y nor yaw).
+_RIDGE = 1e-10
+#: The nine sums of a round are of products of two of the columns (u, v, w, speed).
+_LEFT = [0, 0, 0, 1, 1, 2, 3, 3, 3]
+_RIGHT = [0, 1, 2, 1, 2, 2, 0, 1, 2]
+
+
+def fit_twists(jacobians: Sequence[Floats], speeds_m_s: Sequence[Floats], starts: Floats) -> Floats:
+    """Twists that explain the speeds of the wheels of each of P parcels, shape (P, 3).
+
+    Least squares, reweighted in rounds: an error e counts as 1 / (1 + (e / s)^2), s being one and a
+    half of their median. A jacobian, of shape (W, 3), maps a twist to speeds, of shape (W,), of at
+    least one wheel; its columns should be of one unit. `starts` are of shape (P, 3).
+    """
+    counts = np.array([len(speeds) for speeds in speeds_m_s])
+    columns = np.zeros((len(counts), 4, counts.max()))
+    for number, (jacobian, speeds) in enumerate(zip(jacobians, speeds_m_s, strict=True)):
+        columns[number, :3, : len(speeds)] = jacobian.T
+        columns[number, 3, : len(speeds)] = speeds
+    is_wheel = np.arange(counts.max()) < counts[:, None]
+    nothing = np.where(is_wheel, 0.0, np.inf)
+    products = columns[:, _LEFT] * columns[:, _RIGHT]
+    # The middle one, or the upper of the two.
+    middle = np.arange(len(counts)), counts // 2
+    twists = starts
+    for _ in range(_ROUNDS):
+        x, y, z = twists.T[:, :, None]
+        squares = (columns[:, 3] - columns[:, 0] * x - columns[:, 1] * y - columns[:, 2] * z) ** 2
+        median = np.sort(squares + nothing, axis=1)[middle]
+        weight = is_wheel / (np.maximum(_SLIPPING_M_S**2, 2.25 * median)[:, None] + squares)
+        # Summed one after the other, so that the result is the same on every machine.
+        twists = _solve((weight[:, None] * products).cumsum(axis=2)[:, :, -1])
+    return twists
+
+
+def _solve(sums: Floats) -> Floats:
+    """Solutions of [[a b c] [b d e] [c e f]] (x y z) = (p q r), by L D L^T, with a ridge."""
+    a, b, c, d, e, f, p, q, r = sums.T
+    ridge = _RIDGE * (a + d + f)
+    a, d, f = a + ridge, d + ridge, f + ridge
+    low_b, low_c = b / a, c / a
+    d, e, f, q, r = d - low_b * b, e - low_b * c, f - low_c * c, q - low_b * p, r - low_c * p
+    low_e = e / d
+    z = (r - low_e * q) / (f - low_e * e)
+    y = (q - e * z) / d
+    return np.column_stack(((p - b * y - c * z) / a, y, z))
 
 
 @dataclass(frozen=True, slots=True)

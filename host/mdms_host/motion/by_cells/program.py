@@ -8,21 +8,17 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.by_cells.followed import Followed
-from mdms_host.motion.by_cells.observed import Observed
-from mdms_host.motion.by_cells.precedence import Precedences, Turn
-from mdms_host.motion.by_cells.reports import Reports
-from mdms_host.motion.by_cells.sending import ENDS, Sending
-from mdms_host.motion.by_cells.stages import Stages
-from mdms_host.motion.by_cells.way import Way
+from mdms_host.motion.by_cells.reports import Observed, Reports
+from mdms_host.motion.by_cells.sending import ENDS, Precedences, Sending, Turn, Way
+from mdms_host.motion.by_cells.stages import Followed, Stages
 from mdms_host.motion.contact import has_room, has_room_to
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.outcome import TRIES, Tries
 from mdms_host.motion.safe_goals import Places
-from mdms_host.motion.standstill import TRIES, Tries
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Estimate, Page

@@ -1,16 +1,52 @@
-"""The cells' reports of the parcels that they steer: identity, state, and missing programs."""
+"""Parcels that cells steer, by their reports and the host's beliefs: state, progress and place.
 
-from collections.abc import Iterator
-from math import pi
+Cells that lose a parcel keep for a while where they had it. Where it is set down again meanwhile,
+that may suit the sensors of some of them as well: these steer it by the old place, and others by
+the one where it is. A person is told which cells, and only of what lasts, once.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from math import degrees, hypot, inf, pi
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.places import neighbours_of
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Estimate
+
+#: A state that lasts so long is reported [s].
+REPORTED_S = 1.0
+
+
+class Lasting:
+    """Something that is reported once each time that it has held for a while."""
+
+    def __init__(self, after_s: float = REPORTED_S) -> None:
+        self._after_s = after_s
+        self._since_s: float | None = None
+
+    def step(self, holds: bool, now_s: float) -> bool:
+        """Take in whether it holds; whether to report it."""
+        if not holds:
+            self._since_s = None
+        elif self._since_s is None:
+            self._since_s = now_s
+        elif now_s - self._since_s >= self._after_s:
+            self._since_s = inf
+            return True
+        return False
+
+
+def cells_text(numbers: Collection[int]) -> str:
+    """How notices call these cells."""
+    listed = ", ".join(map(str, sorted(numbers)))
+    return f"cell {listed}" if len(numbers) == 1 else f"cells {listed}"
+
 
 #: A cell at a parcel reports at every SYNC; a report counts for nothing after so long [s].
 FRESH_S = 0.05
@@ -116,3 +152,178 @@ class Reports:
             its = self.of(estimate.identity).get(neighbour)
             if its is None or its.state < wire.PROMISED:
                 yield neighbour
+
+
+#: Cells at a border hold a parcel, let it go by a hair, and hold it again: a parcel that was held
+#: so lately still is [s].
+_AGAIN_S = 0.5
+#: A parcel that has made more way since gets on [m].
+_WAY_M = 0.01
+#: A hold that lasts so long is reported [s].
+_HELD_S = 1.0
+
+
+class Blocked:
+    """Looks at one parcel; `held` are the cells that held it last, each with those it lacked."""
+
+    def __init__(self) -> None:
+        self.held: Mapping[int, set[int]] = {}
+        self._held_s = -inf
+        self._since_s = inf
+        self._left_m = inf
+        self._reported = False
+
+    def step(self, held: Mapping[int, set[int]], left_m: float, now_s: float) -> bool:
+        """Take in the cells that hold it, and the way left; whether to report it, once each time.
+
+        `held` is empty where no cell holds it.
+        """
+        if held:
+            self.held, self._held_s = held, now_s
+        if now_s - self._held_s > _AGAIN_S:
+            self._since_s, self._reported = inf, False
+        elif self._since_s == inf or left_m < self._left_m - _WAY_M:
+            self._since_s, self._left_m, self._reported = now_s, left_m, False
+        lasts = now_s - self._since_s >= _HELD_S and not self._reported
+        self._reported |= lasts
+        return lasts
+
+
+#: Cells are off by so much, a corner's way included [m]: by more than host and cells may be off at
+#: rest, and by less than places are apart that suit the same sensors.
+_OFF_M = 0.05
+#: One alone may be wrong about its own place, and is left out by the others.
+_CELLS = 2
+#: A disagreement that does not last so long comes of late frames [s].
+_LASTS_S = 0.1
+
+Pose = tuple[float, float, float]
+
+
+class Elsewhere:
+    """Looks at one parcel of this bottom."""
+
+    def __init__(self, bottom: Bottom) -> None:
+        self._bottom = bottom
+        self._since_s = inf
+
+    def step(
+        self, pose: Floats | None, theirs: Mapping[int, Pose], now_s: float
+    ) -> Collection[int]:
+        """The cells that have been wrong about a parcel for too long, once each time.
+
+        `pose` is the host's, shape (3,), None while it is not sure of it; `theirs` are those that
+        cells (from 1) steer it by.
+        """
+        wrong = [
+            cell
+            for cell, its in theirs.items()
+            if pose is not None and self._off_m(pose, its) > _OFF_M
+        ]
+        if len(wrong) < _CELLS:
+            self._since_s = inf
+            return ()
+        self._since_s = min(self._since_s, now_s)
+        if now_s - self._since_s < _LASTS_S:
+            return ()
+        self._since_s = inf
+        return wrong
+
+    def _off_m(self, pose: Floats, its: Pose) -> float:
+        x_m, y_m, yaw_rad = pose.tolist()
+        turn_rad = self._bottom.nearest_yaw_rad(its[2], yaw_rad) - yaw_rad
+        return hypot(its[0] - x_m, its[1] - y_m, turn_rad * self._bottom.reach_m)
+
+
+#: Where cells report a parcel at its goal for so long [s], and the host believes it elsewhere, they
+#: are given it anew where the host believes it, so many times at most: as it moves, edges show its
+#: place to both.
+_APART_S = 0.4
+_GIVEN_ANEW = 5
+
+
+class Observed:
+    """Compares the cells' reports of a parcel, by its identity, with the host's belief of it.
+
+    Reports to a person are passed to `note`. `apart` is whether the cells must get the parcel anew:
+    for them it has arrived, for the host it has not.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        identity: int,
+        bottom: Bottom,
+        reports: Reports,
+        note: Callable[[str], None],
+    ) -> None:
+        self._name = name
+        self._identity = identity
+        self._reports = reports
+        self._note = note
+        self._elsewhere = Elsewhere(bottom)
+        self.begin_again()
+
+    def begin_again(self) -> None:
+        """It was at rest meanwhile: the times of lasting states begin anew."""
+        self._blocked = Blocked()
+        self._apart, self._apart_for_long = Lasting(_APART_S), Lasting()
+        self._given_anew, self._told = 0, False
+        self.apart = False
+
+    def follow(
+        self,
+        followed: Followed,
+        belief: Belief | None,
+        *,
+        has_program: bool,
+        now_s: float,
+        step_s: float,
+    ) -> bool:
+        """Compare its way with its program, which its cells have; whether it stands."""
+        if belief is None:
+            followed.lose()
+            return False
+        self.apart = False
+        arrived = self._reports.have_arrived(self._identity)
+        under = self._reports.under(self._identity).values()
+        clear = bool(under) and all(each.hold == wire.HOLD_NONE for each in under)
+        stands = followed.see(belief.pose, arrived, has_program and clear, step_s)
+        if self._blocked.step(self._reports.held(self._identity), followed.left_m, now_s):
+            self._note_blocked()
+        if followed.there:
+            self._given_anew, self._told = 0, False
+        apart = arrived and not followed.there
+        if self._apart.step(apart, now_s):
+            self.apart = self._given_anew < _GIVEN_ANEW
+            self._given_anew += 1
+        again = self.apart and self._given_anew > 1
+        if (self._apart_for_long.step(apart, now_s) or again) and followed.miss:
+            self._contradict(*followed.miss)
+        return stands
+
+    def _contradict(self, off_m: float, off_rad: float) -> None:
+        """The cells take it for arrived where the host does not; reported once."""
+        if not self._told:
+            self._note(
+                f"the cells report {self._name} at its goal, but it is believed "
+                f"{1e3 * off_m:.1f} mm and {degrees(abs(off_rad)):.1f} degrees from it"
+            )
+        self._told = True
+
+    def is_elsewhere(self, belief: Belief | None, now_s: float) -> bool:
+        """Whether its cells are to drop it, for some steer it by another place; once each time."""
+        pose = None if belief is None else belief.pose
+        theirs = self._reports.poses(self._identity)
+        wrong = self._elsewhere.step(pose, theirs, now_s)
+        if wrong:
+            self._note(
+                f"{cells_text(wrong)} have {self._name} elsewhere: its program is sent again"
+            )
+        return bool(wrong)
+
+    def _note_blocked(self) -> None:
+        held = self._blocked.held
+        lacked = set().union(*held.values())
+        lacks = f" and lack {cells_text(lacked)}" if lacked else ""
+        self._note(f"{self._name} is blocked: {cells_text(held)} want the way ahead{lacks}")

@@ -1,17 +1,121 @@
-"""Frames to the cells of one parcel: its program, until they acknowledge it, or its end."""
+"""Frames to the cells: the program of one parcel, until they acknowledge it, or its end.
 
-from collections.abc import Callable, Iterator
-from math import inf
+A program is the parcel, its place and its goal, and leg by leg the way beyond it while the host is
+gone. Cells also get the order in which parcels come over them: one cell after another, round and
+round. They do not acknowledge it, and need it only once the host is gone.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import inf, pi
+from typing import NamedTuple
 
 from mdms_host.estimation.tracker import Parcel
-from mdms_host.motion.by_cells.notices import Lasting, cells_text
-from mdms_host.motion.by_cells.pages import flags_of, parcel_page, place_page
-from mdms_host.motion.by_cells.reports import Reports
-from mdms_host.motion.by_cells.way import Way
-from mdms_host.motion.goal import Limits
+from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.reports import Lasting, Reports, cells_text
+from mdms_host.motion.goal import Goal, Limits
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours.messages import End, Page
+from mdms_protocol.neighbours import messages, precedence
+from mdms_protocol.neighbours.messages import End, Page, Precedence
+
+_STEP_M = wire.STEP_UM * 1e-6
+_SHAPES = {"rectangle": wire.RECTANGLE, "disc": wire.DISC}
+
+
+def parcel_page(
+    identity: int, sequence: int, parcel: Parcel, limits: Limits, flags: int
+) -> messages.Parcel:
+    """Outline and limits of a parcel; limits below a step of the wire are one step.
+
+    Raises KeyError for a shape that no page has.
+    """
+    return messages.Parcel(
+        identity,
+        sequence,
+        _SHAPES[parcel.shape],
+        round(parcel.length_m / _STEP_M),
+        round((parcel.length_m if parcel.shape == "disc" else parcel.width_m) / _STEP_M),
+        max(round(limits.acceleration_m_s2 * 1e3 / wire.ACCELERATION_MM_S2), 1),
+        max(round(limits.speed_m_s * 1e3 / wire.SPEED_MM_S), 1),
+        flags,
+    )
+
+
+def flags_of(goal: Goal | None, *, go_on: bool, planned: bool) -> int:
+    """The flags of a parcel on its way to a goal."""
+    any_yaw = goal is not None and goal.yaw_rad is None
+    flags = (wire.GO_ON if go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
+    return flags | (0 if planned else wire.UNPLANNED)
+
+
+def place_page(identity: int, sequence: int, pose: Floats) -> messages.Place:
+    """Where a parcel is."""
+    x_m, y_m, yaw_rad = pose.tolist()
+    return messages.Place(identity, sequence, *_steps(x_m, y_m, yaw_rad))
+
+
+def goal_page(
+    identity: int, sequence: int, goal: Goal, leg: int = 0, legs: int = 0
+) -> messages.Goal:
+    """Where a parcel is to go, or where a leg of its way ends; `leg` and `legs` as in `frames`."""
+    steps = _steps(goal.x_m, goal.y_m, goal.yaw_rad or 0.0)
+    return messages.Goal(identity, sequence, *steps, leg, legs)
+
+
+def _steps(x_m: float, y_m: float, yaw_rad: float) -> tuple[int, int, int]:
+    half = wire.TURN // 2
+    turn = (round(yaw_rad / (2 * pi) * wire.TURN) + half) % wire.TURN - half
+    return round(x_m / _STEP_M), round(y_m / _STEP_M), turn
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A goal, and the ends of the legs that follow it, in this order.
+
+    `joins` is whether it is the rest of the way that the cells have already. Then they keep their
+    pages of it; otherwise these count no more.
+    """
+
+    places: tuple[Goal, ...]
+    joins: bool = False
+
+    @property
+    def goal(self) -> Goal:
+        """Where the parcel goes now."""
+        return self.places[0]
+
+    @property
+    def legs(self) -> int:
+        """How many legs follow."""
+        return len(self.places) - 1
+
+    def after(self, before: "Way | None") -> "Way":
+        """The same way, as the cells get it that have the way `before`."""
+        if before is None or not before.legs or not self.legs:
+            return self
+        next_leg = _numbers(self.goal) == _numbers(before.places[1])
+        theirs = before.places[2:] if next_leg else before.places[1:]
+        joins = all(
+            _numbers(mine) == _numbers(its)
+            for mine, its in zip(self.places[1:], theirs, strict=False)
+        )
+        return replace(self, joins=joins)
+
+    def rest(self) -> "Way":
+        """The way once the goal is reached; there have to be legs."""
+        return Way(self.places[1:], joins=True)
+
+    def page(self, identity: int, sequence: int, leg: int = 0) -> Page:
+        """The page of the goal, or of the leg so many after it."""
+        number = leg or (wire.JOINS if self.joins else 0)
+        return goal_page(identity, sequence, self.places[leg], number, self.legs)
+
+
+def _numbers(goal: Goal) -> Page:
+    """The numbers that cells get of a place."""
+    return goal_page(1, 1, goal)
+
 
 #: Pages are repeated so often [s] until the cells have acknowledged them.
 REPEAT_S = 0.05
@@ -218,3 +322,47 @@ class Sending:
             for cell, estimate in self._reports.of(self.identity).items()
             if estimate.sequence == sequence and not (sequence and estimate.flags & wire.LACKING)
         }
+
+
+#: Pages of two cells are so far apart [s].
+_PAGE_S = 0.02
+
+
+class Turn(NamedTuple):
+    """A parcel comes over a cell, for the first time on its way from this path coordinate [m]."""
+
+    parcel: str
+    enters_m: float
+
+
+class Precedences:
+    """The orders over all cells that have one, or had: those get to know that it is over."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._columns = layout.columns
+        self._orders: dict[int, tuple[Turn, ...]] = {}
+        self._numbers: dict[int, int] = {}
+        self._queue: list[int] = []
+        self._due_s = -inf
+
+    def set(self, orders: Mapping[int, tuple[Turn, ...]]) -> None:
+        """Have these be the orders over cells (from 1), and no others."""
+        wanted = {**dict.fromkeys(self._orders, ()), **orders}
+        changed = [cell for cell, order in wanted.items() if self._orders.get(cell) != order]
+        self._orders = wanted
+        for cell in changed:
+            self._numbers[cell] = (self._numbers.get(cell, 0) + 1) % precedence.NUMBERS
+        # Changed orders go first.
+        self._queue = [*changed, *(cell for cell in self._queue if cell not in changed)]
+
+    def pages(self, identities: Mapping[str, int], now_s: float) -> Iterator[Page]:
+        """The page to send now, if it is time; once a cycle. Parcels have these identities."""
+        if not self._queue or now_s < self._due_s:
+            return
+        self._due_s = now_s + _PAGE_S
+        cell = self._queue.pop(0)
+        self._queue.append(cell)
+        row, column = divmod(cell - 1, self._columns)
+        turns = self._orders[cell][: precedence.PLACES]
+        order = tuple(identities[turn.parcel] for turn in turns)
+        yield Precedence(self._numbers[cell], column + 1, row + 1, order)

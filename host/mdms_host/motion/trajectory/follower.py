@@ -15,12 +15,10 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.motion.trajectory.grip import Given, Grip
 from mdms_host.motion.trajectory.path import Path
-from mdms_host.motion.trajectory.reference import Reference
-from mdms_host.motion.trajectory.speed_profile import SpeedProfile
+from mdms_host.motion.trajectory.speed_profile import Reference, SpeedProfile
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats, Ints
 

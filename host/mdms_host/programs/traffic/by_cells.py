@@ -5,14 +5,13 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.motion.goal import Goal, Limits
-from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.legs import Legs
 from mdms_host.programs.traffic.ordered import OrderedTraffic

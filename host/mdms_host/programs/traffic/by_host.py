@@ -2,8 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.gain import Gain
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.grip import Grip

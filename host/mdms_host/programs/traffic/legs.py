@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.motion.by_cells.followed import Followed
+from mdms_host.estimation.footprint import Disc
+from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.programs.order import Order

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.trajectory.mass import Mass
+from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch, KeptFree, NoWay
 from mdms_host.programs.traffic.planning import Desk

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from math import inf
 
-from mdms_host.motion.by_cells.precedence import Turn
+from mdms_host.motion.by_cells.sending import Turn
 from mdms_host.routes.reservations import Reservations, Visit
 from mdms_host.routes.space.tiles import Tiles
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.standstill import Standstill
+from mdms_host.motion.outcome import Standstill
 from mdms_host.motion.trajectory.follower import Carried, Follower
 from mdms_host.motion.trajectory.grip import Grip
-from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.path import Path
+from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.speed_profile import SpeedProfile
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Gate, Order

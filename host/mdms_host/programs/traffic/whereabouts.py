@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.outlines.bottom import Bottom
+from mdms_host.estimation.footprint import Bottom
 from mdms_host.motion.contact import has_room
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import Route

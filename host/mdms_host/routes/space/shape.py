@@ -6,8 +6,7 @@ from math import pi
 
 import numpy as np
 
-from mdms_host.estimation.outlines.bottom import Bottom
-from mdms_host.estimation.outlines.disc import Disc
+from mdms_host.estimation.footprint import Bottom, Disc
 from mdms_host.routes.space.sweep import Body
 from mdms_model.outline import Outline, polygon_outline
 

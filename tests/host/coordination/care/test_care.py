@@ -7,9 +7,9 @@ import pytest
 from tests.host.cells_link import CellsLink
 
 from mdms_host.can_link.link import drive
-from mdms_host.coordination.care.policy import OnLostCell, Policy
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.phase import HELD, Phase
+from mdms_host.coordination.recovery import OnLostCell, Policy
+from mdms_host.coordination.run_state import HELD, Phase
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import pdo

@@ -1,4 +1,4 @@
-from mdms_host.coordination.speeds.speed_reports import SpeedReports
+from mdms_host.coordination.wheel_speeds import SpeedReports
 
 
 def reports(cells: int = 3, syncs: int = 0) -> SpeedReports:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.coordination.speeds.velocity_frames import VelocityFrames
+from mdms_host.coordination.wheel_speeds import VelocityFrames
 from mdms_protocol import pdo
 from mdms_protocol.entry import OutOfRangeError
 

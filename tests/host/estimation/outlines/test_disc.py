@@ -2,11 +2,11 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mdms_host.estimation.outlines.disc import Disc
+from mdms_host.estimation.footprint import Disc
+from mdms_host.estimation.locating import locate
 from mdms_host.estimation.pose.estimator import ParcelEstimator
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
-from mdms_host.estimation.presence.surroundings import Surroundings
-from mdms_host.estimation.search.locate import locate
+from mdms_host.estimation.presence import Surroundings
 from mdms_host.layout import Layout, WheelPlace
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0))))

@@ -3,9 +3,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mdms_host.estimation.outlines.polygon import Polygon
-from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.estimation.search.locate import locate
+from mdms_host.estimation.footprint import Polygon, Rectangle
+from mdms_host.estimation.locating import locate
 from mdms_host.layout import Layout
 
 SENSORS_M = Layout(6, 3).sensor_positions_m.reshape(-1, 2)

@@ -2,8 +2,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mdms_host.estimation.outlines.bottom import local_m
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle, local_m
 
 POSE = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)).map(np.array)
 POINT = st.tuples(st.floats(-1, 1), st.floats(-1, 1)).map(lambda point: np.array([point]))

@@ -1,4 +1,4 @@
-from mdms_host.estimation.pose.confirmation import Confirmation, Standing
+from mdms_host.estimation.belief import Confirmation, Standing
 
 
 def shown_until(last_s: float, now_s: float, confirmation: Confirmation) -> Standing:

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.belief import Standing
+from mdms_host.estimation.footprint import Rectangle
+from mdms_host.estimation.locating import Location, locate
 from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
-from mdms_host.estimation.presence.surroundings import Surroundings
-from mdms_host.estimation.search.locate import Location, locate
+from mdms_host.estimation.presence import Surroundings
 from mdms_host.layout import Layout, WheelPlace
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))

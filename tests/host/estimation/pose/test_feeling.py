@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.outlines.bottom import Bottom
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Bottom, Disc, Rectangle
 from mdms_host.estimation.pose.feeling import move_to_feel
 from mdms_host.layout import Layout
 

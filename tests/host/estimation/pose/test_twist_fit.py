@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.estimation.pose.twist_fit import fit_twists
+from mdms_host.estimation.pose.rolling import fit_twists
 
 START = (0.0, 0.0, 0.0)
 SEEDS = st.integers(0, 2**32 - 1)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.presence.presence_map import PresenceMap
+from mdms_host.estimation.presence import PresenceMap
 
 CELLS, SENSORS = 6, 5
 #: Cells 1 to 4 lie deep under a parcel, the others far beside it.

@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from mdms_host.estimation.search.assignment import assign
+from mdms_host.estimation.roll_call import assign
 
 
 @settings(deadline=None, max_examples=200)

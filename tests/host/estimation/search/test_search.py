@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.estimation.search.search import Search
+from mdms_host.estimation.footprint import Rectangle
+from mdms_host.estimation.locating import Search
 from mdms_host.layout import Layout
 
 LAYOUT, BOTTOM = Layout(6, 3), Rectangle(0.36, 0.30)

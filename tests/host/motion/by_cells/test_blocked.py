@@ -1,4 +1,4 @@
-from mdms_host.motion.by_cells.blocked import Blocked
+from mdms_host.motion.by_cells.reports import Blocked
 
 STEP_S = 0.01
 HELD = {3: {4}, 9: {10}}

@@ -3,10 +3,8 @@ from math import pi
 import numpy as np
 import pytest
 
-from mdms_host.estimation.outlines.bottom import Bottom
-from mdms_host.estimation.outlines.disc import Disc
-from mdms_host.estimation.outlines.rectangle import Rectangle
-from mdms_host.motion.by_cells.elsewhere import Elsewhere, Pose
+from mdms_host.estimation.footprint import Bottom, Disc, Rectangle
+from mdms_host.motion.by_cells.reports import Elsewhere, Pose
 
 STEP_S = 0.01
 HERE = np.array([0.1, 0.0, 0.2])

@@ -9,7 +9,7 @@ from tests.host.motion.by_cells.table import (
     reports,
 )
 
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.belief import Standing
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 

@@ -10,7 +10,7 @@ from tests.host.motion.by_cells.table import (
     reports,
 )
 
-from mdms_host.motion.by_cells.pages import parcel_page
+from mdms_host.motion.by_cells.sending import parcel_page
 from mdms_host.motion.goal import Goal, Limits
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages

@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.host.motion.driving import BOX, LAYOUT, mass_of
 
-from mdms_host.motion.trajectory.mass import Mass, uniform_mass
-from mdms_host.motion.trajectory.pushes import Pushes, pushes_at
+from mdms_host.motion.trajectory.pushes import Mass, Pushes, pushes_at, uniform_mass
 from mdms_model.statics.supports import press
 
 WEIGHT_N = 2.0 * 9.81

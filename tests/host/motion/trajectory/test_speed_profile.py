@@ -9,9 +9,8 @@ from tests.host.motion.driving import BOX, LAYOUT, mass_of, traction_of
 from toppra.algorithm import TOPPRA
 from toppra.constraint import SecondOrderConstraint
 
-from mdms_host.motion.trajectory.mass import Mass
 from mdms_host.motion.trajectory.path import Path, straight
-from mdms_host.motion.trajectory.pushes import pushes_at
+from mdms_host.motion.trajectory.pushes import Mass, pushes_at
 from mdms_host.motion.trajectory.speed_profile import SpeedProfile
 from mdms_host.motion.trajectory.traction import PLANNED_SHARE
 

@@ -3,10 +3,10 @@
 import numpy as np
 from tests.host.programs.traffic.test_legs import BOX
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.trajectory.mass import uniform_mass
+from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch
 from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualDesk

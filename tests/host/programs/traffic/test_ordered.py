@@ -10,7 +10,7 @@ import pytest
 from tests.host.programs.rolling import Rolling
 
 from mdms_array.recording import PlanLog
-from mdms_host.estimation.pose.confirmation import Standing
+from mdms_host.estimation.belief import Standing
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import ProgramError

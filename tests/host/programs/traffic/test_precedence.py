@@ -7,7 +7,7 @@ from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal, Limits
-from mdms_host.motion.trajectory.mass import uniform_mass
+from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_host.programs.traffic.planning import VirtualDesk

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.host.routes.parcels import BOX, task
 
-from mdms_host.estimation.outlines.rectangle import Rectangle
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.planner import Planner

@@ -1,0 +1,271 @@
+"""The cells of a layout on their way through the phases: their next commands, and their faults."""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from mdms_host.can_link.remote_cell import RemoteCell
+from mdms_host.can_link.sdo_client import PATIENT, SdoClient, Setting
+from mdms_host.coordination.cell_setup import (
+    NOTHING,
+    Configuration,
+    Identification,
+    SetUp,
+    steering_settings,
+    taken_back,
+)
+from mdms_host.coordination.run_state import STOPPED, Phase
+from mdms_host.layout import Layout
+from mdms_host.places import Place, all_values
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.emergencies import error_text
+from mdms_protocol.entry import OutOfRangeError, steps_per_unit
+
+_TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
+#: The neighbour layer of a cell takes its drives on from 'switched on', and back.
+_TOWARDS_SWITCHED_ON = {**_TOWARDS_ENABLED, cia402.SWITCHED_ON: cia402.SWITCH_ON}
+_ENABLED = frozenset((cia402.OPERATION_ENABLED,))
+_LED = frozenset((cia402.SWITCHED_ON, cia402.OPERATION_ENABLED))
+
+
+class BringUpCell(RemoteCell):
+    """A cell that gets these settings when it comes up, and whose first `axes` are used.
+
+    Then all of its stored settings must be as the run expects: the table's defaults, and these. Any
+    difference is a trouble: a stored polarity turns a wheel the wrong way, and a stored time-out
+    lets it drive on alone. Only those of `spare` do not matter (`Configuration`), and those of
+    `steering_settings` are set back where a run has left them behind. With `steers` the cell
+    enables its drives by itself, and these settings are taken back at the end. With `asks_board`
+    its board must be one that can steer.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        node_id: int,
+        axes: int,
+        settings: Iterable[Setting],
+        *,
+        spare: Mapping[Place, int] = NOTHING,
+        serial: int | None = None,
+        bus: int | None = None,
+        steers: bool = False,
+        asks_board: bool = False,
+    ) -> None:
+        super().__init__(number, node_id, bus)
+        self._axes = axes
+        self.steers = steers
+        self._ready = _LED if steers else _ENABLED
+        self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
+        self._set_back = SdoClient(node_id, taken_back() if steers else (), attempts=PATIENT)
+        self._settings = tuple(settings)
+        self._configuration = Configuration(node_id, self._settings, spare)
+        self._identification = Identification(node_id, axes, serial, asks_board=asks_board)
+        self._set_up = SetUp(node_id, self._settings, self._configuration)
+        self.restarted = False
+        self._written = False
+        self._ending = False
+        self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
+
+    @property
+    def enabled(self) -> bool:
+        """Whether all axes that are used are enabled, or the cell's own to enable."""
+        states = self.drive_states
+        return states is not None and self._ready.issuperset(states[: self._axes])
+
+    @property
+    def driven(self) -> tuple[bool, ...]:
+        """Whether each axis that is used may be driven now."""
+        states = self.drive_states or (None,) * self._axes
+        return tuple(state != cia402.SWITCHED_ON for state in states[: self._axes])
+
+    @property
+    def _setting_back(self) -> bool:
+        """Whether settings are still to be taken back; none are where none were written."""
+        return self._written and not (self._set_back.done or self._set_back.failure)
+
+    @property
+    def debounce_s(self) -> float:
+        """How late it reports a change of its presence sensors, by its settings [s]."""
+        entry = ENTRIES[indices.PRESENCE_DEBOUNCE, 0]
+        return self._configuration.values[entry.index, 0] / steps_per_unit(entry.unit)
+
+    @property
+    def other_protocol(self) -> str | None:
+        """The message about a cell of another protocol revision; None if the revision fits."""
+        return self._identification.other_protocol
+
+    @property
+    def other_board(self) -> str | None:
+        """The message about a cell with an unexpected serial number; None if the number fits."""
+        return self._identification.other_board
+
+    @property
+    def cannot_steer(self) -> str | None:
+        """Why its board cannot steer, if that was asked; None where it can."""
+        return self._identification.cannot_steer
+
+    @property
+    def refusal(self) -> str | None:
+        """Reason to refuse a cell that comes back: its identity or its errors; None to take it."""
+        return self._identification.refusal
+
+    @property
+    def mismatch(self) -> str | None:
+        """The unexpected stored settings, in words; None if there is none so far."""
+        mismatch = self._set_up.mismatch
+        return mismatch and f"not set up as this run expects: {mismatch}"
+
+    def begin_again(self) -> None:
+        """Come up anew, by reports that the cell sends from now on alone."""
+        self.nmt_state, self.drive_states, self.restarted = None, None, False
+        self._identification.begin_again()
+        self._set_up = SetUp(self.node_id, self._settings, self._configuration)
+
+    def on_heartbeat(self, data: bytes, now_s: float) -> None:
+        """A heartbeat; `restarted` is whether it has announced a start since it was operational."""
+        super().on_heartbeat(data, now_s)
+        if self.nmt_state in (nmt.INITIALISING, nmt.OPERATIONAL):
+            self.restarted = self.nmt_state == nmt.INITIALISING
+        if self.nmt_state != nmt.OPERATIONAL:
+            # All drives are off, and earlier reports of them are void.
+            self.drive_states = None
+
+    def on_answer(self, data: bytes, now_s: float) -> None:
+        """Take in an answer to a setting or to a read of the identity."""
+        self._identification.on_response(data)
+        if self._ending:
+            # Answers that the bring-up still waits for are of no interest any more.
+            self._set_back.on_response(data)
+        else:
+            self._set_up.on_response(data)
+
+    def has_reached(self, phase: Phase) -> bool:
+        """Whether the cell has reached the aim of a phase."""
+        match phase:
+            case Phase.WAITING:
+                return self.nmt_state == nmt.PRE_OPERATIONAL
+            case Phase.IDENTIFYING:
+                return self._identification.done
+            case Phase.CONFIGURING:
+                return self._set_up.verified or self.mismatch is not None
+            case Phase.STARTING:
+                return self.nmt_state == nmt.OPERATIONAL
+            case Phase.ENABLING:
+                return self.enabled
+            case _:
+                return not self.moving and not self._setting_back
+
+    def fault(self, phase: Phase) -> str | None:
+        """The cell's fault in a phase; None if it has none."""
+        if self._identification.failure:
+            return f"{self.name} cannot be identified: {self._identification.failure}"
+        if self._set_up.failure:
+            return f"{self.name} cannot be set up: {self._set_up.failure}"
+        if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
+            return f"{self.name} is no longer operational: it has restarted or was stopped"
+        if phase == Phase.RUNNING and not self.enabled:
+            return f"{self.name} has disabled its drives: {self.drives_text}"
+        return None
+
+    @property
+    def drives_text(self) -> str:
+        """The states of the drives in words, and the errors that stand."""
+        return "; ".join([self.drive_text, *(error_text(*error) for error in self.errors.items())])
+
+    def commands(self, phase: Phase, now_s: float) -> Iterator[Frame]:
+        """The commands that the cell still needs in a phase."""
+        if phase == Phase.WAITING and self.nmt_state in (nmt.OPERATIONAL, nmt.STOPPED):
+            # Left over from an earlier run: it begins anew, and reports its state again.
+            yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.node_id)
+        elif phase == Phase.IDENTIFYING:
+            yield from self._identification.poll(now_s)
+        elif phase == Phase.CONFIGURING:
+            self._written = True
+            yield from self._set_up.poll(now_s)
+        elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
+            yield nmt.command(nmt.START, self.node_id)
+        elif phase == Phase.ENABLING and not self.enabled and not self.lacks_supply:
+            # A person presses an emergency stop: no program resets that fault in the same run.
+            yield from self._enable()
+        elif phase in (Phase.STOPPING, Phase.FAILING):
+            yield self._control(cia402.QUICK_STOP)
+            self._ending = True
+            if self._setting_back:
+                yield from self._set_back.poll(now_s)
+        elif phase in STOPPED:
+            yield self._control(cia402.DISABLE_VOLTAGE)
+
+    def _enable(self) -> Iterator[Frame]:
+        """The controlwords that take the drives one step nearer to 'operation enabled'."""
+        states = self.drive_states or (None,) * len(pdo.CONTROLWORD.entries)
+        words = tuple(self._towards_ready.get(state, cia402.SHUTDOWN) for state in states)
+        if cia402.FAULT_RESET in words:
+            # The reset is an edge of its bit, so the bit must have been low.
+            yield self._control(cia402.DISABLE_VOLTAGE)
+        yield Frame(pdo.CONTROLWORD.can_id(self.node_id), pdo.CONTROLWORD.encode(words))
+
+    def _control(self, word: int) -> Frame:
+        """The same controlword for all axes."""
+        words = (word,) * len(pdo.CONTROLWORD.entries)
+        return Frame(pdo.CONTROLWORD.can_id(self.node_id), pdo.CONTROLWORD.encode(words))
+
+
+def cells_of(
+    layout: Layout,
+    settings: tuple[Setting, ...],
+    own_settings: Mapping[int, tuple[Setting, ...]],
+    serials: Mapping[int, int],
+    *,
+    status_period_s: float,
+    steered_beside: int | None,
+    asks_boards: bool,
+) -> tuple[BringUpCell, ...]:
+    """All cells, cell 1 first; they steer beside the host of a node id, if that is given.
+
+    `settings` are written to every cell, `own_settings` to the cell of that number besides;
+    `serials` are those that cells must have, by number. With `asks_boards`, cells that steer are
+    asked whether their board can. Raises `OutOfRangeError` for a place that
+    does not fit the wire, where cells steer.
+    """
+    # Cells report their state on change, and repeat it, which makes up for a lost frame.
+    repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, round(status_period_s * 1e3))
+    steers = steered_beside is not None
+    # Last, so that a cell steers with its place only.
+    steering = () if steered_beside is None else steering_settings(steered_beside)
+    addresses = zip(layout.buses, layout.node_ids, strict=True)
+    return tuple(
+        BringUpCell(
+            number,
+            node_id,
+            len(layout.wheels),
+            (
+                repeat,
+                *settings,
+                *(_placing(layout, number) if steers else ()),
+                *own_settings.get(number, ()),
+                *steering,
+            ),
+            spare={} if steers else _spare(layout, number),
+            serial=serials.get(number),
+            bus=bus if layout.bus_count > 1 else None,
+            steers=steers,
+            asks_board=steers and asks_boards,
+        )
+        for number, (bus, node_id) in enumerate(addresses, 1)
+    )
+
+
+def _placing(layout: Layout, number: int) -> Iterator[Setting]:
+    """Settings of a cell's place. Raises `OutOfRangeError`."""
+    for place, value in all_values(layout, number).items():
+        yield Setting(*place, value)
+
+
+def _spare(layout: Layout, number: int) -> dict[Place, int]:
+    """Settings of its place that a cell may have; none if the place does not fit the wire."""
+    try:
+        return all_values(layout, number)
+    except OutOfRangeError:
+        return {}

@@ -1,1 +1,0 @@
-"""Cells that fall out of action, and the reaction of the run."""

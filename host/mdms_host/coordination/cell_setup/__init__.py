@@ -1,1 +1,0 @@
-"""One cell on its way up: identity, settings, drives."""

@@ -1,0 +1,109 @@
+"""Incoming frames of each bus, by their identifiers: for cells and for other receivers."""
+
+from collections.abc import Sequence
+from functools import partial
+
+from mdms_host.can_link.remote_cell import Handler
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.commands import CellsControl, Commands
+from mdms_host.coordination.run_state import Journal
+from mdms_host.coordination.supervision import Supervision
+from mdms_host.coordination.wheel_speeds import Odometry
+from mdms_host.estimation.tracker import Tracker
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.emergencies import error_text
+
+_SWITCHING_OFF = (nmt.ENTER_PRE_OPERATIONAL, nmt.STOP)
+
+
+class Reception:
+    """Takes in the frames of all buses.
+
+    Frames of other nodes, and frames that cannot be decoded, do nothing. `other_host` is whether
+    another node sends heartbeats as the host. `switched_off` is whether another node has taken
+    cells out of 'operational'.
+    """
+
+    def __init__(
+        self,
+        cells: Sequence[BringUpCell],
+        buses: int,
+        host_node_id: int,
+        *,
+        supervision: Supervision,
+        tracker: Tracker,
+        odometry: Odometry,
+        commands: Commands,
+        by_cells: CellsControl | None,
+        journal: Journal,
+    ) -> None:
+        self.other_host = False
+        self.switched_off = False
+        self._supervision = supervision
+        self._tracker = tracker
+        self._odometry = odometry
+        self._commands = commands
+        self._journal = journal
+        self._handlers: list[dict[int, Handler]] = [{} for _ in range(buses)]
+        for cell in cells:
+            self._register(cell, by_cells)
+        for handlers in self._handlers:
+            # Two hosts that began at the same instant meet here.
+            handlers[cob.HEARTBEAT_BASE + host_node_id] = self._on_other_host
+            handlers[cob.NMT] = self._on_other_command
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int) -> None:
+        """A frame was on a bus."""
+        handler = self._handlers[bus].get(frame.can_id)
+        if handler is not None:
+            handler(frame.data, now_s)
+
+    def _register(self, cell: BringUpCell, by_cells: CellsControl | None) -> None:
+        """Take in a cell's frames; others act on some of them as well."""
+        handlers, node_id = self._handlers[cell.bus], cell.node_id
+        handlers |= cell.handlers
+        handlers[cob.HEARTBEAT_BASE + node_id] = partial(self._on_heartbeat, cell)
+        handlers[pdo.STATUS.can_id(node_id)] = partial(self._on_status, cell)
+        handlers[pdo.ACTUAL_VELOCITY.can_id(node_id)] = partial(self._odometry.on_speeds, cell)
+        handlers[cob.EMCY_BASE + node_id] = partial(self._on_emergency, cell)
+        handlers[cob.SDO_RESPONSE_BASE + node_id] = partial(self._on_answer, cell)
+        if by_cells is not None:
+            handlers[cob.ESTIMATE_BASE + node_id] = partial(by_cells.on_estimate, cell)
+
+    def _on_heartbeat(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        before = cell.nmt_state
+        cell.on_heartbeat(data, now_s)
+        if cell.nmt_state != before:
+            self._supervision.recheck()
+
+    def _on_status(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        before = cell.drive_states
+        cell.on_status(data, now_s)
+        if cell.drive_states != before:
+            self._supervision.recheck()
+        if cell.presence is not None:
+            self._tracker.on_presence(now_s, cell.number, cell.presence)
+        self._commands.on_answer(cell, now_s)
+
+    def _on_emergency(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        before = set(cell.errors.items())
+        cell.on_emergency(data, now_s)
+        after = set(cell.errors.items())
+        for error in sorted(before - after):
+            self._journal.note(now_s, f"{cell.name} clears emergency {error_text(*error)}")
+        for error in sorted(after - before):
+            self._journal.note(now_s, f"{cell.name} sends emergency {error_text(*error)}")
+
+    def _on_answer(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
+        cell.on_answer(data, now_s)
+        self._commands.on_answer(cell, now_s)
+
+    def _on_other_host(self, data: bytes, now_s: float) -> None:
+        """Somebody else sends heartbeats as the host."""
+        self.other_host |= nmt.decode_heartbeat(data) is not None
+
+    def _on_other_command(self, data: bytes, now_s: float) -> None:
+        """Somebody else sends commands of network management."""
+        self.switched_off |= len(data) == 2 and data[0] in _SWITCHING_OFF

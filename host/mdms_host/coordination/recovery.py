@@ -1,0 +1,419 @@
+"""Cells that fall out of action: their recovery, and the reaction of the run by a policy.
+
+The run holds the parcels, goes on without the cells, or ends.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from math import inf
+
+import numpy as np
+
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.run_state import HELD, TRANSITIONS, Journal, Phase, Signal
+from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
+from mdms_host.coordination.wheel_speeds import Odometry
+from mdms_model.arrays import Bools
+from mdms_protocol.emergencies import LOW_SUPPLY, code_text
+
+
+class OnLostCell(StrEnum):
+    """Reaction to a cell that does not come back.
+
+    The run goes on without the cell, holds all parcels for it, or stops.
+    """
+
+    GO_ON = "go_on"
+    HOLD = "hold"
+    STOP = "stop"
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """How often and how long trouble may hold the array, and the reaction to lost cells.
+
+    Where cells are out of action all parcels are held for `pause_s` at most [s], until the cells
+    are back; at most `pauses` times in a minute (0: no trouble passes). With 'hold' it is `hold_s`
+    instead, however often, and with 'go_on' parcels are held only where most cells are out.
+    """
+
+    on_lost_cell: OnLostCell = OnLostCell.STOP
+    pauses: int = 3
+    pause_s: float = 5.0
+    hold_s: float = 60.0
+
+    @property
+    def limit_s(self) -> float:
+        """How long the array may be held at a time [s]."""
+        return self.hold_s if self.on_lost_cell is OnLostCell.HOLD else self.pause_s
+
+
+#: A cell that gets on no further for so long begins anew [s].
+_STEP_LIMIT_S = 1.0
+
+
+class Comeback:
+    """Takes one cell from its next heartbeat to enabled drives, while others may run.
+
+    Settings are written and verified as when it came up first, and every target begins at 0. `text`
+    is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
+    asked again only when it has restarted; `has_restarted` is whether it has since it is out, and
+    `had_no_supply` whether its motors have lost their supply.
+    """
+
+    def __init__(self, cell: BringUpCell, text: str, now_s: float) -> None:
+        self.cell = cell
+        self.text = text
+        self.since_s = now_s
+        self.phase = Phase.WAITING
+        self.refused: str | None = None
+        self.has_restarted = cell.restarted
+        self.had_no_supply = cell.lacks_supply
+        self._step_s = now_s
+        cell.begin_again()
+
+    @property
+    def heard(self) -> bool:
+        """Whether the cell has reported since it is out, and not fallen silent again."""
+        return self.phase is not Phase.WAITING
+
+    @property
+    def back(self) -> bool:
+        """Whether the cell is up again."""
+        return self.phase is Phase.RUNNING
+
+    def step(self, now_s: float, silent: bool) -> None:
+        """Look how far the cell is by now."""
+        self.has_restarted |= self.cell.restarted
+        self.had_no_supply |= self.cell.lacks_supply
+        if self.refused is not None:
+            if self.cell.restarted or silent:
+                self._begin_again(now_s)
+            return
+        if self._is_stuck(now_s, silent):
+            self._begin_again(now_s)
+        if self.heard and self.cell.lacks_supply:
+            self._refuse(code_text(LOW_SUPPLY))
+        while self.refused is None and not self.back and self.cell.has_reached(self.phase):
+            self._advance(now_s)
+
+    def _advance(self, now_s: float) -> None:
+        """Take the cell into its next phase, unless it is not to be taken."""
+        cell, reached = self.cell, self.phase
+        self.phase, self._step_s = TRANSITIONS[reached, Signal.DONE], now_s
+        if reached is Phase.WAITING:
+            cell.restarted = False
+        reason = {Phase.IDENTIFYING: cell.refusal, Phase.CONFIGURING: cell.mismatch}.get(reached)
+        if reason is not None:
+            self._refuse(reason)
+
+    def _refuse(self, reason: str) -> None:
+        self.refused = f"{self.cell.name} is not taken back: {reason}"
+        self.phase = Phase.WAITING
+
+    def _is_stuck(self, now_s: float, silent: bool) -> bool:
+        """Whether the cell has fallen silent or restarted on its way, or takes too long."""
+        fallen = silent or self.cell.restarted or self.cell.fault(self.phase) is not None
+        return (self.heard and fallen) or now_s >= self._step_s + _STEP_LIMIT_S
+
+    def _begin_again(self, now_s: float) -> None:
+        self.phase, self._step_s, self.refused = Phase.WAITING, now_s, None
+        self.cell.begin_again()
+
+
+class Roster:
+    """The cells of `axes` wheels each; a cell is `taking_part`, or `out` with its way back.
+
+    `wheels_out` are the wheels of cells that are out, shape (W,). No reference moves them, and
+    their reports show nothing of a parcel. The run does not wait for the cells in `given_up`.
+    """
+
+    def __init__(self, cells: Sequence[BringUpCell], axes: int) -> None:
+        self.cells = cells
+        self.taking_part: tuple[BringUpCell, ...] = tuple(cells)
+        self.out: dict[BringUpCell, Comeback] = {}
+        self.given_up: set[BringUpCell] = set()
+        self.wheels_out: Bools = np.zeros(axes * len(cells), dtype=bool)
+        self._axes = axes
+
+    @property
+    def awaited(self) -> list[Comeback]:
+        """The ways back of the cells that the run waits for."""
+        return [way for cell, way in self.out.items() if cell not in self.given_up]
+
+    def phase_of(self, cell: BringUpCell, phase: Phase) -> Phase:
+        """The phase of a cell in that of the run: its own while it is out."""
+        way = self.out.get(cell)
+        return phase if way is None else way.phase
+
+    def lose(self, cell: BringUpCell, text: str, now_s: float) -> None:
+        """A cell is out of action, for a reason in words; its way back begins."""
+        self.out[cell] = Comeback(cell, text, now_s)
+        self._sort()
+
+    def give_up(self, cells: Iterable[BringUpCell]) -> None:
+        """Wait no more for these cells; they may come back all the same."""
+        self.given_up.update(cells)
+
+    def await_since(self, since_s: float) -> None:
+        """Wait again for cells that have been out since then only, and are not refused."""
+        late = (
+            cell for cell, way in self.out.items() if way.since_s >= since_s and not way.refused
+        )
+        self.given_up.difference_update(list(late))
+
+    def step(
+        self,
+        now_s: float,
+        silent: Callable[[BringUpCell], bool],
+        ready: Callable[[BringUpCell], bool],
+    ) -> list[BringUpCell]:
+        """Take the cells that are out further; those that are back, and `ready`, take part again.
+
+        `silent` is whether a cell has fallen silent.
+        """
+        for cell, way in self.out.items():
+            way.step(now_s, silent(cell))
+        back = [cell for cell, way in self.out.items() if way.back and ready(cell)]
+        for cell in back:
+            del self.out[cell]
+            self.given_up.discard(cell)
+        if back:
+            self._sort()
+        return back
+
+    def _sort(self) -> None:
+        self.taking_part = tuple(cell for cell in self.cells if cell not in self.out)
+        self.wheels_out = np.repeat([cell in self.out for cell in self.cells], self._axes)
+
+
+#: Pauses are counted over so long [s].
+_COUNTED_S = 60.0
+#: Parcels lie still for so long, with all cells back, before they are moved again [s].
+_SETTLED_S = 0.2
+#: How many cells a message says it of.
+_LISTED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The next step of the run, and the reason in words."""
+
+    signal: Signal
+    text: str = ""
+
+
+class Care:
+    """Follows cells that are out of action until they are back, and decides by a policy.
+
+    `pauses` is how often all parcels have been held. `on_lost` gets the numbers of the cells that
+    the run does without, whenever they change, and `on_back` is called when all cells are back.
+    """
+
+    def __init__(
+        self,
+        roster: Roster,
+        policy: Policy,
+        *,
+        supervision: Supervision,
+        odometry: Odometry,
+        journal: Journal,
+        on_lost: Callable[[frozenset[int]], None],
+        on_back: Callable[[], None],
+    ) -> None:
+        self.pauses = 0
+        self._roster = roster
+        self._policy = policy
+        self._supervision = supervision
+        self._odometry = odometry
+        self._journal = journal
+        self._on_lost = on_lost
+        self._on_back = on_back
+        self._lost: frozenset[int] = frozenset()
+        self._begun_s: deque[float] = deque()
+        self._since_s = 0.0
+        self._stepped_s = inf
+        self._settled_s: float | None = None
+
+    @property
+    def lost(self) -> dict[int, str]:
+        """The cells that the run does without, by number, and why."""
+        ways = ((cell, self._roster.out[cell]) for cell in self._roster.given_up)
+        return {cell.number: way.refused or way.text for cell, way in ways}
+
+    def step(self, phase: Phase, now_s: float, unsure: bool) -> Decision | None:
+        """The decision of the run now; None to go on. `unsure` is whether a parcel is doubtful."""
+        if asleep := self._asleep(now_s):
+            return Decision(Signal.FAULT, asleep)
+        troubles = self._troubles(now_s)
+        for trouble in troubles:
+            self._roster.lose(trouble.cell, trouble.text, now_s)
+        self.bring_back(now_s)
+        if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
+            return Decision(Signal.FAULT, _told(each.text for each in troubles))
+        decision = None
+        if phase in HELD:
+            decision = self._while_held(phase, now_s, unsure)
+        elif troubles:
+            decision = self._on_troubles(troubles, now_s)
+        self._report_lost()
+        return decision
+
+    def _asleep(self, now_s: float) -> str | None:
+        """A message if the host itself was away for longer than a pause may last."""
+        away_s, self._stepped_s = now_s - self._stepped_s, now_s
+        if away_s <= self._policy.limit_s:
+            return None
+        return f"this host was held up for {away_s:.1f} s, longer than a pause may last"
+
+    def bring_back(self, now_s: float) -> None:
+        """Take the cells that are out further on their way back."""
+        silent = self._supervision.silent
+        back = self._roster.step(now_s, lambda cell: silent(cell, now_s), self._odometry.answers)
+        for cell in back:
+            self._supervision.recheck()
+            self._journal.note(now_s, f"{cell.name} is back")
+        self._report_lost()
+
+    def do_without(self, late: Sequence[BringUpCell], text: str, now_s: float) -> bool:
+        """Whether the run goes on without cells that have not come up in time."""
+        if not self._may_lose(len(self._roster.out) + len(late)):
+            return False
+        for cell in late:
+            self._roster.lose(cell, text, now_s)
+        self._go_without(late, text, now_s)
+        self._report_lost()
+        return True
+
+    def _troubles(self, now_s: float) -> list[Trouble]:
+        """Troubles of cells that take part, one for each cell."""
+        limit_s, late = self._odometry.late()
+        silence = f"has fallen silent: no speeds for {limit_s:.3g} s"
+        troubles = self._supervision.troubles(self._roster.taking_part, now_s)
+        found = {each.cell: each for each in troubles}
+        for cell in self._roster.taking_part:
+            if cell in late and cell not in found:
+                found[cell] = Trouble(cell, f"{cell.name} {silence}")
+        return list(found.values())
+
+    # While parcels move
+
+    def _on_troubles(self, troubles: list[Trouble], now_s: float) -> Decision | None:
+        text = _told(each.text for each in troubles)
+        if self._may_lose(len(self._roster.out)):
+            self._go_without([each.cell for each in troubles], text, now_s)
+            return None
+        if all(each.nature is TroubleNature.LASTING for each in troubles) and not self._waits:
+            return Decision(Signal.FAULT, text)
+        return self._hold(text, now_s)
+
+    def _hold(self, text: str, now_s: float) -> Decision:
+        while self._begun_s and now_s - self._begun_s[0] > _COUNTED_S:
+            self._begun_s.popleft()
+        if len(self._begun_s) >= self._policy.pauses and not self._waits:
+            held = f"; held {len(self._begun_s)} times in a minute before"
+            return Decision(Signal.FAULT, text + (held if self._begun_s else ""))
+        self._begun_s.append(now_s)
+        self.pauses += 1
+        self._since_s, self._settled_s = now_s, None
+        # Those that fell out just before may have the same reason, and come back as soon.
+        self._roster.await_since(now_s - self._policy.pause_s)
+        self._journal.warn(now_s, f"all parcels are held: {text}")
+        return Decision(Signal.TROUBLE)
+
+    @property
+    def _waits(self) -> bool:
+        """Whether all parcels are held for a cell however often, and however it fell out."""
+        return self._policy.on_lost_cell is OnLostCell.HOLD
+
+    def _may_lose(self, cells: int) -> bool:
+        """Whether the run goes on without so many cells; without most it is the bus that fails."""
+        goes_on = self._policy.on_lost_cell is OnLostCell.GO_ON
+        return goes_on and 2 * cells <= len(self._roster.cells)
+
+    def _go_without(self, cells: Sequence[BringUpCell], text: str, now_s: float) -> None:
+        self._roster.give_up(cells)
+        them = "it" if len(cells) == 1 else "them"
+        self._journal.warn(now_s, f"{text}; the run goes on without {them}")
+
+    # While they are held
+
+    def _while_held(self, phase: Phase, now_s: float, unsure: bool) -> Decision | None:
+        if refusal := self._power_cut() or self._refusal(now_s):
+            return Decision(Signal.FAULT, refusal)
+        awaited = self._roster.awaited
+        held_s = now_s - self._since_s
+        if awaited and held_s >= self._policy.limit_s:
+            return self._overdue(awaited, now_s)
+        heard = all(way.heard for way in awaited)
+        if heard is not (phase is Phase.RECOVERING):
+            return Decision(Signal.DONE if heard else Signal.TROUBLE)
+        return self._settle(unsure, held_s, now_s) if heard else None
+
+    def _power_cut(self) -> str | None:
+        """Why a run ends if most cells have lost their supply, or that of their motors.
+
+        That may have been an emergency stop, and letting go of it is to move nothing: a cell that
+        measures a supply where there is none is disabled, too.
+        """
+        ways, cells = self._roster.out.values(), len(self._roster.cells)
+        restarted = sum(way.has_restarted for way in ways)
+        cut = sum(way.had_no_supply for way in ways)
+        if 2 * restarted > cells:
+            return f"{restarted} of {cells} cells have restarted: their supply was cut; start again"
+        if 2 * cut > cells:
+            return (
+                f"{cut} of {cells} cells have lost the supply of their motors "
+                f"(0x{LOW_SUPPLY:04X}): release the emergency stop, or mend the supply, then "
+                "start again"
+            )
+        return None
+
+    def _refusal(self, now_s: float) -> str | None:
+        """Why a run ends whose cells are refused; where it need not, it waits for them no more."""
+        refused = [way for way in self._roster.awaited if way.refused is not None]
+        if not refused or self._waits:
+            return None
+        text = _told(way.refused or way.text for way in refused)
+        if not self._may_lose(len(self._roster.out)):
+            return text
+        self._go_without([way.cell for way in refused], text, now_s)
+        return None
+
+    def _settle(self, unsure: bool, held_s: float, now_s: float) -> Decision | None:
+        """Go on once all cells are back, and all parcels have been found again."""
+        if self._roster.awaited:
+            self._settled_s = None
+            return None
+        if self._settled_s is None:
+            self._on_back()
+        if self._settled_s is None or unsure:
+            self._settled_s = now_s
+        if now_s - self._settled_s < _SETTLED_S:
+            return None
+        self._journal.note(now_s, f"all cells are back after {held_s:.2f} s")
+        return Decision(Signal.DONE)
+
+    def _overdue(self, awaited: list[Comeback], now_s: float) -> Decision:
+        """The array has been held for long enough."""
+        limit = f"not back within {self._policy.limit_s:g} s"
+        text = f"{_told(way.refused or way.text for way in awaited)}; {limit}"
+        if not self._may_lose(len(self._roster.out)):
+            return Decision(Signal.FAULT, text)
+        self._go_without([way.cell for way in awaited], text, now_s)
+        return Decision(Signal.WITHOUT)
+
+    def _report_lost(self) -> None:
+        lost = frozenset(cell.number for cell in self._roster.given_up)
+        if lost != self._lost:
+            self._lost = lost
+            self._on_lost(lost)
+
+
+def _told(texts: Iterable[str]) -> str:
+    """The texts in one line, the first few of them and the number of the rest."""
+    listed = list(dict.fromkeys(texts))
+    more = len(listed) - _LISTED
+    return "; ".join(listed[:_LISTED]) + (f"; and {more} more" if more > 0 else "")

@@ -1,0 +1,142 @@
+"""The state that all parts of a run share: its phase, its schedule and its journal.
+
+The phases and their transitions are one table.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from math import inf
+
+
+class Phase(StrEnum):
+    """Phase of the coordinator; a cell that is brought back has its own phase."""
+
+    WAITING = "waiting for the cells"
+    IDENTIFYING = "identifying the cells"
+    CONFIGURING = "writing settings"
+    STARTING = "starting the cells"
+    ENABLING = "enabling the drives"
+    RUNNING = "running"
+    HOLDING = "holding all parcels"
+    RECOVERING = "bringing cells back"
+    STOPPING = "stopping"
+    FAILING = "stopping after a fault"
+    STOPPED = "stopped"
+    FAILED = "stopped after a fault"
+
+
+class Signal(StrEnum):
+    """Cause for the end of a phase."""
+
+    DONE = "done"
+    #: Cells are out of action, but may come back.
+    TROUBLE = "trouble"
+    #: They have not come back in time, and the run goes on without them.
+    WITHOUT = "without"
+    STOP = "stop"
+    FAULT = "fault"
+
+
+BRING_UP = (
+    *(Phase.WAITING, Phase.IDENTIFYING, Phase.CONFIGURING),
+    *(Phase.STARTING, Phase.ENABLING),
+)
+#: All references are 0, or on their way there.
+HELD = (Phase.HOLDING, Phase.RECOVERING)
+#: The cells are up, and cared for.
+UP = (Phase.RUNNING, *HELD)
+STOPPED = (Phase.STOPPED, Phase.FAILED)
+
+TRANSITIONS: dict[tuple[Phase, Signal], Phase] = {
+    (Phase.WAITING, Signal.DONE): Phase.IDENTIFYING,
+    (Phase.IDENTIFYING, Signal.DONE): Phase.CONFIGURING,
+    (Phase.CONFIGURING, Signal.DONE): Phase.STARTING,
+    (Phase.STARTING, Signal.DONE): Phase.ENABLING,
+    (Phase.ENABLING, Signal.DONE): Phase.RUNNING,
+    (Phase.RUNNING, Signal.TROUBLE): Phase.HOLDING,
+    (Phase.HOLDING, Signal.DONE): Phase.RECOVERING,
+    (Phase.RECOVERING, Signal.TROUBLE): Phase.HOLDING,
+    (Phase.RECOVERING, Signal.DONE): Phase.RUNNING,
+    **{(phase, Signal.WITHOUT): Phase.RUNNING for phase in HELD},
+    (Phase.STOPPING, Signal.DONE): Phase.STOPPED,
+    (Phase.FAILING, Signal.DONE): Phase.FAILED,
+    **{(phase, Signal.STOP): Phase.STOPPING for phase in (*BRING_UP, *UP)},
+    **{(phase, Signal.FAULT): Phase.FAILING for phase in (*BRING_UP, *UP, Phase.STOPPING)},
+}
+
+
+#: Due times may be missed by rounding alone.
+_EPSILON_S = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Periods and time limits of the coordinator [s].
+
+    Setpoints go out half a period after SYNC, when the speeds of that SYNC have come in, and are
+    taken over at the next one.
+    """
+
+    sync_period_s: float = 0.01
+    heartbeat_period_s: float = 0.1
+    status_period_s: float = 0.2
+    silence_periods: float = 3.0
+    speeds_limit_s: float = 0.1
+    command_period_s: float = 0.05
+    phase_limit_s: float = 5.0
+    stop_limit_s: float = 0.5
+
+    @property
+    def silence_s(self) -> float:
+        """How long a cell may go without a heartbeat [s]."""
+        return self.silence_periods * self.heartbeat_period_s + _EPSILON_S
+
+
+class Schedule:
+    """Times at which named things are due next [s]; a name that was never set is never due.
+
+    `wake_s` is the next time at which anything is due; infinity when nothing is.
+    """
+
+    def __init__(self) -> None:
+        self._due_s: dict[str, float] = {}
+        self.wake_s = inf
+
+    def next_s(self, name: str) -> float:
+        """When the thing is due next [s]."""
+        return self._due_s.get(name, inf)
+
+    def set(self, name: str, due_s: float) -> None:
+        """Make the thing due at that time."""
+        self._due_s[name] = due_s
+        # Read far more often than set: a driver reads it after every frame.
+        self.wake_s = min(self._due_s.values())
+
+    def cancel(self, name: str) -> None:
+        """Make the thing not due at all."""
+        self.set(name, inf)
+
+    def take(self, name: str, now_s: float, period_s: float) -> bool:
+        """Whether the thing is due; if so it is due again a period on, times missed left out."""
+        late_s = now_s - self.next_s(name) + _EPSILON_S
+        if late_s < 0:
+            return False
+        self.set(name, self._due_s[name] + period_s * (1 + late_s // period_s))
+        return True
+
+
+class Journal:
+    """`events` has everything, `troubles` the events that need a person, as (time [s], text)."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[float, str]] = []
+        self.troubles: list[tuple[float, str]] = []
+
+    def note(self, time_s: float, text: str) -> None:
+        """Something has happened."""
+        self.events.append((time_s, text))
+
+    def warn(self, time_s: float, text: str) -> None:
+        """Something has happened that a person should look after, though the run goes on."""
+        self.troubles.append((time_s, text))
+        self.note(time_s, text)

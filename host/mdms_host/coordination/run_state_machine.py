@@ -1,0 +1,143 @@
+"""The phases of a run: what all cells have to reach before the next begins, and what ends a run."""
+
+from collections.abc import Callable
+
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.frame_router import Reception
+from mdms_host.coordination.recovery import Care, Roster
+from mdms_host.coordination.run_state import (
+    BRING_UP,
+    STOPPED,
+    TRANSITIONS,
+    UP,
+    Journal,
+    Phase,
+    Signal,
+    Timing,
+)
+from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, Supervision, names
+
+_OVER = (Phase.FAILING, *STOPPED)
+
+
+class Course:
+    """`phase` is the phase of a run, `fault` the cause of its end, None as long as it goes on.
+
+    `on_phase(before, phase, now_s)` is called when a phase begins, and `unsure()` returns whether a
+    parcel is doubtful.
+    """
+
+    def __init__(
+        self,
+        roster: Roster,
+        timing: Timing,
+        *,
+        supervision: Supervision,
+        care: Care,
+        reception: Reception,
+        journal: Journal,
+        on_phase: Callable[[Phase, Phase, float], None],
+        unsure: Callable[[], bool],
+    ) -> None:
+        self.phase = Phase.WAITING
+        self.fault: str | None = None
+        self._roster = roster
+        self._timing = timing
+        self._supervision = supervision
+        self._care = care
+        self._reception = reception
+        self._journal = journal
+        self._on_phase = on_phase
+        self._unsure = unsure
+        self._since_s: float | None = None
+        self._stop_requested = False
+
+    def stop(self) -> None:
+        """Request an orderly end; the next step begins it."""
+        self._stop_requested = True
+
+    def step(self, now_s: float) -> None:
+        """Look whether the phase is over."""
+        if self._since_s is None:
+            self._enter(Phase.WAITING, now_s)
+        self._check(now_s)
+        self._advance(now_s)
+
+    def _check(self, now_s: float) -> None:
+        """Act on troubles of cells, on another host, or on a request to stop."""
+        if self.phase in _OVER:
+            return
+        if self._reception.other_host:
+            self._fail(OTHER_HOST, now_s)
+        elif self._reception.switched_off:
+            self._fail(SWITCHED_OFF, now_s)
+        elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
+            self._signal(Signal.STOP, now_s)
+        elif self.phase in UP:
+            self._look_after_cells(now_s)
+        elif fault := self._supervision.fault(self.phase, self._roster.taking_part, now_s):
+            self._fail(fault, now_s)
+        elif low := self._without_supply(now_s):
+            text = self._supervision.low_supply_text(low)
+            if not self._care.do_without(low, text, now_s):
+                self._fail(text, now_s)
+        elif self._roster.out:
+            self._care.bring_back(now_s)
+
+    def _without_supply(self, now_s: float) -> list[BringUpCell]:
+        """The cells that come up without a supply of their motors, in time before any may drive."""
+        if self.phase not in BRING_UP:
+            return []
+        return self._supervision.without_supply(self._roster.taking_part, now_s)
+
+    def _look_after_cells(self, now_s: float) -> None:
+        decision = self._care.step(self.phase, now_s, self._unsure())
+        if decision is None:
+            return
+        if decision.signal is Signal.FAULT:
+            self._fail(decision.text, now_s)
+        else:
+            self._signal(decision.signal, now_s)
+
+    def _advance(self, now_s: float) -> None:
+        """End the phase when all cells have reached its end, or when its time limit has passed."""
+        if self.phase in (*UP, *STOPPED):
+            return
+        late = [cell for cell in self._roster.taking_part if not self._done(cell, now_s)]
+        waited_s = now_s - (self._since_s or 0.0)
+        if not late:
+            self._conclude(now_s)
+        elif self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s:
+            text = self._supervision.late_text(self.phase, late)
+            if not self._care.do_without(late, text, now_s):
+                self._fail(text, now_s)
+        elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
+            self._journal.note(now_s, f"not confirmed to be off: {names(late)}")
+            self._signal(Signal.DONE, now_s)
+
+    def _conclude(self, now_s: float) -> None:
+        """End a phase that all cells have reached, if none of them is other than it should be."""
+        misfits = self._supervision.misfits_text(self.phase, self._roster.taking_part)
+        if misfits:
+            self._fail(misfits, now_s)
+        else:
+            self._signal(Signal.DONE, now_s)
+
+    def _done(self, cell: BringUpCell, now_s: float) -> bool:
+        """Whether the phase need not wait for a cell; when stopping, nor for a silent one."""
+        lost = self.phase not in BRING_UP and self._supervision.silent(cell, now_s)
+        return lost or cell.has_reached(self.phase)
+
+    def _signal(self, signal: Signal, now_s: float) -> None:
+        self._enter(TRANSITIONS[self.phase, signal], now_s)
+
+    def _enter(self, phase: Phase, now_s: float) -> None:
+        before, self.phase, self._since_s = self.phase, phase, now_s
+        self._supervision.recheck()
+        self._journal.note(now_s, phase.value)
+        self._on_phase(before, phase, now_s)
+
+    def _fail(self, text: str, now_s: float) -> None:
+        self.fault = text
+        self._journal.note(now_s, f"fault: {text}")
+        self._signal(Signal.FAULT, now_s)

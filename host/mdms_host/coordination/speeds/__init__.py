@@ -1,1 +1,0 @@
-"""Setpoints and speeds of all wheels, to and from the wire."""

@@ -1,0 +1,212 @@
+"""Where a parcel lies, judged from nothing but which presence sensors it covers.
+
+The sensors of one cell may all be wrong. A search takes some milliseconds, so each step makes one:
+first with all sensors, then, where some contradict, without one cell after another.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mdms_host.estimation.footprint import Bottom
+from mdms_host.layout import Layout
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: Fineness of the search: how far a neighbouring candidate is.
+_STEP_M = 0.006
+_YAW_STEP_RAD = np.radians(3.0)
+#: The same of x, y and yaw [m, m, rad].
+_GRID = np.array([_STEP_M, _STEP_M, _YAW_STEP_RAD])
+#: The grid may miss the few poses that explain all, so those with a few errors count as well, each
+#: error making a pose less likely by a factor exp(-cost).
+_SPARE_ERRORS = 2
+_ERROR_COST = 1.5
+#: How far the true yaw is from the hint, as a rule.
+_HINT_RAD = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """Mean pose (x, y, yaw) that the sensors allow, its covariance, and how many disagree.
+
+    `poses` (N, 3) are the allowed ones, `grid` (3,) apart, `weights` (N,) how likely each of them
+    is. If the size is not known, `growths` (N, 2) are how much larger the parcel is then than it
+    was assumed, on either side, along its own x and y [m].
+    """
+
+    pose: Floats
+    covariance: Floats
+    contradictions: int
+    poses: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    weights: Floats = field(default_factory=lambda: np.empty(0))
+    grid: Floats = field(default_factory=lambda: _GRID)
+    growths: Floats | None = None
+
+
+def locate(
+    bottom: Bottom,
+    sensors_m: Floats,
+    covered: Bools,
+    yaw_hint_rad: float = 0.0,
+    within_m: Floats | None = None,
+) -> Location | None:
+    """Mean and spread of the poses that agree with the sensors; None if no pose or none covered.
+
+    `sensors_m` has shape (S, 2), `covered` shape (S,). The parcel's centre lies within the
+    rectangle `within_m`, its least and its greatest corner, shape (2, 2), if there is one. A
+    rectangle looks the same after half a turn, a disc after any: the yaw is the one nearest to the
+    hint.
+    """
+    if not covered.any():
+        return None
+    yaws_rad = bottom.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD)
+    found = [_try_yaw(bottom, float(yaw), sensors_m, covered) for yaw in yaws_rad]
+    poses = np.concatenate([poses for poses, _ in found])
+    wrong = np.concatenate([wrong for _, wrong in found])
+    if within_m is not None:
+        low_m, high_m = within_m
+        inside = ((poses[:, :2] >= low_m) & (poses[:, :2] <= high_m)).all(axis=1)
+        poses, wrong = poses[inside], wrong[inside]
+    if not len(poses):
+        return None
+    near = wrong <= wrong.min() + _SPARE_ERRORS
+    poses, weights = poses[near], np.exp(-_ERROR_COST * (wrong[near] - wrong.min()))
+    group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, bottom.period_rad)
+    poses, weights = poses[group], weights[group]
+    pose, covariance = _moments(poses, weights, bottom.period_rad)
+    pose[2] = bottom.nearest_yaw_rad(float(pose[2]), yaw_hint_rad)
+    poses[:, 2] -= bottom.period_rad * np.round((poses[:, 2] - pose[2]) / bottom.period_rad)
+    return Location(pose, covariance, int(wrong.min()), poses, weights)
+
+
+def _try_yaw(
+    bottom: Bottom, yaw_rad: float, sensors_m: Floats, covered: Bools
+) -> tuple[Floats, Ints]:
+    """Poses (N, 3) of this yaw whose spans hold all covered sensors, and each one's errors (N,).
+
+    The grid lies along the parcel's own axes.
+    """
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    own_m = sensors_m @ turn
+    along_m, across_m = (
+        _centres_m(own_m[covered, axis], span_m) for axis, span_m in enumerate(bottom.spans_m)
+    )
+    sign = np.where(covered, -1.0, 1.0)
+    wrong = covered.sum() + bottom.hidden(own_m, sign, along_m, across_m)
+    grid_m = np.stack(np.meshgrid(along_m, across_m, indexing="ij"), axis=-1).reshape(-1, 2)
+    poses = np.column_stack((grid_m @ turn.T, np.full(len(grid_m), yaw_rad)))
+    return poses, wrong.ravel().astype(np.int64)
+
+
+def _centres_m(covered_m: Floats, span_m: tuple[float, float]) -> Floats:
+    """Where the centre may be along one axis, given where sensors are covered."""
+    return np.arange(covered_m.max() - span_m[1], covered_m.min() - span_m[0], _STEP_M)
+
+
+def _likeliest_group(
+    yaw_rad: Floats, weights: Floats, yaw_hint_rad: float, period_rad: float
+) -> Bools:
+    """Which poses belong to the likeliest run of neighbouring yaws (cyclic), near the hint."""
+    values, index = np.unique(yaw_rad, return_inverse=True)
+    likelihood = weights * np.exp(-0.5 * ((yaw_rad - yaw_hint_rad) / _HINT_RAD) ** 2)
+    gap = np.diff(values, append=values[0] + period_rad) > 1.5 * _YAW_STEP_RAD
+    run = np.concatenate(([0], np.cumsum(gap[:-1])))
+    if not gap[-1]:
+        run[run == run[-1]] = run[0]
+    likeliest = np.argmax(np.bincount(run[index], weights=likelihood))
+    return np.asarray((run == likeliest)[index])
+
+
+def _moments(poses: Floats, weights: Floats, period_rad: float) -> tuple[Floats, Floats]:
+    """Mean and covariance of poses whose yaws are cyclic; never finer than the search's grid."""
+    turns = weights @ np.exp(2j * np.pi * poses[:, 2] / period_rad)
+    centre_rad = np.angle(turns) * period_rad / (2 * np.pi)
+    unrolled = poses.copy()
+    unrolled[:, 2] -= period_rad * np.round((poses[:, 2] - centre_rad) / period_rad)
+    share = weights / weights.sum()
+    mean = share @ unrolled
+    off = unrolled - mean
+    grid = np.diag([_STEP_M**2, _STEP_M**2, _YAW_STEP_RAD**2]) / 3
+    return mean, (off * share[:, None]).T @ off + grid
+
+
+#: A place that leaves more of the covered sensors unexplained is not believed.
+_DOUBTFUL_SHARE = 0.2
+#: So many contradictions may be of one cell that is all wrong, if as many are gone without it.
+_SUSPICIOUS = 3
+#: A parcel tips if its centre of mass is beyond all wheels. The centre of mass lies at most this
+#: far from the middle of the outline's corners [m].
+_BESIDE_MIDDLE_M = 0.05
+
+
+class Search:
+    """A search for one parcel, from the sensors (S,) as they were when it began.
+
+    `over` once there is nothing left to try: then `found` has the place, or None, and `left_out`
+    the sensors (S,) of a cell that contradicts it.
+    """
+
+    def __init__(
+        self, bottom: Bottom, layout: Layout, covered: Bools, mine: Bools, yaw_hint_rad: float
+    ) -> None:
+        self.covered = covered
+        self.found: Location | None = None
+        self.left_out: Bools = np.zeros(len(covered), dtype=bool)
+        self.over = False
+        self._bottom = bottom
+        self._sensors_m = layout.sensors_m
+        wheels_m = layout.wheel_positions_m
+        # The origin of a polygon may lie beside the middle of its corners.
+        middle_m = bottom.outline_m(np.zeros(3)).mean(axis=0)
+        beyond_m = _BESIDE_MIDDLE_M + float(np.hypot(*middle_m))
+        low_m, high_m = wheels_m.min(axis=0), wheels_m.max(axis=0)
+        self._within_m = np.array((low_m - beyond_m, high_m + beyond_m))
+        self._cell = layout.sensor_cells
+        self._mine = mine
+        self._yaw_hint_rad = yaw_hint_rad
+        self._suspects: list[int] | None = None
+
+    def step(self) -> None:
+        """Try once more."""
+        if self._suspects is None:
+            self.found = self._locate(self._mine)
+            well = self.found is not None and self.found.contradictions < _SUSPICIOUS
+            self._suspects = [] if well else self._near()
+        else:
+            self._leave_out(self._cell == self._suspects.pop())
+        if not self._suspects:
+            self._conclude()
+
+    def _locate(self, mine: Bools) -> Location | None:
+        return locate(
+            self._bottom,
+            self._sensors_m[mine],
+            self.covered[mine],
+            self._yaw_hint_rad,
+            self._within_m,
+        )
+
+    def _near(self) -> list[int]:
+        """Cells that may lie under the parcel, or show something where it is not."""
+        shown = self.covered & self._mine
+        if not shown.any():
+            return []
+        away_m = self._sensors_m - np.median(self._sensors_m[shown], axis=0)
+        near = shown | (np.hypot(away_m[:, 0], away_m[:, 1]) < self._bottom.reach_m)
+        return [int(cell) for cell in np.unique(self._cell[near & self._mine])]
+
+    def _leave_out(self, cell: Bools) -> None:
+        """Take the place without a cell if it explains enough more."""
+        found = self._locate(self._mine & ~cell)
+        if found is None:
+            return
+        gone = 1 if self.left_out.any() else _SUSPICIOUS
+        if self.found is None or found.contradictions + gone <= self.found.contradictions:
+            self.found, self.left_out = found, cell
+
+    def _conclude(self) -> None:
+        self.over = True
+        shown = self.covered & self._mine & ~self.left_out
+        if self.found and self.found.contradictions > _DOUBTFUL_SHARE * shown.sum():
+            self.found = None

@@ -1,1 +1,0 @@
-"""Bits of the presence sensors, and the worth of each sensor."""

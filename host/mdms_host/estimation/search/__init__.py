@@ -1,1 +1,0 @@
-"""Parcels are searched for where sensors are covered."""

@@ -1,1 +1,0 @@
-"""Things on the table that are no given parcels."""

@@ -1,0 +1,176 @@
+"""A parcel that the tracker was given, with its estimate: found, sought, or about to leave."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mdms_host.estimation.belief import Belief, Change, Event, Standing
+from mdms_host.estimation.footprint import Rectangle
+from mdms_host.estimation.locating import Location
+from mdms_host.estimation.parcel import Gate, Parcel, Region
+from mdms_host.estimation.pose.estimator import ParcelEstimator, View
+from mdms_host.estimation.presence import Surroundings
+from mdms_host.estimation.roll_call import Sought
+from mdms_host.estimation.size import Size
+from mdms_model.arrays import Bools, Floats
+
+#: A size that is told no better than this is to be learned; it is off by so many deviations at most
+#: [m].
+_LEARNED_M = 0.002
+_DEVIATIONS = 3.0
+#: A parcel that sensors still show has left where its centre is so far past its gate [m].
+_OUT_M = 0.02
+#: A parcel that came and is lost so soon after it was found was another thing [s].
+_PROVEN_S = 2.0
+#: The outline of a parcel that came is judged again for so long after it was found, by sensors up
+#: to so far beside it [s, m].
+_REOPENED_S = 0.4
+_OUTSIDE_M = 0.15
+
+
+class Known:
+    """One parcel. `region` is the only place where it may be found, `gate` the exit to leave by.
+
+    `place` is the pose of its last finding, or the expected pose; None where it may be anywhere.
+    `unknown` is the name that it had as an unknown thing, before it was given an outline.
+    """
+
+    def __init__(
+        self,
+        parcel: Parcel,
+        surroundings: Surroundings,
+        *,
+        region: Region | None = None,
+        unknown: str | None = None,
+    ) -> None:
+        self.parcel = parcel
+        self.estimator = ParcelEstimator(surroundings, parcel.bottom, parcel.spread_m)
+        self.region = region
+        #: Where it was announced.
+        self.infeed = region if unknown is None else None
+        #: Sensors (S,) that contradicted where it was found, and are not believed.
+        self.disbelieved: Bools | None = None
+        self._found_s: float | None = None
+        self.unknown = unknown
+        self.gate: Gate | None = None
+        self.expected = region is not None
+        self.place: Floats | None = None
+        if parcel.near_m is not None:
+            self.place = np.array([*parcel.near_m, parcel.yaw_hint_rad])
+        self._reported = Standing.LOST
+
+    @property
+    def standing(self) -> Standing:
+        """The standing of its belief."""
+        return self.estimator.standing
+
+    @property
+    def sought(self) -> Sought:
+        """The target of a search for it, while it is not found."""
+        place = self.place
+        yaw_rad = self.parcel.yaw_hint_rad if place is None else float(place[2])
+        return Sought(self.parcel.name, self.estimator.bottom, yaw_rad, place, self.region)
+
+    @property
+    def size(self) -> Size | None:
+        """How large it is, as far as edges have shown it by now; None where it is no rectangle."""
+        bottom = self.estimator.bottom
+        if not isinstance(bottom, Rectangle):
+            return None
+        sides_m = bottom.length_m, bottom.width_m
+        along_m, across_m = self.estimator.growth_deviation_m
+        deviation_m = 2 * along_m, 2 * across_m
+        least_m = sides_m[0] - 3 * deviation_m[0], sides_m[1] - 3 * deviation_m[1]
+        most_m = sides_m[0] + 3 * deviation_m[0], sides_m[1] + 3 * deviation_m[1]
+        yaw_rad = self.parcel.yaw_hint_rad if self.place is None else float(self.place[2])
+        return Size(*sides_m, deviation_m, least_m, most_m, yaw_rad)
+
+    @property
+    def learns(self) -> bool:
+        """Whether its size is to be learned."""
+        return self.parcel.shape == "rectangle" and self.parcel.spread_m > _LEARNED_M
+
+    def of_any_size(self, found: Location, poses: Floats, sides_m: Floats) -> Location:
+        """The place where it has been found, by the poses and sides that the sensors allow.
+
+        Sides too far from the given size do not count. All others count alike.
+        """
+        off_m = (sides_m - (self.parcel.length_m, self.parcel.width_m)) / 2
+        may_be = (abs(off_m) < _DEVIATIONS * self.parcel.spread_m).all(axis=1)
+        if not may_be.any():
+            return found
+        return replace(
+            found,
+            poses=poses[may_be],
+            weights=np.ones(may_be.sum()),
+            grid=np.zeros(3),
+            growths=off_m[may_be],
+        )
+
+    def belief(self, at_s: float, usable: Bools | None) -> Belief | None:
+        """The belief of it at a time near now; None without a pose.
+
+        With `usable` sensors (S,), the belief has the move that would make the place sure enough.
+        """
+        one = self.estimator
+        corrected, one.corrected = one.corrected, False
+        pose = one.pose_at(at_s)
+        if pose is None:
+            return None
+        feel = None if usable is None else one.move_to_feel(usable)
+        return Belief(
+            self.parcel.name,
+            one.bottom,
+            pose,
+            one.twist,
+            one.covariance,
+            one.standing,
+            corrected,
+            feel,
+        )
+
+    def keep_place(self, now_s: float) -> None:
+        """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
+        if self.standing is Standing.FOUND and self.estimator.pose is not None:
+            self._found_s = now_s if self._found_s is None else self._found_s
+            self.place, self.region, self.expected = self.estimator.pose.copy(), None, False
+
+    def was_none(self, now_s: float) -> bool:
+        """Whether something else was taken for it as it was to come."""
+        came = self.infeed is not None and self._found_s is not None
+        lost = came and self.standing is Standing.LOST
+        return lost and now_s < (self._found_s or 0.0) + _PROVEN_S
+
+    def judged_early(self, now_s: float, view: View, covered: Bools, late_s: Floats) -> bool:
+        """Whether a parcel that has just come has another outline than it was taken for.
+
+        `covered` and `late_s` are of the sensors of the view, (N,): a change that is learned late
+        was there when the parcel was found, and contradicts it.
+        """
+        if self.infeed is None or self._found_s is None or now_s > self._found_s + _REOPENED_S:
+            return False
+        deep = abs(view.distance_m) > self.estimator.unsure_m
+        near = view.distance_m < _OUTSIDE_M
+        wrong = (view.distance_m < 0.0) != covered
+        return bool((deep & near & wrong & (late_s > self._found_s)).any())
+
+    def has_left(self, shown: bool) -> bool:
+        """Whether it is past its gate, or was on its way through when sensors lost it.
+
+        `shown` is whether any sensor is covered at its believed place. Then a parcel that is
+        doubtful, or that stands at the edge, is still there: its place is not known to the mm.
+        """
+        if self.gate is None or self.place is None or self.expected:
+            return False
+        if self.standing is Standing.FOUND:
+            past_m = float(self.gate.past_m(self.place[:2]))
+            return past_m >= (_OUT_M if shown else 0.0)
+        through = self.gate.reached_by(self.estimator.bottom, self.place)
+        return through and not (self.standing is Standing.DOUBTFUL and shown)
+
+    def take_change(self) -> Change | None:
+        """That its standing is another than at the last call."""
+        if self.standing is self._reported:
+            return None
+        self._reported = self.standing
+        return Change(self.parcel.name, Event(self.standing.value), self.estimator.pose)

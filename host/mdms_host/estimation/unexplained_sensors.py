@@ -1,0 +1,118 @@
+"""Covered sensors that no parcel explains: in groups, and since when they have stood still."""
+
+from collections.abc import Iterable, Mapping
+from math import hypot, inf
+
+import numpy as np
+
+from mdms_host.estimation.belief import Standing
+from mdms_host.estimation.pose.estimator import BESIDE_M, View
+from mdms_host.estimation.presence import SensorGroups, Surroundings
+from mdms_host.estimation.tracked_parcel import Known
+from mdms_host.layout import Layout
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: No parcel's.
+NOBODY = -1
+
+
+class Coverage:
+    """All sensors (S,): the number of the parcel nearest to each, and how far its edge is [m].
+
+    A covered sensor is `explained` where a found parcel is, or may be, and `taken` where it is for
+    sure. `disputed` are sensors around a doubtful parcel. `number` is that of each parcel, by name.
+    """
+
+    def __init__(self, sensors: int, known: Mapping[str, Known], views: Mapping[str, View]) -> None:
+        self.distance_m: Floats = np.full(sensors, np.inf)
+        self.owner: Ints = np.full(sensors, NOBODY, dtype=np.int64)
+        self.explained: Bools = np.zeros(sensors, dtype=bool)
+        self.taken: Bools = np.zeros(sensors, dtype=bool)
+        self.disputed: Bools = np.zeros(sensors, dtype=bool)
+        self.number = {name: number for number, name in enumerate(known)}
+        for number, (name, each) in enumerate(known.items()):
+            if name in views:
+                self._take(number, each, views[name])
+
+    def _take(self, number: int, known: Known, view: View) -> None:
+        numbers, distance_m = view.near.sensors, view.distance_m
+        nearer = distance_m < self.distance_m[numbers]
+        mine = numbers[nearer]
+        self.distance_m[mine] = distance_m[nearer]
+        self.owner[mine] = number
+        if known.standing is Standing.FOUND:
+            unsure_m = known.estimator.unsure_m
+            self.explained[numbers[distance_m < min(unsure_m, BESIDE_M)]] = True
+            self.taken[numbers[distance_m < -unsure_m]] = True
+        else:
+            self.disputed[numbers[distance_m < BESIDE_M]] = True
+
+
+#: Covered sensors must stay the same this long before parcels are searched for there [s].
+_STILL_S = 0.05
+#: Sensors behind a parcel that has left them are taken to show that parcel for so long [s].
+_WAKE_S = 1.0
+#: A sensor so far inside a parcel is under nothing else [m].
+_INSIDE_M = 0.02
+#: A group within one cell may be a broken cell.
+_CELLS = 2
+
+
+class Strangers:
+    """Sensors (S,) that are `foreign`: known to be under something else than the parcel beside it.
+
+    `link_m` is how far neighbouring sensors are from each other.
+    """
+
+    def __init__(self, layout: Layout, surroundings: Surroundings) -> None:
+        self._sensors_m = layout.sensors_m
+        self._cell = layout.sensor_cells
+        self._surroundings = surroundings
+        self._grouping = SensorGroups(layout)
+        self._wake_s: Floats = np.full(len(self._sensors_m), -inf)
+        #: When each sensor was under a parcel last, as was believed.
+        self._under_s: Floats = np.full(len(self._sensors_m), -inf)
+        self._last: tuple[bytes, tuple[Ints, ...]] = (b"", ())
+        self.link_m = self._grouping.link_m
+        self.foreign: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+
+    def leave(self, now_s: float, sensors: Ints) -> None:
+        """A parcel over these sensors has left, or is about to fall off."""
+        self._wake_s[sensors] = now_s + _WAKE_S
+
+    def groups(
+        self, now_s: float, covered: Bools, valid: Bools, coverage: Coverage, silent_s: Floats
+    ) -> tuple[Ints, ...]:
+        """The groups of covered sensors that no found parcel explains.
+
+        A parcel that has gone on explains what cells have reported before that, `silent_s` ago.
+        """
+        self._under_s[coverage.explained] = now_s
+        explained = coverage.explained | (self._under_s >= now_s - silent_s)
+        # Sensors that a parcel has moved over since then are its own.
+        self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
+        strange = covered & valid & (~explained | self.foreign) & (self._wake_s < now_s)
+        key = strange.tobytes() + valid.tobytes()
+        if key != self._last[0]:
+            groups = tuple(self._grouping.of(strange, ~valid)) if strange.any() else ()
+            self._last = key, groups
+        return self._last[1]
+
+    def still(self, now_s: float, groups: Iterable[Ints], changed_s: Floats) -> tuple[Ints, ...]:
+        """Those of the groups in and around which no sensor has changed of late."""
+        return tuple(
+            group for group in groups if changed_s[self._around(group)].max() <= now_s - _STILL_S
+        )
+
+    def _around(self, group: Ints) -> Ints:
+        low_m, high_m = self._sensors_m[group].min(axis=0), self._sensors_m[group].max(axis=0)
+        reach_m = hypot(*(high_m - low_m).tolist()) / 2 + self.link_m
+        return self._surroundings.of((low_m + high_m) / 2, reach_m).sensors
+
+    def large(self, groups: Iterable[Ints]) -> Bools:
+        """Sensors (S,) of groups that are under more than one cell's worth of something."""
+        members: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+        for group in groups:
+            if len(np.unique(self._cell[group])) >= _CELLS:
+                members[group] = True
+        return members
