@@ -23,6 +23,8 @@ SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
+#: The demo's own folder, which each demo overwrites.
+DEMO_FOLDER = Path("runs/demo")
 #: Where the page is if `--page` is given without a port.
 PAGE_PORT = 8642
 
@@ -74,6 +76,14 @@ def add_force(parser: ArgumentParser) -> None:
     )
 
 
+def add_out(
+    parser: ArgumentParser, help: str = "write a run folder", default: Path | None = None
+) -> None:
+    """`--out` of a run, and `--force`."""
+    parser.add_argument("--out", metavar="DIR", type=Path, default=default, help=help)
+    parser.add_argument("--force", action="store_true", help="overwrite a folder of another run")
+
+
 def add_page(parser: ArgumentParser) -> None:
     """`--page`, `--open` and `--host`."""
     parser.add_argument(
@@ -103,16 +113,14 @@ def add_demo(parser: ArgumentParser) -> None:
         help="another than the prototype's array (a TOML file, or a name of `scenarios`)",
     )
     add_page(parser)
-    parser.add_argument(
-        "--out", metavar="DIR", type=Path, default=Path("runs/demo"), help="run folder"
-    )
+    add_out(parser, "run folder", DEMO_FOLDER)
     add_json(parser)
 
 
 def add_simulate(parser: ArgumentParser) -> None:
     """Those of `simulate`."""
     add_scenario(parser)
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
+    add_out(parser)
     parser.add_argument(
         "--bus-format",
         choices=BUS_FORMATS,
@@ -191,7 +199,7 @@ def add_export(parser: ArgumentParser) -> None:
 def add_serve(parser: ArgumentParser) -> None:
     """Those of `serve`."""
     add_scenario(parser)
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder at the end")
+    add_out(parser, "write a run folder at the end")
     parser.add_argument("--name", help="python-can's channel (default: the scenario's name)")
     add_nodes(parser)
     parser.add_argument("--speed", type=_speed, default=1.0, help="times real time (default 1)")
@@ -216,7 +224,7 @@ def add_run(parser: ArgumentParser) -> None:
         type=Path,
         help="an array file: grid, wheels, sensors, bit rate, cells (default: the scenario's)",
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="write a run folder")
+    add_out(parser)
     parser.add_argument(
         "--limit",
         metavar="SECONDS",

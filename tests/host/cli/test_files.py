@@ -8,6 +8,7 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_model.scenario.file import load_scenario
 
 BEGINS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF", "gif": b"GIF8"}
 
@@ -113,6 +114,47 @@ def test_paths_are_given_as_json_too(run, tmp_path, capsys):
     tables = json.loads(capsys.readouterr().out)["tables"]
     assert [Path(table).name for table in tables] == ["parcels.csv", "cells.csv"]
     assert Path(tables[0]).read_text().startswith("time_s,")
+
+
+def test_folder_of_another_run_is_overwritten_by_force_only(tmp_path, capsys):
+    folder = tmp_path / "run"
+
+    def simulate(seed, *more):
+        short = ("--set", "run.duration_s=0.05", "--seed", str(seed))
+        return main(["simulate", "paper-fig7", *short, "--out", str(folder), *more])
+
+    def seed():
+        return json.loads((folder / "meta.json").read_text())["figures"]["seed"]
+
+    # The same run again is no loss.
+    assert [simulate(1), simulate(1)] == [Exit.OK, Exit.OK]
+    capsys.readouterr()
+    assert simulate(2) == Exit.USAGE
+    assert capsys.readouterr().err == (
+        f"mdms: {folder}: holds another run; --force overwrites it, or give another folder with "
+        "--out\n"
+    )
+    assert seed() == 1
+    assert simulate(2, "--force") == Exit.OK
+    assert seed() == 2
+
+
+@pytest.mark.parametrize(
+    "verb", [("run", "array18", "-i", "virtual"), ("serve", "array18"), ("demo",)]
+)
+def test_other_verbs_keep_the_folder_of_a_run_too(run, capsys, verb):
+    assert main([*verb, "--out", run]) == Exit.USAGE
+    assert "holds another run; --force overwrites it" in capsys.readouterr().err
+
+
+def test_demo_overwrites_its_own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for scenario in ("neighbours", "array18"):
+        short = load_scenario(scenario, ["run.duration_s=0.1"])
+        monkeypatch.setattr(
+            "mdms_host.cli.simulation.simulate.open_program", lambda *_, s=short: (s, None)
+        )
+        assert main(["demo", "--json"]) == Exit.TIME_LIMIT
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def test_killed_run_leaves_the_old_one_whole_and_the_next_clears_up(tmp_path, mo
     short = ["simulate", "paper-fig7", "--set", "run.duration_s=0.1", "--out", "run"]
     assert main(short) == Exit.OK
     before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()}
-    command = [str(MDMS), "simulate", "array18", *LONG, "--out", "run"]
+    command = [str(MDMS), "simulate", "array18", *LONG, "--out", "run", "--force"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
         wait_for_frames(process, tmp_path)
         process.kill()

@@ -16,7 +16,7 @@ from mdms_host.cli.files import writing
 from mdms_host.cli.streams import say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
-from mdms_model.run.folder import fresh_folder
+from mdms_model.run.folder import check_other_run, fresh_folder
 
 #: What the bring-up may take of a run's time limit, which else is the scenario's duration.
 BRING_UP_S = 10.0
@@ -36,6 +36,8 @@ def run(arguments: Namespace) -> int:
             )
     if arguments.out is not None:
         require(RECORDING, "mdms run --out")
+        if not arguments.force:
+            check_other_run(arguments.out, None)
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")

@@ -16,7 +16,7 @@ from mdms_host.cli.files import writing
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
-from mdms_model.run.folder import BUS_LOG, fresh_folder
+from mdms_model.run.folder import BUS_LOG, check_other_run, fresh_folder
 from mdms_model.run.record import MOST_SAMPLES
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.server import Server, ways_in
@@ -32,6 +32,8 @@ def run(arguments: Namespace) -> Exit:
         require(PAGE, "mdms serve --page")
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     scenario, main = open_program(arguments.scenario, overrides)
+    if arguments.out is not None and not arguments.force:
+        check_other_run(arguments.out, None)
     # Both end a service as Ctrl-C does, so that its sockets go.
     for number in ENDS:
         signal.signal(number, signal.default_int_handler)

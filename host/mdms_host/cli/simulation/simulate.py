@@ -26,9 +26,10 @@ from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
+from mdms_host.cli.options import DEMO_FOLDER
 from mdms_host.cli.streams import say
 from mdms_host.programs.program import Main
-from mdms_model.run.folder import BUS_LOG, read_run
+from mdms_model.run.folder import BUS_LOG, check_other_run, read_run
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import frame_bits
@@ -46,12 +47,19 @@ def run(arguments: Namespace) -> Exit:
         raise CommandError(
             "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE
         )
+    if arguments.out is not None and not arguments.force:
+        check_other_run(arguments.out, _repeated(scenario, main))
     ended = simulate_scenario(scenario, arguments.nodes, arguments.out, arguments.bus_format, main)
     if arguments.json:
         print(json.dumps(ended.figures))
     else:
         print(*report(ended.figures), sep="\n")
     return verdict(ended)
+
+
+def _repeated(scenario: Scenario, main: Main | None) -> Scenario | None:
+    """The scenario that says all of a run; None where a program in Python has a say."""
+    return scenario if main is None else None
 
 
 def simulate_scenario(
@@ -156,6 +164,8 @@ def demo(arguments: Namespace) -> Exit:
         from mdms_host.cli.simulation.live import show  # noqa: PLC0415
 
         return show(scenario, arguments, main)
+    if arguments.out != DEMO_FOLDER and not arguments.force:
+        check_other_run(arguments.out, _repeated(scenario, main))
     columns, rows = scenario.array.columns, scenario.array.rows
     if not arguments.json:
         print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
