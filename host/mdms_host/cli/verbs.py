@@ -1,9 +1,10 @@
 """The table of all verbs; each is a function of a module that is imported when the verb is used."""
 
-from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION
+from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION, SWEEP
 from mdms_host.cli import options
 from mdms_host.cli.commission.options import COMMISSION, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.configure.options import CONFIGURE
+from mdms_host.cli.experiments.options import add_sweep
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
 from mdms_host.cli.simulation import squeeze_options
 
@@ -14,6 +15,7 @@ Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage o
 """
 
 _ARRAY = "mdms_host.cli.array"
+_EXPERIMENTS = "mdms_host.cli.experiments"
 _FLASH = "mdms_host.cli.flash"
 _RECORDS = "mdms_host.cli.records"
 _SCENARIO = "mdms_host.cli.scenarios"
@@ -60,6 +62,13 @@ VERBS = (
         f"{_SIMULATION}.plan_squeeze:run",
         squeeze_options.add_options,
         extra=SIMULATION,
+    ),
+    Verb(
+        "sweep",
+        "run a scenario over many settings and seeds",
+        f"{_EXPERIMENTS}.sweep:run",
+        add_sweep,
+        extra=SWEEP,
     ),
     Verb(
         "plot",

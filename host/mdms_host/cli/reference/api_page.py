@@ -9,6 +9,10 @@ PACKAGE = "mdms_array"
 #: The names of the package, by what they are for.
 SECTIONS = {
     "Run a scenario": ("simulate", "Run", "ParcelRun", "WheelRun", "Incident"),
+    "Sweeps": (
+        *("sweep", "SweepResult", "Progress", "Distribution"),
+        *("uniform", "log_uniform", "integers", "run_seed"),
+    ),
     "A table by hand": ("virtual", "connect", "BlockingTable", "BlockingParcel"),
     "Programs": ("Table", "TableParcel", "Newcomer", "tasks"),
     "Run folders": ("read_run", "write_run", "StoredRun"),
