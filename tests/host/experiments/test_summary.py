@@ -95,7 +95,7 @@ def test_a_picture_of_what_is_not_there_is_refused(tmp_path):
     result = table({"cell.friction": GRID})
     with pytest.raises(mdms.InputError, match=r"speed has no numbers to draw; there are reached"):
         result.plot(tmp_path / "a.png", "speed")
-    with pytest.raises(mdms.InputError, match="motion.speed_m_s does not vary; there are cell"):
+    with pytest.raises(mdms.InputError, match=r"motion.speed_m_s does not vary; there are cell"):
         result.plot(tmp_path / "a.png", over=["motion.speed_m_s"])
     with pytest.raises(mdms.InputError, match="no measure has a number"):
         table({"cell.friction": GRID}, {"text": "far"}).plot(tmp_path / "a.png")

@@ -58,8 +58,9 @@ def test_a_sweep_has_a_row_for_each_setting_and_seed(executor):
     # All settings see the same seeds.
     assert [*frame["seed"]] == 4 * [mdms.run_seed(1, 0), mdms.run_seed(1, 1)]
     assert frame["key"].nunique() == 8
-    assert frame["record_sha256"].nunique() == 4
-    assert frame["end_m"].nunique() == 4
+    # All wheels roll, so that friction changes nothing.
+    assert frame["record_sha256"].nunique() == 2
+    assert frame["end_m"].nunique() == 2
     assert frame["log_sha256"].isna().all()
     assert {"revision", "mdms_version", "numba_version", *WALL_CLOCK} <= {*frame.columns}
     assert [state.done for state in seen] == [*range(9)]
@@ -103,9 +104,9 @@ def test_a_run_that_raises_is_a_row(executor):
     rows = mdms.sweep(ROW, over, seeds=1, measures=fails_at_02, executor=executor).rows
     assert [row["failure"] for row in rows] == [
         "ZeroDivisionError: on purpose",
-        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0",
+        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at most 1e+06",
         None,
-        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0",
+        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at most 1e+06",
     ]
     assert [row["fails_at_02"] for row in rows] == [None, None, 1.0, None]
 
@@ -141,9 +142,7 @@ def test_another_checkout_is_refused_or_marked(executor, tmp_path, monkeypatch):
     monkeypatch.setattr(sweeps, "code_revision", lambda: "aaaa")
     swept(1)
     monkeypatch.setattr(sweeps, "code_revision", lambda: "bbbb")
-    with pytest.raises(
-        mdms.InputError, match=r"revision aaaa, but the code is of bbbb; go on with"
-    ):
+    with pytest.raises(mdms.InputError, match=r"revision aaaa, but the code is of bbbb; go on"):
         swept(2)
     rows = swept(2, on_changed="mark").rows
     assert [row["changed"] for row in rows] == 4 * [True, False]
