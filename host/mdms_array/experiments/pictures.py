@@ -25,7 +25,7 @@ MOST_LINES = len(COLOURS)
 #: A map with so many cells at most has the numbers in it.
 MOST_NUMBERS = 80
 #: Values further apart than by this factor, and all above 0, are drawn on a logarithmic axis.
-_WIDE = 50.0
+_WIDE = 20.0
 Row = dict[str, Any]
 
 
@@ -135,7 +135,7 @@ def draw_map(result: "SweepResult", measure: str, x_name: str, y_name: str) -> F
     axes = figure.add_axes((0.12, 0.13, 0.70, 0.75))
     bar_axes = figure.add_axes((0.85, 0.13, 0.025, 0.75))
     sampled = not _is_grid(result, x_name, y_name)
-    every = None if sampled and len(result.parameters) == 2 else [x_name, y_name]
+    every = None if {*result.parameters} == {x_name, y_name} else [x_name, y_name]
     rows = [row for row in summarised(result, every) if _middle_key(row, measure)]
     key = _middle_key(rows[0], measure)
     x, y, values = (_column(rows, name) for name in (x_name, y_name, key))

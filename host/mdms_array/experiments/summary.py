@@ -18,7 +18,7 @@ Z = 1.959963984540054
 QUANTILES = {"q10": 0.1, "median": 0.5, "q90": 0.9}
 RESAMPLES = 2000
 BOOTSTRAP_SEED = 1
-#: Values of a parameter that are more than this are put into classes of equal counts.
+#: More samples of a parameter than this are put into classes of equal counts.
 MOST_CLASSES = 12
 CLASSES = 6
 Row = Mapping[str, Any]
@@ -62,8 +62,7 @@ def summarised(result: "SweepResult", by: Sequence[str] | None = None) -> list[d
                 f"{name} does not vary; there are {', '.join(result.parameters) or 'none'}"
             )
     classes = {
-        name: (lambda value: value) if by is None else _classes(result.rows, name)
-        for name in parameters
+        name: (lambda value: value) if by is None else _classes(result, name) for name in parameters
     }
     groups: dict[str, tuple[dict[str, Any], list[Row]]] = {}
     for row in result.rows:
@@ -108,10 +107,10 @@ def is_numeric(values: Sequence[Any]) -> bool:
     )
 
 
-def _classes(rows: Sequence[Row], name: str) -> Any:
+def _classes(result: "SweepResult", name: str) -> Any:
     """What puts a value of a parameter into its class: itself, or the middle of the class."""
-    values = [row[name] for row in rows]
-    if not is_numeric(values) or len({*values}) <= MOST_CLASSES:
+    values = [row[name] for row in result.rows]
+    if name not in result.sampled or len({*values}) <= MOST_CLASSES:
         return lambda value: value
     edges = np.quantile(values, np.linspace(0.0, 1.0, CLASSES + 1))
 

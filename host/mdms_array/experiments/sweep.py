@@ -27,6 +27,7 @@ from mdms_array.experiments.journal import (
 )
 from mdms_array.experiments.measures import USUAL, FileFunction, Measure, check_measures, name_of
 from mdms_array.experiments.settings import (
+    Distribution,
     Values,
     check_count,
     seeds_of,
@@ -72,13 +73,15 @@ class Progress:
 class SweepResult:
     """The table of a sweep: a row for each run, in the order of settings and seeds.
 
-    `parameters` and `measures` are names of columns. A run that raised has a `failure`, and no
+    `parameters` and `measures` are names of columns, and `sampled` are the parameters that were
+    drawn from distributions. A run that raised has a `failure`, and no
     measures. `changed` marks runs of another revision of the code.
     """
 
     rows: Sequence[Mapping[str, Any]] = field(repr=False)
     parameters: tuple[str, ...]
     measures: tuple[str, ...]
+    sampled: tuple[str, ...] = ()
     folder: Path | None = None
 
     @property
@@ -126,6 +129,7 @@ class Design:
     seeds: Sequence[int]
     measures: tuple[Measure, ...]
     program: FileFunction | Main | None = None
+    sampled: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -166,7 +170,8 @@ def design_of(
     settings = settings_of(over, samples, sampling, seed)
     run_seeds = seeds_of(seeds, seed)
     check_count("over and seeds: the number of runs", len(settings) * len(run_seeds))
-    design = Design(plain(base), settings, run_seeds, listed, own)
+    sampled = tuple(key for key, each in over.items() if isinstance(each, Distribution))
+    design = Design(plain(base), settings, run_seeds, listed, own, sampled)
     _check_some(design)
     return design
 
@@ -284,9 +289,8 @@ def run_design(
         finally:
             if folder is not None:
                 write_tables(folder, table.rows())
-        return SweepResult(
-            table.rows(), design.parameters, tuple(map(name_of, design.measures)), folder
-        )
+        names = tuple(map(name_of, design.measures))
+        return SweepResult(table.rows(), design.parameters, names, design.sampled, folder)
 
 
 def _opener(executor: Executor | None, workers: int | None) -> tuple[Callable[[], Executor], int]:

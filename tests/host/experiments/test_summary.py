@@ -19,7 +19,8 @@ def table(over, measures=None, samples=32):
             values = {"reached": reached, "time_s": 2.0 / speed_m_s + replication}
             rows.append({**setting, "failure": None} | (measures or values))
     names = ("reached", "time_s") if measures is None else tuple(measures)
-    return mdms.SweepResult(rows, tuple(over), names)
+    sampled = tuple(key for key in over if isinstance(over[key], mdms.Distribution))
+    return mdms.SweepResult(rows, tuple(over), names, sampled)
 
 
 def test_wilson_agrees_with_its_published_values():
