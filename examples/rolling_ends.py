@@ -54,16 +54,12 @@ def draw(result: mdms.SweepResult, path: str) -> None:
     """The map, with the bounds drawn in."""
     figure = result.plot(path, over=["cell.gain_vs_per_m", "motion.speed_m_s"])
     axes = figure.axes[0]
-    axes.set(xscale="log", yscale="log")
     limits = axes.get_xlim(), axes.get_ylim()
     gains = np.geomspace(*limits[0], 60)
     bounds = [bounds_m_s(gain) for gain in gains]
     for name, (label, style) in BOUNDS.items():
         axes.plot(gains, [each[name] for each in bounds], style, color="red", lw=1.8, label=label)
-    axes.set(
-        xlim=limits[0], ylim=limits[1], xticks=[3, 5, 10, 20, 40], xticklabels=[3, 5, 10, 20, 40]
-    )
-    axes.minorticks_off()
+    axes.set(xlim=limits[0], ylim=limits[1])
     axes.legend(loc="lower left", fontsize=8)
     figure.savefig(path)
 

@@ -23,8 +23,10 @@ from queue import SimpleQueue
 from typing import Any
 
 from mdms_array.experiments.measures import FileFunction, Measure, measured, name_of
+from mdms_array.experiments.settings import check_count
 from mdms_array.experiments.workers import prepare_worker
 from mdms_array.extras import CLUSTER, require
+from mdms_array.revision import code_revision
 from mdms_array.run import Run
 from mdms_host.clock import MonotonicClock
 from mdms_model.errors import Error, InputError
@@ -97,8 +99,9 @@ def failed_columns(reason: str) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions that a run depends on."""
+    """Versions that a run depends on; `revision` is a digest of our own sources."""
     return {
+        "revision": code_revision(),
         "mdms_version": version("mdms-array"),
         "python_version": platform.python_version(),
         "numpy_version": version("numpy"),
@@ -120,32 +123,27 @@ def record_sha256(run: Run) -> str:
 
 
 def perform_all(
-    jobs: Sequence[Job], open_executor: Callable[[], Executor], most_sent: int
+    jobs: Sequence[Job], workers: "Workers"
 ) -> Generator[tuple[Job, dict[str, Any]], None, None]:
-    """Do all runs, and yield each with its columns as it ends, once.
-
-    `open_executor` is called again where the executor has broken. Raises `Error` where it is gone.
-    """
+    """Do all runs, and yield each with its columns as it ends, once. Raises `Error`."""
     lost: Counter[str] = Counter()
     waiting, alone = deque(jobs), deque[Job]()
     while waiting or alone:
-        executor = open_executor()
-        try:
-            queue, most = (waiting, most_sent) if waiting else (alone, 1)
-            for job, columns in _perform_on(executor, queue, most):
-                if columns is not None:
-                    yield job, columns
-                    continue
-                lost[job.key] += 1
-                if lost[job.key] <= MOST_LOST:
-                    (waiting if lost[job.key] < MOST_LOST else alone).append(job)
-                else:
-                    yield (
-                        job,
-                        failed_columns("its worker ended without a word: killed, or out of memory"),
-                    )
-        finally:
-            close(executor)
+        queue, most = (waiting, workers.most_sent) if waiting else (alone, 1)
+        for job, columns in _perform_on(workers.executor, queue, most):
+            if columns is not None:
+                yield job, columns
+                continue
+            lost[job.key] += 1
+            if lost[job.key] <= MOST_LOST:
+                (waiting if lost[job.key] < MOST_LOST else alone).append(job)
+            else:
+                yield (
+                    job,
+                    failed_columns("its worker ended without a word: killed, or out of memory"),
+                )
+        if waiting or alone:
+            workers.renew()
 
 
 def _perform_on(
@@ -225,10 +223,45 @@ class LocalPool(ProcessPoolExecutor):
             process.join()
 
 
-def close(executor: Executor) -> None:
-    """End an executor of ours; those of others stay open."""
-    if isinstance(executor, LocalPool):
-        executor.end()
+class Workers:
+    """The executor of an experiment: one of the caller's, or processes of this machine.
+
+    Processes start with the first run, serve any number of experiments, and end with `close`.
+    """
+
+    def __init__(self, executor: Executor | None = None, workers: int | None = None) -> None:
+        if executor is not None and workers is not None:
+            raise InputError("workers: the executor that is given has its own; leave one out")
+        self._given, self._pool = executor, None
+        self._count = processors() if workers is None else check_count("workers", workers)
+
+    _pool: LocalPool | None
+
+    @property
+    def executor(self) -> Executor:
+        """The executor, opened if it is not open yet."""
+        if self._given is not None:
+            return self._given
+        if self._pool is None:
+            self._pool = LocalPool(self._count)
+        return self._pool
+
+    @property
+    def most_sent(self) -> int:
+        """How many runs may be sent before the first has come back."""
+        return MOST_SENT if self._given is not None else self._count * (1 + AHEAD)
+
+    def renew(self) -> None:
+        """Have new processes take the place of those that were lost. Raises `Error`."""
+        if self._given is not None:
+            raise Error("the executor has broken; the same sweep goes on from here with another")
+        self.close()
+
+    def close(self) -> None:
+        """End the processes at once; an executor of the caller's stays open."""
+        if self._pool is not None:
+            self._pool.end()
+            self._pool = None
 
 
 def processors() -> int:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mdms_array.experiments.measures import FileFunction, Measure, measure_named
+from mdms_array.experiments.measures import FileFunction, Measure, measure_named, name_of
 from mdms_array.experiments.settings import (
     Distribution,
     Values,
@@ -17,6 +17,7 @@ from mdms_array.experiments.settings import (
     uniform,
 )
 from mdms_array.experiments.sweep import Design, design_of
+from mdms_array.experiments.tuning import Bound, Task, task_of
 from mdms_array.source import Source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import builtin_names
@@ -27,6 +28,11 @@ DISTRIBUTIONS: Mapping[str, Callable[..., Distribution]] = {
 SWEEP_KEYS = (
     *("scenario", "over", "seeds", "seed", "samples", "sampling", "measures", "program", "plot"),
 )
+TUNE_KEYS = (
+    *("scenario", "vary", "seeds", "seed", "trials", "unseen", "minimise", "maximise"),
+    *("bounds", "measures", "program"),
+)
+TRIALS, TRIAL_SEEDS, UNSEEN = 40, 8, 20
 _GIVEN = ("seeds", "seed", "samples", "sampling")
 _RANGE = ("from", "to", "count", "log")
 
@@ -59,6 +65,66 @@ def read_sweep(path: Path) -> tuple[Design, tuple[Plot, ...]]:
     except InputError as error:
         raise type(error)(f"{path}: {error}") from None
     return design, _plots(path, tree.get("plot", []))
+
+
+def read_tuning(path: Path) -> Task:
+    """The task of tuning that a file describes. Raises `InputError`."""
+    tree = read_table(path, TUNE_KEYS)
+    _check_numbers(path, tree)
+    goals = [key for key in ("minimise", "maximise") if key in tree]
+    if len(goals) != 1 or not isinstance(tree[goals[0]], str):
+        raise InputError(f"{path}: give minimise or maximise, and to one of them a measure")
+    objective = measure_named(tree[goals[0]], path.parent)
+    bounds = _bounds(path, tree.get("bounds", {}))
+    measures = dict.fromkeys(
+        [objective, *bounds.values(), *measures_of(path, tree.get("measures", []))]
+    )
+    try:
+        vary = {key: values_of(path, key, each) for key, each in _over(path, tree, "vary").items()}
+        distributions = {key: each for key, each in vary.items() if isinstance(each, Distribution)}
+        if len(distributions) < len(vary):
+            raise InputError(
+                "vary: give each key a distribution, such as { uniform = [LOW, HIGH] }"
+            )
+        seed = tree.get("seed", 1)
+        design = design_of(
+            source_of(path, tree),
+            {},
+            seeds=tree.get("seeds", TRIAL_SEEDS),
+            seed=seed,
+            measures=list(measures),
+            program=program_of(path, tree),
+        )
+        return task_of(
+            design,
+            distributions,
+            objective=name_of(objective),
+            maximise=goals[0] == "maximise",
+            bounds=list(bounds),
+            trials=tree.get("trials", TRIALS),
+            seed=seed,
+            unseen=tree.get("unseen", UNSEEN),
+        )
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
+def _bounds(path: Path, table: Any) -> dict[Bound, Measure]:
+    """The bounds of a file, each with its measure. Raises `InputError`."""
+    if not isinstance(table, Mapping):
+        raise InputError(f"{path}: bounds is {table!r}, but must be a table")
+    bounds: dict[Bound, Measure] = {}
+    for name, limits in table.items():
+        numbers = limits.values() if isinstance(limits, Mapping) else ()
+        known = isinstance(limits, Mapping) and {*limits} <= {"at_least", "at_most"}
+        if not known or not numbers or not all(isinstance(each, int | float) for each in numbers):
+            raise InputError(
+                f"{path}: bounds.{name} is {limits!r}, but must be {{ at_least = LOW }}, "
+                "{ at_most = HIGH }, or both"
+            )
+        measure = measure_named(name, path.parent)
+        bounds[Bound(name_of(measure), **limits)] = measure
+    return bounds
 
 
 def read_table(path: Path, known: tuple[str, ...]) -> dict[str, Any]:
@@ -100,11 +166,11 @@ def _beside(path: Path, name: str) -> str:
     return str(beside) if beside.exists() else name
 
 
-def _over(path: Path, tree: Mapping[str, Any]) -> dict[str, Any]:
+def _over(path: Path, tree: Mapping[str, Any], name: str = "over") -> dict[str, Any]:
     """The keys that vary, with dots between them, whether the file has tables or dotted texts."""
-    over = tree.get("over")
+    over = tree.get(name)
     if not isinstance(over, Mapping):
-        raise InputError(f"{path}: over is {over!r}, but must be a table of the keys that vary")
+        raise InputError(f"{path}: {name} is {over!r}, but must be a table of the keys that vary")
     return dict(_flat(over, ""))
 
 

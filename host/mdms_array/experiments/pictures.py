@@ -5,8 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis, XAxis
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.ticker import (
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    PercentFormatter,
+)
 
 from mdms_array.experiments.settings import meaning_of
 from mdms_array.experiments.summary import is_numeric, is_share, summarised
@@ -16,6 +23,7 @@ from mdms_sim.plots.canvas import FAINT, INK, new_figure, tidy
 
 if TYPE_CHECKING:
     from mdms_array.experiments.sweep import SweepResult
+    from mdms_array.experiments.tuning import Tuned
 
 #: Colours that colour-blind people tell apart (Okabe and Ito), of lines by their second parameter.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -25,7 +33,7 @@ MOST_LINES = len(COLOURS)
 #: A map with so many cells at most has the numbers in it.
 MOST_NUMBERS = 80
 #: Values further apart than by this factor, and all above 0, are drawn on a logarithmic axis.
-_WIDE = 20.0
+_WIDE = 10.0
 Row = dict[str, Any]
 
 
@@ -159,7 +167,7 @@ def draw_map(result: "SweepResult", measure: str, x_name: str, y_name: str) -> F
     _label_x(axes, result, x_name)
     axes.set_ylabel(label_of(y_name), color=INK)
     if _is_wide(y):
-        axes.set_yscale("log")
+        _make_logarithmic(axes.yaxis)
     _title(figure, result, _of(result, measure))
     return figure
 
@@ -205,7 +213,7 @@ def draw_matrix(
             if line == down - 1:
                 axes.set_xlabel(label_of(parameter).replace(" (", "\n("), color=INK, fontsize=7)
                 if _is_wide([row[parameter] for row in rows]):
-                    axes.set_xscale("log")
+                    _make_logarithmic(axes.xaxis)
     _title(figure, result, "All measures over all parameters")
     return figure
 
@@ -260,7 +268,7 @@ def _edges(values: Floats) -> Floats:
     scaled = np.log(values) if wide else values
     inner = 0.5 * (scaled[1:] + scaled[:-1])
     edges = np.concatenate(([2 * scaled[0] - inner[0]], inner, [2 * scaled[-1] - inner[-1]]))
-    return np.asarray(np.exp(edges) if wide else edges, dtype=float)
+    return np.array(np.exp(edges) if wide else edges, dtype=np.float64)
 
 
 def _is_wide(values: Iterable[Any]) -> bool:
@@ -268,11 +276,20 @@ def _is_wide(values: Iterable[Any]) -> bool:
     return is_numeric(listed) and min(listed) > 0 and max(listed) > _WIDE * min(listed)
 
 
+def _make_logarithmic(axis: Axis) -> None:
+    """Have a logarithmic axis with plain numbers."""
+    scale = axis.axes.set_xscale if isinstance(axis, XAxis) else axis.axes.set_yscale
+    scale("log")
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def _label_x(axes: Axes, result: "SweepResult", name: str) -> None:
     axes.set_xlabel(label_of(name), color=INK)
     values = _values(result, name)
     if _is_wide(values):
-        axes.set_xscale("log")
+        _make_logarithmic(axes.xaxis)
     elif is_numeric(values):
         axes.xaxis.set_major_locator(MaxNLocator(7))
     tidy(axes)
@@ -298,3 +315,38 @@ def _title(figure: Figure, result: "SweepResult", text: str, bands: str = "") ->
 
 def _short(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def draw_tuning(tuned: "Tuned", objective: str) -> Figure:
+    """The history of a tuning, and how much of the objective each key explains."""
+    figure = new_figure(9.0, 4.0)
+    history = figure.add_axes((0.09, 0.15, 0.48, 0.70))
+    numbered = [(number, each) for number, each in enumerate(tuned.trials) if each.mean is not None]
+    for within, face, label in ((True, COLOURS[0], "within bounds"), (False, "white", "beyond")):
+        shown = [(number, each.mean) for number, each in numbered if each.is_within == within]
+        if shown:
+            history.plot(
+                *zip(*shown, strict=True), "o", ms=5, mec=COLOURS[0], mfc=face, label=label
+            )
+    base = tuned.trials[0].mean
+    if base is not None:
+        history.axhline(base, color=FAINT, lw=1, ls="--", label="the scenario's own values")
+    if tuned.best.mean is not None:
+        number = list(tuned.trials).index(tuned.best)
+        history.plot(number, tuned.best.mean, "*", color=COLOURS[1], ms=14, label="best", zorder=3)
+    history.set_xlabel("trial", color=INK)
+    history.set_ylabel(f"mean {objective}", color=INK)
+    history.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    if numbered:
+        history.legend(frameon=False, fontsize=8, labelcolor=INK)
+    tidy(history)
+    keys = figure.add_axes((0.78, 0.15, 0.19, 0.70))
+    shares = sorted(tuned.importance.items(), key=lambda pair: pair[1])
+    keys.barh([key for key, _ in shares], [share for _, share in shares], color=COLOURS[0])
+    keys.set_xlabel("share explained", color=INK)
+    tidy(keys)
+    keys.tick_params(labelsize=7)
+    left, top = 0.2 / 9.0, 1 - 0.12 / 4.0
+    title = f"Tuning of {objective}"
+    figure.text(left, top, title, color=INK, fontsize=11, weight="bold", va="top")
+    return figure

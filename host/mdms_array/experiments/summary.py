@@ -50,6 +50,15 @@ def bootstrap(values: Sequence[float], quantiles: Sequence[float]) -> Floats:
     )
 
 
+def bootstrap_mean(values: Sequence[float]) -> tuple[float, float, float]:
+    """The mean of values, and the ends of its 95 % interval; seeded as `bootstrap`."""
+    sample = np.asarray(values, dtype=float)
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    means = sample[rng.integers(len(sample), size=(RESAMPLES, len(sample)))].mean(axis=1)
+    low, high = np.quantile(means, (0.025, 0.975)).tolist()
+    return float(sample.mean()), low, high
+
+
 def summarised(result: "SweepResult", by: Sequence[str] | None = None) -> list[dict[str, Any]]:
     """A row for each setting, or each value of the parameters in `by`; see `SweepResult.summary`.
 

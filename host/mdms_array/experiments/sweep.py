@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from mdms_array.experiments.execution import (
-    AHEAD,
-    MOST_SENT,
     Job,
-    LocalPool,
+    Workers,
     failed_columns,
     perform,
     perform_all,
-    processors,
 )
 from mdms_array.experiments.journal import (
     Journal,
@@ -35,7 +32,7 @@ from mdms_array.experiments.settings import (
     tree_of,
 )
 from mdms_array.extras import SWEEP, require
-from mdms_array.revision import code_revision
+from mdms_array.revision import code_revision, git_revision
 from mdms_array.source import Source, check_program, is_python, read_program
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
@@ -50,7 +47,10 @@ SAMPLES = 16
 SEEDS = 20
 #: Columns of a table before and after those of parameters and measures.
 FIRST = ("row", "key", "replication", "seed", "status", "reason", "failure")
-LAST = ("log_sha256", "record_sha256", "revision", "changed", "started", "wall_s", "worker")
+LAST = (
+    *("log_sha256", "record_sha256", "started", "wall_s", "worker", "revision", "git_revision"),
+    *("mdms_version", "python_version", "numpy_version", "numba_version", "changed"),
+)
 RECORDS = "records"
 
 
@@ -254,22 +254,21 @@ def sweep(
         measures=measures,
         program=program,
     )
-    return run_design(
-        design,
-        executor=executor,
-        workers=workers,
-        folder=None if folder is None else Path(folder),
-        records=records,
-        on_changed=on_changed,
-        progress=progress,
-    )
+    with closing(Workers(executor, workers)) as opened:
+        return run_design(
+            design,
+            opened,
+            folder=None if folder is None else Path(folder),
+            records=records,
+            on_changed=on_changed,
+            progress=progress,
+        )
 
 
 def run_design(
     design: Design,
+    workers: Workers,
     *,
-    executor: Executor | None = None,
-    workers: int | None = None,
     folder: Path | None = None,
     records: bool = False,
     on_changed: str = "refuse",
@@ -280,27 +279,16 @@ def run_design(
         raise InputError(f"on_changed is {on_changed!r}, but must be one of {ON_CHANGED}")
     if records and folder is None:
         raise InputError("records: there is no folder to keep them in; give one")
-    opener, most_sent = _opener(executor, workers)
     with closing(Journal(None if folder is None else open_folder(folder))) as journal:
         table = _Table(design, journal, code_revision(), on_changed)
         table.refuse_changed()
         try:
-            table.run(opener, most_sent, folder if records else None, progress)
+            table.run(workers, folder if records else None, progress)
         finally:
             if folder is not None:
                 write_tables(folder, table.rows())
         names = tuple(map(name_of, design.measures))
         return SweepResult(table.rows(), design.parameters, names, design.sampled, folder)
-
-
-def _opener(executor: Executor | None, workers: int | None) -> tuple[Callable[[], Executor], int]:
-    if executor is not None:
-        opened = executor
-        if workers is not None:
-            raise InputError("workers: the executor that is given has its own; leave one out")
-        return lambda: opened, MOST_SENT
-    count = processors() if workers is None else check_count("workers", workers)
-    return lambda: LocalPool(count), count * (1 + AHEAD)
 
 
 class _Table:
@@ -309,6 +297,7 @@ class _Table:
     def __init__(self, design: Design, journal: Journal, revision: str, on_changed: str) -> None:
         self._design, self._journal = design, journal
         self._revision, self._on_changed = revision, on_changed
+        self._git_revision = git_revision()
         self._names: list[tuple[Mapping[str, Any], int, str]] = []
         for setting, replication, tree in design.trees():
             told = [str(tree), replication] if isinstance(tree, ScenarioError) else tree
@@ -324,14 +313,13 @@ class _Table:
             if self._revision not in revisions:
                 raise InputError(
                     f"the journal has runs of revision {next(iter(revisions))}, but the code is of "
-                    f"{self._revision}; go on with --changed, which marks them, or give another "
-                    "folder"
+                    f'{self._revision}; mark them with --changed (on_changed="mark"), or give '
+                    "another folder"
                 )
 
     def run(
         self,
-        open_executor: Callable[[], Executor],
-        most_sent: int,
+        workers: Workers,
         records: Path | None,
         progress: Callable[[Progress], None] | None,
     ) -> None:
@@ -354,12 +342,22 @@ class _Table:
         meter = _Meter(len(self._names), len(jobs), self._failed(), progress)
         if not jobs:
             return
-        with closing(perform_all(jobs, open_executor, most_sent)) as runs:
-            for job, columns in runs:
+        with closing(perform_all(jobs, workers)) as runs:
+            for job, outcome in runs:
                 work, tree = works[job.key]
+                self._refuse_other_code(outcome)
+                columns = outcome | {"git_revision": self._git_revision}
                 self._journal.add(job.key, work, self._revision, tree, columns)
                 self._found[work] = {self._revision: columns}
                 meter.count(failed=columns["failure"] is not None)
+
+    def _refuse_other_code(self, columns: Mapping[str, Any]) -> None:
+        """Raises `Error` where a worker of a cluster runs another revision of the code."""
+        if columns["revision"] != self._revision:
+            raise Error(
+                f"worker {columns.get('worker')} runs code of revision {columns['revision']}, but "
+                f"here it is {self._revision}; install the same on all machines"
+            )
 
     def _failed(self) -> int:
         return sum(self._columns(work)["failure"] is not None for work in self._found)

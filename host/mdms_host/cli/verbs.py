@@ -4,7 +4,7 @@ from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION, SWEEP
 from mdms_host.cli import options
 from mdms_host.cli.commission.options import COMMISSION, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.configure.options import CONFIGURE
-from mdms_host.cli.experiments.options import add_sweep
+from mdms_host.cli.experiments.options import add_sweep, add_tune
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
 from mdms_host.cli.simulation import squeeze_options
 
@@ -68,6 +68,13 @@ VERBS = (
         "run a scenario over many settings and seeds",
         f"{_EXPERIMENTS}.sweep:run",
         add_sweep,
+        extra=SWEEP,
+    ),
+    Verb(
+        "tune",
+        "search values of keys that make a measure small",
+        f"{_EXPERIMENTS}.tune:run",
+        add_tune,
         extra=SWEEP,
     ),
     Verb(

@@ -8,6 +8,7 @@ import pandas
 import pytest
 
 import mdms_array as mdms
+from mdms_array.experiments import execution
 from mdms_array.experiments import sweep as sweeps
 from mdms_array.experiments.journal import WALL_CLOCK
 from mdms_array.experiments.measures import NAMED
@@ -139,14 +140,26 @@ def test_another_checkout_is_refused_or_marked(executor, tmp_path, monkeypatch):
     def swept(seeds, **more):
         return mdms.sweep(ROW, OVER, seeds=seeds, executor=executor, folder=tmp_path / "s", **more)
 
-    monkeypatch.setattr(sweeps, "code_revision", lambda: "aaaa")
+    def change(revision):
+        for module in (sweeps, execution):
+            monkeypatch.setattr(module, "code_revision", lambda: revision)
+
+    change("aaaa")
     swept(1)
-    monkeypatch.setattr(sweeps, "code_revision", lambda: "bbbb")
-    with pytest.raises(mdms.InputError, match=r"revision aaaa, but the code is of bbbb; go on"):
+    change("bbbb")
+    with pytest.raises(mdms.InputError, match=r"revision aaaa, but the code is of bbbb; mark"):
         swept(2)
     rows = swept(2, on_changed="mark").rows
     assert [row["changed"] for row in rows] == 4 * [True, False]
     assert [row["revision"] for row in rows] == 4 * ["aaaa", "bbbb"]
+
+
+def test_a_worker_with_other_code_ends_the_sweep(executor, monkeypatch):
+    monkeypatch.setattr(execution, "code_revision", lambda: "cccc")
+    with pytest.raises(
+        mdms.Error, match=r"runs code of revision cccc, but here it is \w{16}; inst"
+    ):
+        mdms.sweep(ROW, OVER, seeds=1, executor=executor)
 
 
 def test_what_ends_a_sweep_keeps_what_is_done(executor, tmp_path):

@@ -43,3 +43,12 @@ def add_executor(parser: ArgumentParser) -> None:
         action="store_true",
         help="count runs of another revision of the code, and mark them",
     )
+
+
+def add_tune(parser: ArgumentParser) -> None:
+    """Those of `tune`."""
+    parser.add_argument(
+        "file", metavar="FILE", type=Path, help="a TOML file: scenario, vary, minimise, bounds"
+    )
+    add_executor(parser)
+    add_json(parser)

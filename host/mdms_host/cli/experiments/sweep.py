@@ -4,8 +4,7 @@ import json
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from rich.console import Console
@@ -13,7 +12,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
 
-from mdms_array.experiments.execution import cluster
+from mdms_array.experiments.execution import Workers, cluster
 from mdms_array.experiments.files import Plot, read_sweep
 from mdms_array.experiments.journal import CSV, frame_of
 from mdms_array.experiments.settings import meaning_of
@@ -36,7 +35,8 @@ def run(arguments: Namespace) -> Exit:
     folder = arguments.out or Path("runs") / arguments.file.stem
     if arguments.again is not None:
         return _again(design, folder, arguments.again, as_json=arguments.json)
-    result = run_kept(design, folder, arguments)
+    with running(folder, arguments) as run_missing:
+        result = run_missing(design)
     frame_of(summarised(result)).to_csv(folder / SUMMARY, index=False)
     pictures = _draw(result, plots, folder)
     if arguments.json:
@@ -50,8 +50,9 @@ def run(arguments: Namespace) -> Exit:
     return Exit.FAILURE if result.failed == len(result.rows) else Exit.OK
 
 
-def run_kept(design: Design, folder: Path, arguments: Namespace) -> SweepResult:
-    """Run what is missing of a design; Ctrl-C says how to go on."""
+@contextmanager
+def running(folder: Path, arguments: Namespace) -> Iterator[Callable[[Design], SweepResult]]:
+    """Runs what is missing of designs, with progress; Ctrl-C says how to go on."""
     latest = Progress(0)
 
     def note(state: Progress) -> None:
@@ -59,12 +60,11 @@ def run_kept(design: Design, folder: Path, arguments: Namespace) -> SweepResult:
         latest = state
         advance(state)
 
-    with progress_line() as advance, executor_of(arguments) as executor:
+    with progress_line() as advance, workers_of(arguments) as workers:
         try:
-            return run_design(
+            yield lambda design: run_design(
                 design,
-                executor=executor,
-                workers=arguments.workers,
+                workers,
                 folder=folder,
                 records=getattr(arguments, "records", False),
                 on_changed="mark" if arguments.changed else "refuse",
@@ -79,15 +79,16 @@ def run_kept(design: Design, folder: Path, arguments: Namespace) -> SweepResult:
 
 
 @contextmanager
-def executor_of(arguments: Namespace) -> Iterator[Executor | None]:
-    """The cluster's executor; None for processes of this machine."""
+def workers_of(arguments: Namespace) -> Iterator[Workers]:
+    """The workers of a cluster, or processes of this machine."""
     if arguments.cluster is None:
-        yield None
+        with closing(Workers(workers=arguments.workers)) as workers:
+            yield workers
         return
     if arguments.workers is not None:
         raise CommandError("--workers: the cluster has its own; leave one out", Exit.USAGE)
     with cluster(arguments.cluster) as executor:
-        yield executor
+        yield Workers(executor)
 
 
 @contextmanager
