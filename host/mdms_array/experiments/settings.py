@@ -162,7 +162,7 @@ def check_count(name: str, count: object) -> int:
 def run_seed(seed: int, replication: int) -> int:
     """The seed of a run: 48 bits of SHA-256 of `SEED/REPLICATION`, replications from 0.
 
-    All settings have the same seeds. Sweeps with other seeds share none with them.
+    All settings of a sweep have the same seeds, and sweeps with another seed have others.
     """
     digest = hashlib.sha256(f"{seed}/{replication}".encode()).digest()
     return int.from_bytes(digest[:6])

@@ -43,8 +43,6 @@ from mdms_model.scenario.tree import plain
 
 #: What becomes of runs of another revision of the code.
 ON_CHANGED = ("refuse", "mark")
-SAMPLES = 16
-SEEDS = 20
 #: Columns of a table before and after those of parameters and measures.
 FIRST = ("row", "key", "replication", "seed", "status", "reason", "failure")
 LAST = (
@@ -153,9 +151,9 @@ def design_of(
     scenario: Source,
     over: Mapping[str, Values],
     *,
-    seeds: int | Sequence[int] = SEEDS,
+    seeds: int | Sequence[int] = 20,
     seed: int = 1,
-    samples: int = SAMPLES,
+    samples: int = 16,
     sampling: str = "latin_hypercube",
     measures: Sequence[Measure] | Measure = USUAL,
     program: FileFunction | Main | None = None,
@@ -214,9 +212,9 @@ def sweep(
     scenario: Source,
     over: Mapping[str, Values],
     *,
-    seeds: int | Sequence[int] = SEEDS,
+    seeds: int | Sequence[int] = 20,
     seed: int = 1,
-    samples: int = SAMPLES,
+    samples: int = 16,
     sampling: str = "latin_hypercube",
     measures: Sequence[Measure] | Measure = USUAL,
     program: Main | None = None,
