@@ -89,7 +89,7 @@ def settings_of(
 ) -> list[dict[str, Any]]:
     """All settings: each combination of the lists, with the same samples of the distributions.
 
-    Raises `InputError`.
+    A setting is there once, however often it is drawn. Raises `InputError`.
     """
     grid = {key: _listed(key, values) for key, values in over.items()}
     drawn = {key: each for key, each in over.items() if isinstance(each, Distribution)}
@@ -106,7 +106,8 @@ def settings_of(
             sampled = {key: each.at(share) for (key, each), share in pairs}
             # In the order in which they were given: a later key may lie within an earlier one.
             settings.append({key: (listed | sampled)[key] for key in over})
-    return settings
+    # Whole numbers are drawn again and again.
+    return list({repr(setting): setting for setting in settings}.values())
 
 
 def _listed(key: str, values: Values) -> list[Any] | None:

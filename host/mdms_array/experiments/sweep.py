@@ -72,8 +72,8 @@ class SweepResult:
     """The table of a sweep: a row for each run, in the order of settings and seeds.
 
     `parameters` and `measures` are names of columns, and `sampled` are the parameters that were
-    drawn from distributions. A run that raised has a `failure`, and no
-    measures. `changed` marks runs of another revision of the code.
+    drawn from distributions. A run that raised has a `failure`, and no measures. `changed`
+    marks runs of another revision of the code.
     """
 
     rows: Sequence[Mapping[str, Any]] = field(repr=False)
@@ -274,7 +274,8 @@ def run_design(
 ) -> SweepResult:
     """The same of a checked design. What is done is kept and in the tables, however it ends."""
     if on_changed not in ON_CHANGED:
-        raise InputError(f"on_changed is {on_changed!r}, but must be one of {ON_CHANGED}")
+        choices = " or ".join(ON_CHANGED)
+        raise InputError(f"on_changed is {on_changed!r}, but must be {choices}")
     if records and folder is None:
         raise InputError("records: there is no folder to keep them in; give one")
     with closing(Journal(None if folder is None else open_folder(folder))) as journal:
@@ -382,6 +383,7 @@ class _Table:
                     "seed": self._design.seeds[replication],
                     **dict.fromkeys(("status", "reason", "failure")),
                     **dict.fromkeys(map(name_of, self._design.measures)),
+                    **dict.fromkeys(LAST),
                     **columns,
                     "revision": revision,
                     "changed": changed,
@@ -434,6 +436,8 @@ def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str,
                 f"{len(design.settings) * len(design.seeds)} rows"
             )
         before = found[row]
+        if before["started"] is None:
+            raise InputError(f"--again {row}: that run left nothing: {before['failure']}")
         tree = journal.tree(before["key"])
     after = perform(Job(before["key"], tree, design.measures, design.program, str(out)))
     for name in ("log_sha256", "record_sha256", "failure"):

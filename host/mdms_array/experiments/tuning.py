@@ -172,9 +172,10 @@ def tune(task: Task, run: Callable[[Design], SweepResult]) -> Tuned:
             else:
                 study.tell(each, trial.mean)
         trials += done
-    run(replace(task.design, settings=[dict(each.setting) for each in _once(trials)]))
     best = _best(task, trials)
     base_unseen, best_unseen, gain = _compare(task, run, trials[0], best)
+    # All is in the journal by now; the last table is that of all trials.
+    run(replace(task.design, settings=[dict(each.setting) for each in _once(trials)]))
     return Tuned(trials, best, _importance(study), base_unseen, best_unseen, gain)
 
 

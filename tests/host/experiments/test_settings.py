@@ -36,6 +36,13 @@ def test_samples_are_the_same_for_a_seed_and_others_for_another(sampling):
     assert first == settings_of(over, 8, sampling, 1) != settings_of(over, 8, sampling, 2)
 
 
+def test_a_setting_is_there_once_however_often_it_is_drawn():
+    assert sorted(
+        each["a"] for each in settings_of({"a": mdms.integers(1, 3)}, 16, "sobol", 1)
+    ) == [*(1, 2, 3)]
+    assert settings_of({"a": [2, 2]}, 1, "sobol", 1) == [{"a": 2}]
+
+
 def test_distributions_keep_to_their_bounds():
     whole = mdms.integers(1, 3)
     assert [whole.at(share) for share in (0.0, 0.32, 0.34, 0.99, 1.0)] == [1, 1, 2, 3, 3]

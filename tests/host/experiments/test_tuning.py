@@ -4,6 +4,7 @@ import json
 import sqlite3
 from contextlib import closing
 
+import pandas
 import pytest
 
 from mdms_host.cli import main
@@ -69,6 +70,7 @@ def test_tuning_finds_what_is_better_within_bounds_and_comes_out_the_same_again(
     assert tuned(capsys) == (Exit.OK, first)
     assert runs_in(file.parent / "runs" / "grip" / "journal.sqlite") == runs
     assert (file.parent / "runs" / "grip" / "tuning.png").is_file()
+    assert len(pandas.read_csv(file.parent / "runs" / "grip" / "table.csv")) == 12
 
 
 def test_where_nothing_keeps_the_bounds_the_end_is_a_failure(file, capsys):
