@@ -263,7 +263,7 @@ def _column(rows: Sequence[Row], name: str) -> Floats:
 def _edges(values: Floats) -> Floats:
     """The edges of cells around values, in the middle between them."""
     if len(values) == 1:
-        return values[0] + np.array([-0.5, 0.5])
+        return np.array([values[0] - 0.5, values[0] + 0.5])
     wide = _is_wide(values)
     scaled = np.log(values) if wide else values
     inner = 0.5 * (scaled[1:] + scaled[:-1])
