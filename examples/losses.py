@@ -62,7 +62,7 @@ def draw(lost: mdms.SweepResult, dead: mdms.SweepResult, path: str) -> None:
                 (panels[1, column], "time_s_median", "time_s_median"),
             ):
                 axes.plot(
-                    x, rows[middle], "o-", color=colour, ms=4, label=f"{loop} closes the loop"
+                    x, rows[middle], "o-", color=colour, ms=4, label=f"loop closed by the {loop}"
                 )
                 ends = rows[f"{measure}_low"], rows[f"{measure}_high"]
                 axes.fill_between(x, *ends, color=colour, alpha=0.2, linewidth=0)
