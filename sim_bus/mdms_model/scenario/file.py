@@ -125,13 +125,18 @@ def _locate(name_or_path: str | Path) -> Path:
 def set_value(tree: Any, override: str) -> None:
     """Change one value of the tables by KEY=VALUE. Raises `ScenarioError` for a bad path."""
     key, equals, text = override.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts):
+    if not equals or not all(key.strip().split(".")):
         raise ScenarioError(f"--set {override}: write KEY=VALUE, as in parcel.0.x_m=-0.30")
+    set_key(tree, key.strip(), _value(text.strip()))
+
+
+def set_key(tree: Any, key: str, value: Any) -> None:
+    """Change the value of a dotted path into the tables. Raises `ScenarioError` for a bad path."""
+    parts = key.split(".")
     at = tree
     for depth, part in enumerate(parts[:-1]):
         at = _step_into(at, part, ".".join(parts[:depth]))
-    _assign(at, parts[-1], _value(text.strip()), ".".join(parts[:-1]))
+    _assign(at, parts[-1], value, ".".join(parts[:-1]))
 
 
 def _step_into(at: Any, part: str, path: str) -> Any:

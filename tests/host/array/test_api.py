@@ -203,6 +203,7 @@ def test_what_cannot_be_run_is_refused(arguments, told):
         ("numba", "mdms.simulate('array18')", "mdms_array.simulate needs pip install .*\\[sim\\]"),
         ("numba", "mdms.virtual('array18').__enter__()", "mdms_array.virtual needs .*numba"),
         ("mcap", "mdms.simulate('array18', record='run')", "with a record needs .*\\[record\\]"),
+        ("pandas", "mdms.sweep('array18', {})", "mdms_array.sweep needs .*\\[sweep\\]"),
         ("mcap", "mdms.write_run('run', None, None, {})", "a run folder needs .*\\[record\\]"),
     ],
 )
@@ -226,7 +227,8 @@ def test_the_import_is_light():
         "print(json.dumps(sorted({name.partition('.')[0] for name in sys.modules})))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)
-    assert {"numba", "matplotlib", "mdms_sim", "numpy"}.isdisjoint(json.loads(done.stdout))
+    heavy = {"numba", "matplotlib", "mdms_sim", "numpy", "pandas", "pyarrow", "scipy", "optuna"}
+    assert heavy.isdisjoint(json.loads(done.stdout))
 
 
 def test_every_name_can_be_imported_and_helps_to_write_programs():

@@ -77,7 +77,10 @@ def test_extras_are_those_of_the_distribution(pytestconfig):
         name: {requirement.split(">")[0].split("=")[0].replace("-", "_") for requirement in each}
         for name, each in project["optional-dependencies"].items()
     }
-    kinds = extras.SIMULATION, extras.PICTURES, extras.COMPILER, extras.PAGE, extras.BOARDS
+    kinds = (
+        *(extras.SIMULATION, extras.PICTURES, extras.COMPILER, extras.PAGE, extras.BOARDS),
+        *(extras.SWEEP, extras.CLUSTER, extras.TUNE),
+    )
     for extra in kinds:
         assert {*extra.modules} <= offered[extra.name]
 

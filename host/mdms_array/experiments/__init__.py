@@ -1,0 +1,1 @@
+"""Experiments: one scenario over many settings and seeds, on one machine or a cluster."""

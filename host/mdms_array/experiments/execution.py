@@ -1,0 +1,294 @@
+"""Runs of an experiment on an executor: this machine's processes, a cluster, or one of the user's.
+
+A worker that is killed breaks a pool of processes, and all runs in it are lost. The pool is built
+anew, and the lost runs are sent again. A run that was lost twice runs alone from then on, so that
+it is known which run kills its worker.
+"""
+
+import hashlib
+import os
+import platform
+import socket
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from importlib import import_module
+from importlib.metadata import version
+from multiprocessing.context import SpawnContext
+from queue import SimpleQueue
+from typing import Any
+
+from mdms_array.experiments.measures import FileFunction, Measure, measured, name_of
+from mdms_array.experiments.settings import check_count
+from mdms_array.experiments.workers import prepare_worker
+from mdms_array.extras import CLUSTER, require
+from mdms_array.revision import code_revision
+from mdms_array.run import Run
+from mdms_host.clock import MonotonicClock
+from mdms_model.errors import Error, InputError
+from mdms_model.scenario.file import scenario_from
+
+#: Runs that are sent to an executor of others before the first has come back.
+MOST_SENT = 256
+#: Runs of a pool of processes that wait while others are run, a worker.
+AHEAD = 2
+#: A run that was lost so often with its worker runs alone.
+MOST_LOST = 2
+CONNECT_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One run of an experiment, ready to be sent: a scenario in full, and what to measure.
+
+    `key` names it. `record` is the folder that keeps the run, if any.
+    """
+
+    key: str
+    tree: Mapping[str, Any]
+    measures: tuple[Measure, ...]
+    program: FileFunction | Callable[..., Any] | None = None
+    record: str | None = None
+
+
+Ended = tuple[Job, "Future[dict[str, Any]]"]
+
+
+def perform(job: Job) -> dict[str, Any]:
+    """Do a run. What it comes to, as columns; a run that raises has a `failure`."""
+    started, clock = datetime.now(UTC), MonotonicClock()
+    columns: dict[str, Any] = dict.fromkeys(("status", "reason", "failure"))
+    values: dict[str, Any] = dict.fromkeys(name_of(each) for each in job.measures)
+    digests: dict[str, str | None] = {"log_sha256": None, "record_sha256": None}
+    try:
+        run = _run(job)
+        columns |= {"status": run.status, "reason": run.reason}
+        digests["log_sha256"] = run.log_sha256
+        if run.log_sha256 is None:
+            digests["record_sha256"] = record_sha256(run)
+        for each in job.measures:
+            values[name_of(each)] = measured(run, each)
+    except Exception as error:
+        columns["failure"] = f"{type(error).__name__}: {error}"
+    return {
+        **columns,
+        **values,
+        **digests,
+        "started": started.isoformat(timespec="milliseconds"),
+        "wall_s": round(clock.now_s(), 6),
+        "worker": f"{socket.gethostname()}:{os.getpid()}",
+        **versions(),
+    }
+
+
+def _run(job: Job) -> Run:
+    # The simulator is imported by workers alone.
+    from mdms_array.simulation import simulate
+
+    program = job.program.function if isinstance(job.program, FileFunction) else job.program
+    return simulate(scenario_from(job.tree), program=program, record=job.record)
+
+
+def failed_columns(reason: str) -> dict[str, Any]:
+    """The columns of a run that has left nothing."""
+    return {"failure": reason, **versions()}
+
+
+def versions() -> dict[str, str]:
+    """Versions that a run depends on; `revision` is a digest of our own sources."""
+    return {
+        "revision": code_revision(),
+        "mdms_version": version("mdms-array"),
+        "python_version": platform.python_version(),
+        "numpy_version": version("numpy"),
+        "numba_version": version("numba"),
+    }
+
+
+def record_sha256(run: Run) -> str:
+    """SHA-256 of all that a run without a bus has sampled, and of its events."""
+    digest = hashlib.sha256()
+    record = run.record
+    for array in (
+        *(record.time_s, record.pose, record.twist, record.reference_m_s, record.speed_m_s),
+        *(record.voltage_v, record.normal_n, record.force_n, record.contact),
+    ):
+        digest.update(array.tobytes())
+    digest.update(repr(record.events).encode())
+    return digest.hexdigest()
+
+
+def perform_all(
+    jobs: Sequence[Job], workers: "Workers"
+) -> Generator[tuple[Job, dict[str, Any]], None, None]:
+    """Do all runs, and yield each with its columns as it ends, once. Raises `Error`."""
+    lost: Counter[str] = Counter()
+    waiting, alone = deque(jobs), deque[Job]()
+    while waiting or alone:
+        queue, most = (waiting, workers.most_sent) if waiting else (alone, 1)
+        for job, columns in _perform_on(workers.executor, queue, most):
+            if columns is not None:
+                yield job, columns
+                continue
+            lost[job.key] += 1
+            if lost[job.key] <= MOST_LOST:
+                (waiting if lost[job.key] < MOST_LOST else alone).append(job)
+            else:
+                yield (
+                    job,
+                    failed_columns("its worker ended without a word: killed, or out of memory"),
+                )
+        if waiting or alone:
+            workers.renew()
+
+
+def _perform_on(
+    executor: Executor, queue: deque[Job], most_sent: int
+) -> Iterator[tuple[Job, dict[str, Any] | None]]:
+    """Do runs until none is left or the executor breaks; None for those that it has lost."""
+    done: SimpleQueue[Ended] = SimpleQueue()
+    sent, broken = 0, False
+    while sent or (queue and not broken):
+        while queue and not broken and sent < most_sent:
+            job = queue.popleft()
+            try:
+                future = executor.submit(perform, job)
+            except BrokenExecutor:
+                queue.appendleft(job)
+                broken = True
+                break
+            future.add_done_callback(partial(_put, done, job))
+            sent += 1
+        if sent:
+            job, future = done.get()
+            sent -= 1
+            columns = _columns(future)
+            broken = broken or columns is None
+            yield job, columns
+
+
+def _put(done: "SimpleQueue[Ended]", job: Job, future: "Future[dict[str, Any]]") -> None:
+    done.put((job, future))
+
+
+def _columns(future: Future[dict[str, Any]]) -> dict[str, Any] | None:
+    """The columns of a run; None if it was lost with its worker. Raises `Error`."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return None
+    except CancelledError as error:
+        raise Error("the executor has ended; the same sweep goes on from here") from error
+    except Exception as error:
+        if type(error).__name__ == "KilledWorker":
+            return failed_columns("every worker that had it was killed, or ran out of memory")
+        raise Error(
+            f"the executor has failed: {type(error).__name__}: {error}; "
+            "the same sweep goes on from here"
+        ) from error
+
+
+class _RecordedContext(SpawnContext):
+    """Spawns processes, and remembers them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.processes: list[Any] = []
+
+    def Process(self, *args: Any, **kwargs: Any) -> Any:  # type: ignore[override]  # noqa: N802
+        """See `multiprocessing`."""
+        process = super().Process(*args, **kwargs)
+        self.processes.append(process)
+        return process
+
+
+class LocalPool(ProcessPoolExecutor):
+    """Spawned processes of this machine, each with one thread, that import the simulator once."""
+
+    def __init__(self, workers: int) -> None:
+        self.context = _RecordedContext()
+        super().__init__(workers, mp_context=self.context, initializer=prepare_worker)
+
+    def end(self) -> None:
+        """End all processes at once: runs that have not ended are lost."""
+        self.shutdown(wait=False, cancel_futures=True)
+        for process in self.context.processes:
+            if process.is_alive():
+                process.terminate()
+        for process in self.context.processes:
+            process.join()
+
+
+class Workers:
+    """The executor of an experiment: one of the caller's, or processes of this machine.
+
+    Processes start with the first run, serve any number of experiments, and end with `close`.
+    """
+
+    def __init__(self, executor: Executor | None = None, workers: int | None = None) -> None:
+        if executor is not None and workers is not None:
+            raise InputError("workers: the executor that is given has its own; leave one out")
+        self._given, self._pool = executor, None
+        self._count = processors() if workers is None else check_count("workers", workers)
+
+    _pool: LocalPool | None
+
+    @property
+    def executor(self) -> Executor:
+        """The executor, opened if it is not open yet."""
+        if self._given is not None:
+            return self._given
+        if self._pool is None:
+            self._pool = LocalPool(self._count)
+        return self._pool
+
+    @property
+    def most_sent(self) -> int:
+        """How many runs may be sent before the first has come back."""
+        return MOST_SENT if self._given is not None else self._count * (1 + AHEAD)
+
+    def renew(self) -> None:
+        """Have new processes take the place of those that were lost. Raises `Error`."""
+        if self._given is not None:
+            raise Error("the executor has broken; the same sweep goes on from here with another")
+        self.close()
+
+    def close(self) -> None:
+        """End the processes at once; an executor of the caller's stays open."""
+        if self._pool is not None:
+            self._pool.end()
+            self._pool = None
+
+
+def processors() -> int:
+    """How many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Executor]:
+    """The executor of a Dask cluster, by the address of its scheduler.
+
+    Raises `Error` where the extra is not installed, or nothing answers.
+    """
+    require(CLUSTER, "a sweep on a cluster")
+    # It is an extra.
+    distributed: Any = import_module("distributed")
+
+    try:
+        client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{address}: no scheduler of Dask answers within {CONNECT_S:g} s ({error}); "
+            "`dask scheduler` starts one"
+        ) from None
+    try:
+        yield client.get_executor(pure=False)
+    finally:
+        client.close()

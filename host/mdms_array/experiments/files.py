@@ -1,0 +1,256 @@
+"""Files of sweeps and of tuning: TOML with a scenario, the keys that vary, and what to measure."""
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdms_array.experiments.measures import FileFunction, Measure, measure_named, name_of
+from mdms_array.experiments.settings import (
+    Distribution,
+    Values,
+    integers,
+    log_uniform,
+    uniform,
+)
+from mdms_array.experiments.sweep import Design, design_of
+from mdms_array.experiments.tuning import Bound, Task, task_of
+from mdms_array.source import Source
+from mdms_model.errors import InputError
+from mdms_model.scenario.file import builtin_names
+
+DISTRIBUTIONS: Mapping[str, Callable[..., Distribution]] = {
+    each.__name__: each for each in (uniform, log_uniform, integers)
+}
+SWEEP_KEYS = (
+    *("scenario", "over", "seeds", "seed", "samples", "sampling", "measures", "program", "plot"),
+)
+TUNE_KEYS = (
+    *("scenario", "vary", "seeds", "seed", "trials", "unseen", "minimise", "maximise"),
+    *("bounds", "measures", "program"),
+)
+TRIALS, TRIAL_SEEDS, UNSEEN = 40, 8, 20
+_GIVEN = ("seeds", "seed", "samples", "sampling")
+_RANGE = ("from", "to", "count", "log")
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """One picture of a sweep: its file, its measure, and the parameters it is drawn over."""
+
+    file: str
+    measure: str | None = None
+    over: tuple[str, ...] | None = None
+
+
+def read_sweep(path: Path) -> tuple[Design, tuple[Plot, ...]]:
+    """The design and the pictures that a file describes. Raises `InputError`."""
+    tree = read_table(path, SWEEP_KEYS)
+    given: dict[str, Any] = {
+        name: tree[name] for name in ("seeds", "seed", "samples", "sampling") if name in tree
+    }
+    _check_numbers(path, given)
+    if "measures" in tree:
+        given["measures"] = measures_of(path, tree["measures"])
+    try:
+        design = design_of(
+            source_of(path, tree),
+            {key: values_of(path, key, each) for key, each in _over(path, tree).items()},
+            program=program_of(path, tree),
+            **given,
+        )
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+    return design, _plots(path, tree.get("plot", []))
+
+
+def read_tuning(path: Path) -> Task:
+    """The task of tuning that a file describes. Raises `InputError`."""
+    tree = read_table(path, TUNE_KEYS)
+    _check_numbers(path, tree)
+    goals = [key for key in ("minimise", "maximise") if key in tree]
+    if len(goals) != 1 or not isinstance(tree[goals[0]], str):
+        raise InputError(f"{path}: give minimise or maximise, and to one of them a measure")
+    objective = measure_named(tree[goals[0]], path.parent)
+    bounds = _bounds(path, tree.get("bounds", {}))
+    measures = dict.fromkeys(
+        [objective, *bounds.values(), *measures_of(path, tree.get("measures", []))]
+    )
+    try:
+        vary = {key: values_of(path, key, each) for key, each in _over(path, tree, "vary").items()}
+        distributions = {key: each for key, each in vary.items() if isinstance(each, Distribution)}
+        if len(distributions) < len(vary):
+            raise InputError(
+                "vary: give each key a distribution, such as { uniform = [LOW, HIGH] }"
+            )
+        seed = tree.get("seed", 1)
+        design = design_of(
+            source_of(path, tree),
+            {},
+            seeds=tree.get("seeds", TRIAL_SEEDS),
+            seed=seed,
+            measures=list(measures),
+            program=program_of(path, tree),
+        )
+        return task_of(
+            design,
+            distributions,
+            objective=name_of(objective),
+            maximise=goals[0] == "maximise",
+            bounds=list(bounds),
+            trials=tree.get("trials", TRIALS),
+            seed=seed,
+            unseen=tree.get("unseen", UNSEEN),
+        )
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
+def _bounds(path: Path, table: Any) -> dict[Bound, Measure]:
+    """The bounds of a file, each with its measure. Raises `InputError`."""
+    if not isinstance(table, Mapping):
+        raise InputError(f"{path}: bounds is {table!r}, but must be a table")
+    bounds: dict[Bound, Measure] = {}
+    for name, limits in table.items():
+        numbers = limits.values() if isinstance(limits, Mapping) else ()
+        known = isinstance(limits, Mapping) and {*limits} <= {"at_least", "at_most"}
+        if not known or not numbers or not all(isinstance(each, int | float) for each in numbers):
+            raise InputError(
+                f"{path}: bounds.{name} is {limits!r}, but must be {{ at_least = LOW }}, "
+                "{ at_most = HIGH }, or both"
+            )
+        measure = measure_named(name, path.parent)
+        bounds[Bound(name_of(measure), **limits)] = measure
+    return bounds
+
+
+def read_table(path: Path, known: tuple[str, ...]) -> dict[str, Any]:
+    """A file with these keys and no others. Raises `InputError`."""
+    try:
+        tree = tomllib.loads(path.read_text("utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text; give a TOML file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    for key in tree:
+        if key not in known:
+            raise InputError(f"{path}: {key} is not a known key; there are {', '.join(known)}")
+    return tree
+
+
+def source_of(path: Path, tree: Mapping[str, Any]) -> Source:
+    """The scenario that a file names, or has; names are of files beside it, or built in."""
+    source = tree.get("scenario")
+    if isinstance(source, str):
+        return _beside(path, source)
+    if isinstance(source, Mapping):
+        base = source.get("scenario")
+        if isinstance(base, str):
+            return {**source, "scenario": _beside(path, base)}
+        return source
+    raise InputError(
+        f"{path}: scenario is {source!r}, but must be the name of a scenario or of a file, or a "
+        "table with the keys of one"
+    )
+
+
+def _beside(path: Path, name: str) -> str:
+    if name in builtin_names():
+        return name
+    beside = path.parent / name
+    return str(beside) if beside.exists() else name
+
+
+def _over(path: Path, tree: Mapping[str, Any], name: str = "over") -> dict[str, Any]:
+    """The keys that vary, with dots between them, whether the file has tables or dotted texts."""
+    over = tree.get(name)
+    if not isinstance(over, Mapping):
+        raise InputError(f"{path}: {name} is {over!r}, but must be a table of the keys that vary")
+    return dict(_flat(over, ""))
+
+
+def _flat(table: Mapping[str, Any], prefix: str) -> list[tuple[str, Any]]:
+    pairs: list[tuple[str, Any]] = []
+    for key, value in table.items():
+        inner = isinstance(value, Mapping) and not {*value} & {*_RANGE, *DISTRIBUTIONS}
+        pairs += _flat(value, f"{prefix}{key}.") if inner else [(f"{prefix}{key}", value)]
+    return pairs
+
+
+def values_of(path: Path, key: str, value: Any) -> Values:
+    """A list, a range or a distribution as a file writes them. Raises `InputError`."""
+    if isinstance(value, list):
+        return value
+    if isinstance(value, Mapping):
+        if {*value} <= {*_RANGE} and {"from", "to", "count"} <= {*value}:
+            return _range(path, key, value)
+        (kind, bounds), *others = value.items()
+        if kind in DISTRIBUTIONS and not others and isinstance(bounds, list) and len(bounds) == 2:
+            return DISTRIBUTIONS[kind](*bounds)
+    kinds = ", ".join(f"{{ {kind} = [LOW, HIGH] }}" for kind in DISTRIBUTIONS)
+    raise InputError(
+        f"{path}: over.{key} is {value!r}, but must be a list of values, "
+        f"{{ from = LOW, to = HIGH, count = N }}, or one of {kinds}"
+    )
+
+
+def _range(path: Path, key: str, value: Mapping[str, Any]) -> list[float]:
+    """So many values from one to another, both included, their logarithms evenly with `log`."""
+    bounds = uniform(value["from"], value["to"])
+    count = value["count"]
+    if not isinstance(count, int) or not 2 <= count <= 10_000:
+        raise InputError(
+            f"{path}: over.{key}.count is {count!r}, but must be a whole number, 2 to 10,000"
+        )
+    if value.get("log", False):
+        bounds = log_uniform(bounds.low, bounds.high)
+    # Rounded, so that 0.3 is 0.3.
+    return [float(f"{bounds.at(share):.12g}") for share in np.linspace(0.0, 1.0, count).tolist()]
+
+
+def _check_numbers(path: Path, given: Mapping[str, Any]) -> None:
+    seed = given.get("seed", 1)
+    if not isinstance(seed, int) or isinstance(seed, bool):
+        raise InputError(f"{path}: seed is {seed!r}, but must be a whole number")
+    seeds = given.get("seeds", 1)
+    if not isinstance(seeds, int | list) or isinstance(seeds, bool):
+        raise InputError(f"{path}: seeds is {seeds!r}, but must be a number of runs, or a list")
+
+
+def measures_of(path: Path, listed: Any) -> list[Measure]:
+    """Measures as a file names them. Raises `InputError`."""
+    if not isinstance(listed, list) or not all(isinstance(each, str) for each in listed):
+        raise InputError(f"{path}: measures is {listed!r}, but must be a list of names")
+    return [measure_named(each, path.parent) for each in listed]
+
+
+def program_of(path: Path, tree: Mapping[str, Any]) -> FileFunction | None:
+    """The program that a file names as `FILE.py:FUNCTION`. Raises `InputError`."""
+    text = tree.get("program")
+    if text is None:
+        return None
+    measure = measure_named(text, path.parent) if isinstance(text, str) else text
+    if not isinstance(measure, FileFunction):
+        raise InputError(f"{path}: program is {text!r}, but must be 'FILE.py:FUNCTION'")
+    return measure
+
+
+def _plots(path: Path, listed: Any) -> tuple[Plot, ...]:
+    if not isinstance(listed, list) or not all(isinstance(each, Mapping) for each in listed):
+        raise InputError(f"{path}: plot is {listed!r}, but must be a list of tables, [[plot]]")
+    plots = []
+    for each in listed:
+        over = each.get("over")
+        if not {"file"} <= {*each} <= {"file", "measure", "over"}:
+            raise InputError(
+                f"{path}: plot {dict(each)!r} must have file, and may have measure, over"
+            )
+        plots.append(
+            Plot(str(each["file"]), each.get("measure"), None if over is None else tuple(over))
+        )
+    return tuple(plots)

@@ -1,0 +1,260 @@
+"""Measures: numbers that an experiment takes from a run, by name or by a function of the user."""
+
+import hashlib
+import inspect
+import math
+import runpy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdms_array.run import Run
+from mdms_model.arrays import Floats
+from mdms_model.errors import InputError
+from mdms_model.scenario.scenario import Cell
+
+Measure = str | Callable[[Run], Any]
+#: The measures of a sweep that names none.
+USUAL = ("reached", "time_s", "position_error_m", "slipping_share", "violations")
+
+
+def reached(run: Run) -> bool:
+    """Whether the run ended well; an endless job ends well at its time limit."""
+    return run.status == "reached" or (run.status == "time limit" and run.endless)
+
+
+def time_s(run: Run) -> float:
+    """When the last parcel came to its goal to stay, or the program ended [s].
+
+    A run that did not end well has its time limit: its time is censored there.
+    """
+    if not reached(run):
+        return run.scenario.run.duration_s
+    arrivals = [each.outcome.time_s for each in run.parcels.values() if each.outcome is not None]
+    return max((each for each in arrivals if each is not None), default=run.duration_s)
+
+
+def position_error_m(run: Run) -> float | None:
+    """Largest distance of a parcel from its goal at the end, in truth [m]."""
+    return _largest(
+        each.outcome.position_error_m for each in run.parcels.values() if each.outcome is not None
+    )
+
+
+def yaw_error_rad(run: Run) -> float | None:
+    """Largest angle of a parcel from its goal at the end, in truth [rad]."""
+    return _largest(
+        each.outcome.yaw_error_rad for each in run.parcels.values() if each.outcome is not None
+    )
+
+
+def belief_position_error_m(run: Run) -> float | None:
+    """Largest distance of the host's belief from the truth at the end [m]."""
+    return _largest(np.hypot(miss[0], miss[1]) for miss in _belief_misses(run))
+
+
+def belief_yaw_error_rad(run: Run) -> float | None:
+    """Largest angle of the host's belief from the truth at the end [rad]."""
+    return _largest((miss[2] + pi) % (2.0 * pi) - pi for miss in _belief_misses(run))
+
+
+def slipping_share(run: Run) -> float:
+    """Share of wheel contacts in motion that slipped."""
+    return float(run.figures["slipping_share"])
+
+
+def energy_j(run: Run) -> float:
+    """Energy that the motors took from the supply [J], by samples and nominal constants.
+
+    Power that a motor gives back is not counted.
+    """
+    record = run.record
+    power_w = motor_power_w(run.scenario.cell, record.voltage_v, record.speed_m_s)
+    # A voltage is unknown where no wheel was driven.
+    power_w = np.nan_to_num(np.maximum(power_w, 0.0)).sum(axis=1)
+    return float(np.trapezoid(power_w, record.time_s))
+
+
+def motor_power_w(cell: Cell, voltage_v: Floats, speed_m_s: Floats) -> Floats:
+    """Electrical power of motors by voltage and surface speed of the wheels (eqs 7 and 8) [W]."""
+    constant_vs_per_m = cell.torque_constant_nm_per_a * cell.gear_ratio / cell.wheel_radius_m
+    power: Floats = voltage_v * (voltage_v - constant_vs_per_m * speed_m_s) / cell.resistance_ohm
+    return power
+
+
+def bus_load(run: Run) -> float | None:
+    """Share of time that the busiest bus was not idle; None without a bus."""
+    return None if run.bus is None else run.bus.load
+
+
+def bus_errors(run: Run) -> int | None:
+    """Errors on all buses; None without a bus."""
+    return None if run.bus is None else run.bus.errors
+
+
+def violations(run: Run) -> int:
+    """How many violations the referee has noted."""
+    return len(run.violations)
+
+
+def incidents(run: Run) -> int:
+    """How many incidents the host has noted."""
+    return len(run.incidents)
+
+
+def lost_cells(run: Run) -> int:
+    """How many cells the host does without at the end."""
+    return len(run.lost_cells)
+
+
+def parcels_per_hour(run: Run) -> float | None:
+    """Throughput of a stream; None without one."""
+    return None if "stream" not in run.figures else float(run.figures["stream"]["parcels_per_hour"])
+
+
+def _largest(values: Any) -> float | None:
+    """The largest magnitude; None where any is unknown, or there is none."""
+    listed = list(values)
+    if not listed or any(value is None for value in listed):
+        return None
+    return float(max(map(abs, listed)))
+
+
+def _belief_misses(run: Run) -> list[Floats]:
+    """Belief less truth at the end, of parcels of which both are known."""
+    return [
+        np.subtract(each.believed_pose, each.true_pose)
+        for each in run.parcels.values()
+        if each.believed_pose is not None and each.true_pose is not None
+    ]
+
+
+NAMED: Mapping[str, Callable[[Run], Any]] = {
+    each.__name__: each
+    for each in (
+        *(reached, time_s, position_error_m, yaw_error_rad),
+        *(belief_position_error_m, belief_yaw_error_rad, slipping_share, energy_j),
+        *(bus_load, bus_errors, violations, incidents, lost_cells, parcels_per_hour),
+    )
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FileFunction:
+    """A function of a Python file, by its name; every worker reads the file once."""
+
+    path: str
+    name: str
+
+    @property
+    def function(self) -> Callable[..., Any]:
+        """The function itself. Raises `InputError`."""
+        found = _names_of(self.path).get(self.name)
+        if not callable(found):
+            raise InputError(f"{self.path}: has no function {self.name!r}")
+        function: Callable[..., Any] = found
+        return function
+
+    @property
+    def __name__(self) -> str:
+        return self.name
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it."""
+        return self.function(*arguments)
+
+
+@cache
+def _names_of(path: str) -> dict[str, Any]:
+    try:
+        return runpy.run_path(path, run_name="mdms measures")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except Exception as error:
+        raise InputError(f"{path}: {type(error).__name__}: {error}") from error
+
+
+def measure_named(text: str, folder: Path) -> Measure:
+    """A measure as files name it: a name, a path into the figures, or `FILE.py:FUNCTION`."""
+    file, colon, name = text.partition(":")
+    if not colon:
+        return text
+    return FileFunction(str((folder / file).resolve()), name)
+
+
+def name_of(measure: Measure) -> str:
+    """The name of a measure's column."""
+    return measure if isinstance(measure, str) else str(measure.__name__)
+
+
+def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
+    """The measures. Raises `InputError` for an unknown name, two with one name, or a lambda."""
+    listed = (measures,) if isinstance(measures, str) or callable(measures) else tuple(measures)
+    for each in listed:
+        if isinstance(each, FileFunction):
+            _ = each.function
+        elif isinstance(each, str):
+            if each not in NAMED and "." not in each:
+                raise InputError(
+                    f"measures: {each!r} is unknown; there are {', '.join(NAMED)}, paths into the "
+                    "figures of `mdms simulate --json` such as parcels.0.x_m, and functions"
+                )
+        elif not callable(each) or getattr(each, "__qualname__", "<").find("<") >= 0:
+            raise InputError(
+                f"measures: {each!r} cannot be sent to a worker; define a function by `def` "
+                "outside all others"
+            )
+    names = [name_of(each) for each in listed]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise InputError(f"measures: {', '.join(sorted(twice))} stands there twice")
+    return listed
+
+
+def identity_of(function: Any) -> str:
+    """What tells a measure or a program from others: a name, and a digest of its source."""
+    if function is None or isinstance(function, str):
+        return str(function)
+    if isinstance(function, FileFunction):
+        source = Path(function.path).read_text("utf-8")
+    else:
+        try:
+            source = inspect.getsource(function)
+        except (OSError, TypeError):
+            source = ""
+    return f"{name_of(function)}:{hashlib.sha256(source.encode()).hexdigest()}"
+
+
+def measured(run: Run, measure: Measure) -> bool | int | float | str | None:
+    """The value of a measure. Raises what a function raises, and `InputError` for other values."""
+    if isinstance(measure, str):
+        value = NAMED[measure](run) if measure in NAMED else _figure(run.figures, measure)
+    else:
+        value = measure(run)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and math.isnan(value):
+        return None
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise InputError(
+        f"measure {name_of(measure)} gave {type(value).__name__}, but must give a number, text, "
+        "true, false or None"
+    )
+
+
+def _figure(figures: Any, path: str) -> Any:
+    """A figure by its path; None where the run has none."""
+    for part in path.split("."):
+        if isinstance(figures, Mapping):
+            figures = figures.get(part)
+        elif isinstance(figures, list | tuple) and part.isdecimal() and int(part) < len(figures):
+            figures = figures[int(part)]
+        else:
+            return None
+    return figures

@@ -1,0 +1,182 @@
+"""`mdms sweep`: one scenario over many settings and seeds."""
+
+import json
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+
+from mdms_array.experiments.execution import Workers, cluster
+from mdms_array.experiments.files import Plot, read_sweep
+from mdms_array.experiments.journal import CSV, frame_of
+from mdms_array.experiments.settings import meaning_of
+from mdms_array.experiments.summary import cells_of, summarised
+from mdms_array.experiments.sweep import Design, Progress, SweepResult, run_again, run_design
+from mdms_host.cli.console import show
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.streams import say
+from mdms_model.errors import InputError
+
+#: A sweep with more settings is printed a parameter at a time.
+MOST_SETTINGS = 40
+SUMMARY = "summary.csv"
+PICTURE = "picture.png"
+
+
+def run(arguments: Namespace) -> Exit:
+    """Run what is missing, write the tables and pictures, and print a summary."""
+    design, plots = read_sweep(arguments.file)
+    folder = arguments.out or Path("runs") / arguments.file.stem
+    if arguments.again is not None:
+        return _again(design, folder, arguments.again, as_json=arguments.json)
+    with running(folder, arguments) as run_missing:
+        result = run_missing(design)
+    frame_of(summarised(result)).to_csv(folder / SUMMARY, index=False)
+    pictures = _draw(result, plots, folder)
+    if arguments.json:
+        print(json.dumps(_figures(result, pictures)))
+    else:
+        _print(result)
+        print(f"  {len(result.rows)} runs, {result.failed} failed: {folder / CSV}")
+        print(*(f"  picture: {path}" for path in pictures), sep="\n")
+    for failure in list(dict.fromkeys(row["failure"] for row in result.rows if row["failure"]))[:3]:
+        say(f"mdms: {failure}")
+    return Exit.FAILURE if result.failed == len(result.rows) else Exit.OK
+
+
+@contextmanager
+def running(folder: Path, arguments: Namespace) -> Iterator[Callable[[Design], SweepResult]]:
+    """Runs what is missing of designs, with progress; Ctrl-C says how to go on."""
+    latest = Progress(0)
+
+    def note(state: Progress) -> None:
+        nonlocal latest
+        latest = state
+        advance(state)
+
+    with progress_line() as advance, workers_of(arguments) as workers:
+        try:
+            yield lambda design: run_design(
+                design,
+                workers,
+                folder=folder,
+                records=getattr(arguments, "records", False),
+                on_changed="mark" if arguments.changed else "refuse",
+                progress=note,
+            )
+        except KeyboardInterrupt:
+            say(
+                f"mdms: {latest.done} of {latest.total} runs are kept in {folder}; "
+                "the same command goes on from there"
+            )
+            raise
+
+
+@contextmanager
+def workers_of(arguments: Namespace) -> Iterator[Workers]:
+    """The workers of a cluster, or processes of this machine."""
+    if arguments.cluster is None:
+        with closing(Workers(workers=arguments.workers)) as workers:
+            yield workers
+        return
+    if arguments.workers is not None:
+        raise CommandError("--workers: the cluster has its own; leave one out", Exit.USAGE)
+    with cluster(arguments.cluster) as executor:
+        yield Workers(executor)
+
+
+@contextmanager
+def progress_line() -> Iterator[Callable[[Progress], None]]:
+    """Shows runs, rate, time left and the failed share while a sweep runs; on a terminal only."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    with Bar(
+        BarColumn(), TextColumn("{task.description}"), console=Console(stderr=True), transient=True
+    ) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda state: bar.update(
+            task, total=state.total, completed=state.done, description=progress_text(state)
+        )
+
+
+def progress_text(state: Progress) -> str:
+    """How far a sweep is, in a line."""
+    text = f"{state.done} of {state.total} runs"
+    if state.rate_per_s is not None and state.left_s is not None:
+        minutes, seconds = divmod(round(state.left_s), 60)
+        text += f", {state.rate_per_s:.3g} a second, {minutes}:{seconds:02d} left"
+    if state.done:
+        text += f", {100 * state.failed / state.done:.3g} % failed"
+    return text
+
+
+def _draw(result: SweepResult, plots: tuple[Plot, ...], folder: Path) -> list[Path]:
+    """Draw the pictures that the file asks for, or one that fits."""
+    drawn = []
+    for plot in plots or (Plot(PICTURE),):
+        path = folder / Path(plot.file).name
+        try:
+            result.plot(path, plot.measure, plot.over)
+        except InputError as error:
+            say(f"mdms: {plot.file}: {error}")
+            continue
+        drawn.append(path)
+    return drawn
+
+
+def _print(result: SweepResult) -> None:
+    """Print a row for each setting, or where these are many, for each value of each parameter."""
+    settings = summarised(result)
+    if len(settings) <= MOST_SETTINGS:
+        tables = [(result.parameters, settings)]
+    else:
+        tables = [((name,), summarised(result, [name])) for name in result.parameters]
+    for parameters, rows in tables:
+        titles = [f"{name}\n{meaning_of(name)}".strip() for name in parameters]
+        table = Table(*titles, "runs", "failed", *result.measures)
+        for row in sorted(rows, key=lambda row: _order(row, parameters)):
+            table.add_row(*cells_of(row, parameters, result.measures))
+        show(table)
+    print("  share or median, with its 95 % interval; a time is cut off at the run's limit")
+
+
+def _order(row: dict[str, object], parameters: tuple[str, ...]) -> list[tuple[bool, object]]:
+    values = [row[name] for name in parameters]
+    return [
+        (isinstance(value, str), value)
+        if isinstance(value, int | float | str)
+        else (True, str(value))
+        for value in values
+    ]
+
+
+def _figures(result: SweepResult, pictures: list[Path]) -> dict[str, object]:
+    return {
+        "runs": len(result.rows),
+        "failed": result.failed,
+        "parameters": result.parameters,
+        "measures": result.measures,
+        "summary": summarised(result),
+        "folder": str(result.folder),
+        "pictures": [str(path) for path in pictures],
+    }
+
+
+def _again(design: Design, folder: Path, row: int, *, as_json: bool) -> Exit:
+    out = folder / f"again-{row}"
+    columns = run_again(design, folder, row, out)
+    if as_json:
+        print(json.dumps(columns))
+    elif columns["failure"] is not None:
+        print(f"row {row} fails again: {columns['failure']}")
+    else:
+        digest = columns["log_sha256"] or columns["record_sha256"]
+        print(f"row {row} comes out the same, {digest[:12]}: {out}")
+    return Exit.OK if columns["failure"] is None else Exit.FAILURE

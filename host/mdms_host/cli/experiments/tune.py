@@ -1,0 +1,74 @@
+"""`mdms tune`: values of keys that make a measure small while others keep their bounds."""
+
+import json
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from mdms_array.experiments.files import read_tuning
+from mdms_array.experiments.pictures import draw_tuning
+from mdms_array.experiments.tuning import Task, Trial, Tuned, tune
+from mdms_array.extras import TUNE, require
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.experiments.sweep import running
+from mdms_sim.plots.canvas import save
+
+PICTURE = "tuning.png"
+
+
+def run(arguments: Namespace) -> Exit:
+    """Tune, draw the history, and print the best values beside those of the scenario."""
+    require(TUNE, "mdms tune")
+    task = read_tuning(arguments.file)
+    folder = arguments.out or Path("runs") / arguments.file.stem
+    with running(folder, arguments) as run_missing:
+        tuned = tune(task, run_missing)
+    save(draw_tuning(tuned, task.objective), folder / PICTURE)
+    if arguments.json:
+        print(json.dumps(_figures(task, tuned, folder)))
+    else:
+        print(*_report(task, tuned), f"  picture: {folder / PICTURE}", sep="\n")
+    return Exit.OK if tuned.best.is_within else Exit.FAILURE
+
+
+def _figures(task: Task, tuned: Tuned, folder: Path) -> dict[str, Any]:
+    def figures(trial: Trial) -> dict[str, Any]:
+        return {"setting": trial.setting, "mean": trial.mean, "within_bounds": trial.is_within}
+
+    return {
+        "objective": task.objective,
+        "trials": len(tuned.trials),
+        "best": figures(tuned.best),
+        "base": figures(tuned.trials[0]),
+        "best_unseen": figures(tuned.best_unseen),
+        "base_unseen": figures(tuned.base_unseen),
+        "gain": tuned.gain,
+        "better": tuned.is_better,
+        "importance": tuned.importance,
+        "folder": str(folder),
+    }
+
+
+def _report(task: Task, tuned: Tuned) -> list[str]:
+    unseen = f"on {task.unseen} unseen seeds"
+    lines = [
+        f"{len(tuned.trials)} trials of {len(task.design.seeds)} seeds, mean {task.objective}",
+        f"  the scenario's own: {_shown(tuned.trials[0])}, {unseen} {_shown(tuned.base_unseen)}",
+        f"  the best: {_shown(tuned.best)}, {unseen} {_shown(tuned.best_unseen)}",
+        *(f"    --set {key}={value:.6g}" for key, value in tuned.best.setting.items()),
+    ]
+    if not tuned.best.is_within:
+        lines.append("  no trial keeps all bounds; the best is the one that is least beyond them")
+    elif tuned.gain is None:
+        lines.append("  no trial is better than the scenario's own values")
+    else:
+        gain, low, high = tuned.gain
+        verdict = "the best is better" if tuned.is_better else "no sure difference"
+        lines.append(f"  {verdict}: by {gain:.3g} [{low:.3g}, {high:.3g}] {unseen}, in pairs")
+    return lines
+
+
+def _shown(trial: Trial) -> str:
+    if trial.mean is None:
+        return "failed"
+    return f"{trial.mean:.4g}{'' if trial.is_within else ' (beyond bounds)'}"

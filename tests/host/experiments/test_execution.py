@@ -1,0 +1,129 @@
+"""Runs on real workers: processes of this machine, and a cluster with a scheduler of its own."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+import mdms_array as mdms
+from mdms_array.experiments.execution import cluster
+from mdms_array.experiments.journal import WALL_CLOCK
+from mdms_array.experiments.measures import FileFunction
+from mdms_model.scenario.file import read_tree
+
+ROW = read_tree("paper-fig7") | {"run": {"duration_s": 0.2, "fidelity": "row"}}
+OVER = {"motion.speed_m_s": [0.02, 0.03, 0.04, 0.05]}
+MEASURES = """
+import os, signal
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+def place_m(run):
+    return run.parcels["box"].true_pose[0]
+
+def threads(run):
+    import numba
+    return numba.config.NUMBA_NUM_THREADS
+
+def kills_once(run):
+    marker = HERE / "killed"
+    if run.scenario.motion.speed_m_s == 0.03 and not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 1.0
+
+def kills_always(run):
+    if run.scenario.motion.speed_m_s == 0.03:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 1.0
+"""
+
+
+@pytest.fixture
+def measure(tmp_path):
+    """Functions of a file, by name: a worker can import these."""
+    path = tmp_path / "measures.py"
+    path.write_text(MEASURES)
+    return lambda name: FileFunction(str(path), name)
+
+
+def lasting(rows):
+    """The rows by key, without what a clock or a place has a say in."""
+    return {row["key"]: {name: row[name] for name in row if name not in WALL_CLOCK} for row in rows}
+
+
+@pytest.mark.slow
+def test_a_worker_that_is_killed_loses_no_run(measure):
+    measures = [measure("place_m"), measure("threads"), measure("kills_once")]
+    result = mdms.sweep(ROW, OVER, seeds=2, measures=measures, workers=2)
+    assert [row["failure"] for row in result.rows] == 8 * [None]
+    assert {row["kills_once"] for row in result.rows} == {1.0}
+    assert {row["threads"] for row in result.rows} == {1}
+    assert len(lasting(result.rows)) == 8
+
+
+@pytest.mark.slow
+def test_a_run_that_kills_every_worker_is_a_row_and_the_others_are_done(measure):
+    result = mdms.sweep(ROW, OVER, seeds=1, measures=[measure("kills_always")], workers=2)
+    assert [row["failure"] for row in result.rows] == [
+        None,
+        "its worker ended without a word: killed, or out of memory",
+        None,
+        None,
+    ]
+
+
+@contextmanager
+def dask(*arguments, shown):
+    """A program of Dask of its own, once it has shown that it is ready; what it has shown."""
+    command = [sys.executable, "-m", "dask", *arguments]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            line = next(line for line in process.stderr if shown in line)
+            yield process, line
+        finally:
+            process.kill()
+            process.stderr.close()
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_table_though_a_worker_is_killed(measure):
+    measures = [measure("place_m"), "slipping_share"]
+    over = {"motion.speed_m_s": [0.01 * number for number in range(1, 9)]}
+
+    def swept(**more):
+        return mdms.sweep(ROW, over, seeds=5, measures=measures, **more)
+
+    options = ("--nthreads", "1", "--no-nanny", "--no-dashboard")
+    scheduler = "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
+    with dask(*scheduler, shown="Scheduler at:") as (_, line):
+        address = line.split()[-1]
+        worker = "worker", address, *options
+        with (
+            dask(*worker, shown="Registered to") as (first, _),
+            dask(*worker, shown="Registered to") as (second, _),
+        ):
+
+            def kill(state):
+                if state.done == 10:
+                    os.kill(first.pid, signal.SIGKILL)
+
+            with cluster(address) as executor:
+                result = swept(executor=executor, progress=kill)
+            assert first.wait(10) == -signal.SIGKILL
+            assert second.poll() is None
+    workers = {row["worker"] for row in result.rows}
+    assert len(workers) == 2
+    assert len(result.rows) == len(lasting(result.rows)) == 40
+    assert lasting(result.rows) == lasting(swept(workers=1).rows)
+
+
+def test_an_address_at_which_nothing_answers_is_told(monkeypatch):
+    monkeypatch.setattr("mdms_array.experiments.execution.CONNECT_S", 0.5)
+    told = r"tcp://127.0.0.1:9: no scheduler of Dask answers"
+    with pytest.raises(mdms.InputError, match=told), cluster("tcp://127.0.0.1:9"):
+        pass

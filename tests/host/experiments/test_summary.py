@@ -1,0 +1,102 @@
+"""Summaries: shares with Wilson's interval, medians with a seeded bootstrap, and their pictures."""
+
+import numpy as np
+import pytest
+
+import mdms_array as mdms
+from mdms_array.experiments.settings import settings_of
+from mdms_array.experiments.summary import bootstrap, wilson
+
+
+def table(over, measures=None, samples=32):
+    """A sweep in which what is slower and stickier arrives."""
+    rows = []
+    for setting in settings_of(over, samples, "latin_hypercube", 1):
+        for replication in range(4):
+            friction = setting.get("cell.friction", 0.3)
+            speed_m_s = setting.get("motion.speed_m_s", 0.3)
+            reached = bool(friction * (3 + replication) > 4 * speed_m_s)
+            values = {"reached": reached, "time_s": 2.0 / speed_m_s + replication}
+            rows.append({**setting, "failure": None} | (measures or values))
+    names = ("reached", "time_s") if measures is None else tuple(measures)
+    sampled = tuple(key for key in over if isinstance(over[key], mdms.Distribution))
+    return mdms.SweepResult(rows, tuple(over), names, sampled)
+
+
+def test_wilson_agrees_with_its_published_values():
+    # Newcombe 1998, table 1: 81 of 263, 15 of 148, 0 of 20, 1 of 29.
+    for successes, trials, low, high in (
+        *((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605)),
+        *((0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)),
+    ):
+        assert wilson(successes, trials) == pytest.approx((low, high), abs=1e-4)
+    assert wilson(20, 20)[1] == 1.0
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_bootstrap_is_seeded_and_covers_the_median_as_often_as_it_says():
+    rng = np.random.default_rng(5)
+    samples = rng.normal(size=(300, 25))
+    ends = [bootstrap(sample, (0.5,))[1:, 0] for sample in samples]
+    covered = np.mean([low <= 0.0 <= high for low, high in ends])
+    assert 0.91 < covered < 0.98
+    assert (bootstrap(samples[0], (0.1, 0.5)) == bootstrap(samples[0], (0.1, 0.5))).all()
+
+
+def test_a_summary_has_a_row_for_each_setting_or_each_value():
+    result = table({"cell.friction": [0.2, 0.4], "motion.speed_m_s": [0.1, 0.2, 0.3]})
+    assert len(result.summary()) == 6
+    by_friction = result.summary(["cell.friction"])
+    assert [*by_friction["cell.friction"]] == [0.2, 0.4]
+    assert [*by_friction["runs"]] == [12, 12]
+    slow, fast = by_friction["reached_share"]
+    assert slow < fast
+    assert (by_friction["reached_low"] <= by_friction["reached_share"]).all()
+    assert (by_friction["time_s_q10"] <= by_friction["time_s_median"]).all()
+
+
+def test_a_parameter_that_was_sampled_is_put_into_classes():
+    result = table({"cell.friction": mdms.uniform(0.1, 0.5)})
+    by_friction = result.summary(["cell.friction"])
+    assert len(by_friction) == 6
+    assert by_friction["runs"].sum() == 128
+
+
+def test_runs_that_raised_are_counted_and_in_no_share():
+    result = table({"cell.friction": [0.4]})
+    failed = {"cell.friction": 0.4, "failure": "ValueError: no", "reached": None, "time_s": None}
+    summary = mdms.SweepResult([*result.rows, failed], result.parameters, result.measures).summary()
+    assert summary["failed"][0] == 1
+    assert summary["reached_share"][0] == result.summary()["reached_share"][0]
+
+
+GRID = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]
+
+
+@pytest.mark.parametrize(
+    ("over", "shape"),
+    [
+        ({"cell.friction": GRID}, 1),
+        ({"motion.control": ["host", "cells"]}, 1),
+        ({"cell.friction": GRID, "motion.control": ["host", "cells"]}, 1),
+        ({"cell.friction": GRID, "motion.speed_m_s": GRID}, 2),
+        ({"cell.friction": mdms.uniform(0.1, 0.5), "motion.speed_m_s": mdms.uniform(0.1, 0.5)}, 2),
+        ({"cell.friction": GRID, "motion.speed_m_s": GRID, "motion.control": ["host", "x"]}, 6),
+    ],
+)
+def test_each_kind_of_sweep_has_a_picture(over, shape, tmp_path):
+    figure = table(over).plot(tmp_path / "picture.png")
+    assert len(figure.axes) == shape
+    first = (tmp_path / "picture.png").read_bytes()
+    table(over).plot(tmp_path / "again.png")
+    assert (tmp_path / "again.png").read_bytes() == first
+
+
+def test_a_picture_of_what_is_not_there_is_refused(tmp_path):
+    result = table({"cell.friction": GRID})
+    with pytest.raises(mdms.InputError, match=r"speed has no numbers to draw; there are reached"):
+        result.plot(tmp_path / "a.png", "speed")
+    with pytest.raises(mdms.InputError, match=r"motion.speed_m_s does not vary; there are cell"):
+        result.plot(tmp_path / "a.png", over=["motion.speed_m_s"])
+    with pytest.raises(mdms.InputError, match="no measure has a number"):
+        table({"cell.friction": GRID}, {"text": "far"}).plot(tmp_path / "a.png")

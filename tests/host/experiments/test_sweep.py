@@ -1,0 +1,230 @@
+"""A sweep: one row for each run, kept as it ends, and the same again."""
+
+import sqlite3
+from concurrent.futures import ThreadPoolExecutor
+from math import nan
+
+import pandas
+import pytest
+
+import mdms_array as mdms
+from mdms_array.experiments import execution
+from mdms_array.experiments import sweep as sweeps
+from mdms_array.experiments.journal import WALL_CLOCK
+from mdms_array.experiments.measures import NAMED
+from mdms_array.experiments.settings import uniform
+from mdms_model.scenario.file import read_tree
+
+ROW = read_tree("paper-fig7") | {"run": {"duration_s": 0.2, "fidelity": "row"}}
+OVER = {"cell.friction": [0.2, 0.3], "motion.speed_m_s": [0.02, 0.04]}
+
+
+@pytest.fixture
+def executor():
+    """One thread of this process."""
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+def end_m(run):
+    return run.parcels["box"].true_pose[0]
+
+
+def fails_at_02(run):
+    if run.scenario.cell.friction == 0.2:
+        raise ZeroDivisionError("on purpose")
+    return 1.0
+
+
+def a_list(_run):
+    return [1.0]
+
+
+def not_a_number(_run):
+    return nan
+
+
+async def wait(table):
+    await table.sleep(0.1)
+
+
+def test_a_sweep_has_a_row_for_each_setting_and_seed(executor):
+    seen = []
+    result = mdms.sweep(
+        ROW, OVER, seeds=2, measures=["time_s", end_m], executor=executor, progress=seen.append
+    )
+    frame = result.frame
+    assert len(frame) == 8
+    assert [*frame["row"]] == [*range(1, 9)]
+    # All settings see the same seeds.
+    assert [*frame["seed"]] == 4 * [mdms.run_seed(1, 0), mdms.run_seed(1, 1)]
+    assert frame["key"].nunique() == 8
+    # All wheels roll, so that friction changes nothing.
+    assert frame["record_sha256"].nunique() == 2
+    assert frame["end_m"].nunique() == 2
+    assert frame["log_sha256"].isna().all()
+    assert {"revision", "mdms_version", "numba_version", *WALL_CLOCK} <= {*frame.columns}
+    assert [state.done for state in seen] == [*range(9)]
+    assert seen[-1].total == 8
+    assert seen[-1].left_s == pytest.approx(0.0)
+
+
+def test_a_row_is_the_run_that_anybody_simulates(executor):
+    tree = read_tree("array18") | {"run": {"duration_s": 0.5, "fidelity": "firmware"}}
+    result = mdms.sweep(
+        tree, {"cell.friction": [0.25]}, seeds=[3], measures=sorted(NAMED), executor=executor
+    )
+    (row,) = result.rows
+    tree["cell"] |= {"friction": 0.25}
+    tree["run"] |= {"seed": 3}
+    run = mdms.simulate(tree)
+    assert row["log_sha256"] == run.log_sha256
+    assert row["status"] == run.status == "time limit"
+    assert row["time_s"] == 0.5
+    assert row["energy_j"] > 0.0
+    assert row["bus_load"] == run.bus.load
+    assert row["position_error_m"] == pytest.approx(0.2, abs=0.02)
+
+
+def test_what_was_run_is_not_run_again(executor, tmp_path):
+    first = mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path / "s")
+    seen = []
+    again = mdms.sweep(
+        ROW, OVER, seeds=2, executor=executor, folder=tmp_path / "s", progress=seen.append
+    )
+    assert (seen[0].kept, seen[-1].done) == (4, 8)
+    kept = [row for row in again.rows if row["replication"] == 0]
+    assert [row["started"] for row in kept] == [row["started"] for row in first.rows]
+    frame = pandas.read_parquet(tmp_path / "s" / "table.parquet")
+    assert frame.equals(again.frame)
+    assert len(pandas.read_csv(tmp_path / "s" / "table.csv")) == 8
+
+
+def test_a_run_that_raises_is_a_row(executor):
+    over = {"cell.friction": [0.2, 0.3], "parcel.box.mass_kg": [2.0, -1.0]}
+    rows = mdms.sweep(ROW, over, seeds=1, measures=fails_at_02, executor=executor).rows
+    assert [row["failure"] for row in rows] == [
+        "ZeroDivisionError: on purpose",
+        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at most 1e+06",
+        None,
+        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at most 1e+06",
+    ]
+    assert [row["fails_at_02"] for row in rows] == [None, None, 1.0, None]
+
+
+def test_a_measure_gives_one_value(executor):
+    (row,) = mdms.sweep(
+        ROW, {"cell.friction": [0.3]}, seeds=1, measures=[a_list], executor=executor
+    ).rows
+    assert "measure a_list gave list, but must give a number" in row["failure"]
+    (row,) = mdms.sweep(
+        ROW,
+        {"cell.friction": [0.3]},
+        seeds=1,
+        measures=[not_a_number, "parcels.0.x_m", "parcels.7.x_m"],
+        executor=executor,
+    ).rows
+    assert row["not_a_number"] is row["parcels.7.x_m"] is None
+    assert row["parcels.0.x_m"] < 0.0
+
+
+def test_a_program_is_swept(executor):
+    tree = read_tree("array18") | {"run": {"duration_s": 2.0, "fidelity": "firmware"}}
+    (row,) = mdms.sweep(
+        tree, {"cell.friction": [0.3]}, seeds=1, program=wait, executor=executor
+    ).rows
+    assert (row["failure"], row["status"]) == (None, "reached")
+
+
+def test_another_checkout_is_refused_or_marked(executor, tmp_path, monkeypatch):
+    def swept(seeds, **more):
+        return mdms.sweep(ROW, OVER, seeds=seeds, executor=executor, folder=tmp_path / "s", **more)
+
+    def change(revision):
+        for module in (sweeps, execution):
+            monkeypatch.setattr(module, "code_revision", lambda: revision)
+
+    change("aaaa")
+    swept(1)
+    change("bbbb")
+    with pytest.raises(mdms.InputError, match=r"revision aaaa, but the code is of bbbb; mark"):
+        swept(2)
+    rows = swept(2, on_changed="mark").rows
+    assert [row["changed"] for row in rows] == 4 * [True, False]
+    assert [row["revision"] for row in rows] == 4 * ["aaaa", "bbbb"]
+
+
+def test_a_worker_with_other_code_ends_the_sweep(executor, monkeypatch):
+    monkeypatch.setattr(execution, "code_revision", lambda: "cccc")
+    with pytest.raises(
+        mdms.Error, match=r"runs code of revision cccc, but here it is \w{16}; inst"
+    ):
+        mdms.sweep(ROW, OVER, seeds=1, executor=executor)
+
+
+def test_what_ends_a_sweep_keeps_what_is_done(executor, tmp_path):
+    def end(state):
+        if state.done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        mdms.sweep(ROW, OVER, seeds=2, executor=executor, folder=tmp_path / "s", progress=end)
+    assert len(pandas.read_csv(tmp_path / "s" / "table.csv")) == 3
+    seen = []
+    mdms.sweep(ROW, OVER, seeds=2, executor=executor, folder=tmp_path / "s", progress=seen.append)
+    assert (seen[0].kept, seen[-1].done) == (3, 8)
+
+
+def test_records_are_kept_if_they_are_asked_for(executor, tmp_path):
+    mdms.sweep(
+        ROW, {"cell.friction": [0.3]}, seeds=1, executor=executor, folder=tmp_path, records=True
+    )
+    assert mdms.read_run(tmp_path / "records" / "1").scenario.cell.friction == 0.3
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"over": {"cell.fricton": [0.3]}}, "no setting can be run: cell.fricton is not a known"),
+        ({"measures": ["speed"]}, "'speed' is unknown; there are reached, time_s"),
+        ({"measures": [lambda run: 1.0]}, "cannot be sent to a worker"),
+        ({"measures": ["reached", "reached"]}, "reached stands there twice"),
+        ({"scenario": 3}, "neither a name, a file, a dict nor a Scenario"),
+        ({"scenario": "fig70"}, "no such scenario file"),
+        ({"workers": 2}, "the executor that is given has its own"),
+        ({"on_changed": "maybe"}, "on_changed is 'maybe'"),
+        ({"records": True}, "no folder to keep them in"),
+        ({"program": end_m}, "is not `async def program"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused(change, told, executor):
+    arguments = {"scenario": ROW, "over": OVER, "seeds": 1, "executor": executor} | change
+    with pytest.raises(mdms.InputError, match=told):
+        mdms.sweep(**arguments)
+
+
+def test_folders_of_others_are_left_alone(executor, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(mdms.InputError, match=r"holds files but no journal.sqlite"):
+        mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path)
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "journal.sqlite").write_text("no database at all" * 100)
+    with pytest.raises(mdms.InputError, match="cannot be used as a journal"):
+        mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path / "s")
+    other = sqlite3.connect(tmp_path / "s2.sqlite")
+    other.execute("PRAGMA user_version=9")
+    other.close()
+    (tmp_path / "s2").mkdir()
+    (tmp_path / "s2.sqlite").rename(tmp_path / "s2" / "journal.sqlite")
+    with pytest.raises(mdms.InputError, match="in format 9, but this version reads 1"):
+        mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path / "s2")
+
+
+def test_a_sample_has_the_same_row_whatever_runs_it(executor):
+    over = {"motion.speed_m_s": uniform(0.02, 0.06)}
+    rows = [mdms.sweep(ROW, over, seeds=1, samples=3, executor=executor).rows for _ in range(2)]
+    first, second = (
+        [{name: row[name] for name in row if name not in WALL_CLOCK} for row in each]
+        for each in rows
+    )
+    assert first == second

@@ -1,0 +1,107 @@
+"""Tuning: the same proposals each time, bounds that are kept, and a check on unseen seeds."""
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pandas
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+
+FILE = """
+scenario = "paper-fig8"
+seeds = 1
+trials = 12
+unseen = 2
+minimise = "own.py:miss"
+
+[bounds]
+reached = { at_least = 1.0 }
+"own.py:speed" = { at_most = 12.0 }
+
+[vary]
+"cell.friction" = { uniform = [0.1, 0.6] }
+"motion.speed_m_s" = { log_uniform = [2.0, 20.0] }
+"""
+OWN = """
+def miss(run): return (run.scenario.cell.friction - 0.4) ** 2
+def speed(run): return run.scenario.motion.speed_m_s
+def raises(run): raise ValueError("no value")
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """A file of tuning with measures of its own beside it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(OWN)
+    path = tmp_path / "grip.toml"
+    path.write_text(FILE)
+    return path
+
+
+def tuned(capsys, *more):
+    code = main(["tune", "grip.toml", "--workers", "1", "--json", *more])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def runs_in(path):
+    with closing(sqlite3.connect(path)) as journal:
+        return journal.execute("SELECT key, columns FROM runs").fetchall()
+
+
+def test_tuning_finds_what_is_better_within_bounds_and_comes_out_the_same_again(file, capsys):
+    code, first = tuned(capsys)
+    assert code == Exit.OK
+    assert first["better"]
+    assert abs(first["best"]["setting"]["cell.friction"] - 0.4) < 0.1
+    assert first["best"]["setting"]["motion.speed_m_s"] <= 12.0
+    assert first["base"] == {
+        "setting": {"cell.friction": 0.3, "motion.speed_m_s": 10.0},
+        "mean": pytest.approx(0.01),
+        "within_bounds": True,
+    }
+    assert first["gain"][0] == pytest.approx(0.01, abs=0.01)
+    assert max(first["importance"], key=first["importance"].get) == "cell.friction"
+    runs = runs_in(file.parent / "runs" / "grip" / "journal.sqlite")
+    # All runs are in the journal, and the sampler proposes the same again.
+    assert tuned(capsys) == (Exit.OK, first)
+    assert runs_in(file.parent / "runs" / "grip" / "journal.sqlite") == runs
+    assert (file.parent / "runs" / "grip" / "tuning.png").is_file()
+    assert len(pandas.read_csv(file.parent / "runs" / "grip" / "table.csv")) == 12
+
+
+def test_where_nothing_keeps_the_bounds_the_end_is_a_failure(file, capsys):
+    file.write_text(FILE.replace("at_most = 12.0", "at_most = 1.0").replace("= 12\n", "= 4\n"))
+    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.FAILURE
+    assert "no trial keeps all bounds" in capsys.readouterr().out
+
+
+def test_runs_that_raise_are_no_end(file, capsys):
+    changed = FILE.replace("own.py:miss", "own.py:raises").replace("trials = 12", "trials = 2")
+    file.write_text(changed)
+    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.FAILURE
+    assert "the scenario's own: failed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (('minimise = "own.py:miss"', ""), "give minimise or maximise"),
+        (("trials = 12", "trials = 0"), "trials is 0, but must be a whole number"),
+        (("uniform = [0.1, 0.6]", "uniform = [0.4, 0.6]"), "cell.friction is 0.3 in the scenario"),
+        (("{ uniform = [0.1, 0.6] }", "[0.1, 0.6]"), "give each key a distribution"),
+        (("cell.friction", "cell.fricton"), "cell.fricton has no number in the scenario"),
+        (("at_least = 1.0", "least = 1.0"), "but must be { at_least = LOW }"),
+        (("reached =", "speed ="), "'speed' is unknown"),
+        (("[vary]", "[varied]"), "varied is not a known key; there are scenario, vary"),
+    ],
+)
+def test_a_file_that_cannot_be_tuned_is_refused(file, change, told, capsys):
+    file.write_text(FILE.replace(*change, 1))
+    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.USAGE
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
