@@ -24,8 +24,8 @@ from mdms_host.can_link.links import Links
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.coordination.operation import Operation, operate
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
-from mdms_host.coordination.supervision import refuse_other_host
 from mdms_host.programs.program import TableProgram
 from mdms_host.programs.script import Task
 from mdms_host.programs.table import Table

@@ -16,8 +16,8 @@ from mdms_array.run import Run
 from mdms_host.can_link.bus_log import LogWriter
 from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
-from mdms_host.coordination.supervision import refuse_other_host
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadDesk
 from mdms_model.errors import Error, InputError

@@ -57,7 +57,7 @@ class Distribution:
         return f"{self.kind}({self.low!r}, {self.high!r})"
 
     def at(self, share: float) -> float:
-        """The value below which a share of all values lies, 0 to 1."""
+        """The value below which a share [0 to 1] of all values lies."""
         if self.kind == "integers":
             values = self.high - self.low + 1.0
             return int(self.low + min(math.floor(share * values), values - 1.0))

@@ -47,7 +47,7 @@ EXITS = {
     "mdms_host.commissioning.network.SilentError": Exit.NO_DEVICE,
     "mdms_host.commissioning.node_ids.NodeIdError": Exit.FAILURE,
     "mdms_host.commissioning.parameters.ParameterError": Exit.USAGE,
-    "mdms_host.coordination.supervision.OtherHostError": Exit.FAILURE,
+    "mdms_host.coordination.other_host.OtherHostError": Exit.FAILURE,
     "mdms_sim.nodes.bank.MicropythonMissing": Exit.NO_DEVICE,
     "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
     "mdms_model.fields.FieldError": Exit.USAGE,

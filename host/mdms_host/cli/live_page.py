@@ -20,7 +20,7 @@ from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.supervision import refuse_other_host
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.commands import ShownTable
 from mdms_host.page.description import things_of

@@ -1,4 +1,4 @@
-"""Supervision of the cells: heartbeats, states that the phase requires, and a second host.
+"""Supervision of the cells: heartbeats, and states that the phase requires.
 
 A trouble is that of a cell that has been up. Some troubles may pass by themselves.
 """
@@ -8,15 +8,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import inf
 
-from mdms_host.can_link.link import AnyLink, drive
 from mdms_host.can_link.remote_cell import RemoteCell
-from mdms_host.clock import Clock
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.cell_setup import PASSING_CODES
 from mdms_host.coordination.run_state import Phase, Timing
-from mdms_model.errors import Error
 from mdms_protocol.codecs import cia402, cob, nmt
-from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.emergencies import LOW_SUPPLY
 
 #: Errors with which drives shut off; others are mere reports.
@@ -209,59 +205,3 @@ def _other_boards(cells: Iterable[BringUpCell]) -> Iterator[str]:
 def names(cells: Sequence[RemoteCell]) -> str:
     """How messages call these cells."""
     return ", ".join(cell.name for cell in cells)
-
-
-#: A host sends a heartbeat every 0.1 s.
-_LISTEN_S = 0.35
-HEARTBEAT = cob.HEARTBEAT_BASE + cob.NODE_MAX
-
-
-class OtherHostError(Error):
-    """Another host runs on the bus."""
-
-
-class OtherHost:
-    """Whether a host sends heartbeats, by frames that somebody else has sent."""
-
-    def __init__(self) -> None:
-        self._last_s = -inf
-
-    def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Note a host's heartbeat."""
-        if frame.can_id == HEARTBEAT and nmt.decode_heartbeat(frame.data) is not None:
-            self._last_s = now_s
-
-    def speaks(self, now_s: float) -> bool:
-        """Whether a host is there; a host that has missed three heartbeats is gone."""
-        return now_s - self._last_s < _LISTEN_S
-
-
-class _Listening:
-    """A participant that sends nothing, and notes whether a host sends heartbeats."""
-
-    wake_s = inf
-
-    def __init__(self) -> None:
-        self._other = OtherHost()
-        self.found = False
-
-    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
-        """Note a host's heartbeat."""
-        self._other.on_frame(frame, now_s)
-        self.found = self.found or self._other.speaks(now_s)
-
-    def poll(self, now_s: float) -> Iterable[Frame]:
-        """Nothing."""
-        return ()
-
-    def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
-        """Nothing on any bus."""
-        return ()
-
-
-def refuse_other_host(link: AnyLink, clock: Clock) -> None:
-    """Listen for a while before anything is sent. Raises OtherHostError, DeviceGoneError."""
-    listening, end_s = _Listening(), clock.now_s() + _LISTEN_S
-    drive(listening, link, clock, lambda: listening.found or clock.now_s() >= end_s)
-    if listening.found:
-        raise OtherHostError(OTHER_HOST)

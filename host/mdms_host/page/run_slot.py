@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable
 from math import inf
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.supervision import OTHER_HOST, OtherHost
+from mdms_host.coordination.other_host import OtherHost
+from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.cell_objects import ObjectReader
 from mdms_host.page.commands import RefusedError

@@ -9,7 +9,7 @@ from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.can_link.link import drive
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.commissioning.stop import not_off_text, stop_all
-from mdms_host.coordination.supervision import refuse_other_host
+from mdms_host.coordination.other_host import refuse_other_host
 from mdms_model.run.folder import BUS_LOG
 
 

@@ -20,7 +20,8 @@ from mdms_host.commissioning.cell_settings import (
 )
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.parameters import Parameter
-from mdms_host.coordination.supervision import OTHER_HOST, OtherHostError
+from mdms_host.coordination.other_host import OtherHostError
+from mdms_host.coordination.supervision import OTHER_HOST
 
 BLANK = "no cell has a node id yet, but blank ones are there: mdms configure assign"
 

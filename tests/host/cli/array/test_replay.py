@@ -70,6 +70,7 @@ def test_run_without_a_bus_takes_the_database_away(tmp_path):
     folder = tmp_path / "run"
     for fidelity in ("firmware", "row"):
         short = ["--set", "run.duration_s=0.01", "--fidelity", fidelity, "--out", str(folder)]
+        short += ["--force"]
         assert main(["simulate", "paper-fig7", *short]) == 0
         assert (folder / "mdms-cell.dbc").exists() == (fidelity == "firmware")
 

@@ -16,8 +16,9 @@ DOCS = Path(__file__).parents[4] / "docs"
 REFERENCE = re.findall(
     r"auto(?:class|function|exception|module):: (.*)", (DOCS / "python.rst").read_text()
 )
-#: Numbers of no unit by their nature, `seconds`, and those that their class describes.
-BARE = {"load", "seconds", "return", "signals", "true_pose", "believed_pose"}
+#: Numbers of no unit by their nature, `seconds`, those that their class describes, and the bounds
+#: of a distribution: these have the unit of the key.
+BARE = {"load", "low", "high", "seconds", "return", "signals", "true_pose", "believed_pose"}
 
 
 def test_no_page_is_stale(capsys):
