@@ -20,18 +20,17 @@ from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import ByCells, FieldProgram, GoalProgram, Program
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
-from mdms_host.programs.cells_program import CellsTableProgram
-from mdms_host.programs.comings import Comings, Infeed
+from mdms_host.programs.newcomers import Comings, Infeed
 from mdms_host.programs.order import Gate
-from mdms_host.programs.program import Main, Member, TableProgram
+from mdms_host.programs.program import CellsTableProgram, Main, Member, TableProgram
 from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_host.programs.traffic.by_host import TableTraffic
 from mdms_host.programs.traffic.dispatch import KeptFree
 from mdms_host.programs.traffic.planning import Desk, VirtualDesk
 from mdms_host.programs.traffic.ride import Load
-from mdms_host.routes.pace import TrapezoidPace
-from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.route import TrapezoidPace
+from mdms_host.routes.support import Shape
 from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses, address_cells

@@ -7,17 +7,19 @@ from typing import Any
 
 from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
+from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.carrier import Traffic
-from mdms_host.programs.comings import Comings, tracker_gate
-from mdms_host.programs.newcomers import NamingRegister, TrackedNewcomers
+from mdms_host.programs.newcomers import Comings, NamingRegister, TrackedNewcomers, tracker_gate
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import ScriptError, Task, place_of
 from mdms_host.programs.table import Table, TableDriver
 from mdms_host.programs.table_parcel import ProgramError, TableParcel
+from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_model.arrays import Floats
+from mdms_protocol.neighbours.messages import Estimate, Page
 
 #: A program that has been broken off is over once all parcels have been at rest for so long [s].
 _RESTED_S = 0.2
@@ -255,3 +257,39 @@ class TableProgram:
             self._failure = f"the program failed: {type(error).__name__}: {error}{where}"
         self._notices.append(self._failure)
         self.driver.stop()
+
+
+class CellsTableProgram(TableProgram):
+    """The same as `TableProgram`, with goals for cells where that has references for wheels.
+
+    See `motion.by_cells.steering.ByCells`.
+    """
+
+    def __init__(
+        self,
+        main: Main,
+        half_m: tuple[float, float],
+        members: Sequence[Member],
+        traffic: CellsTraffic,
+        cells: CellsProgram,
+    ) -> None:
+        super().__init__(main, half_m, members, (), traffic)
+        self._by_cells = traffic
+        self._cells = cells
+
+    def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
+        """A cell (from 1) has sent its estimate."""
+        self._cells.on_estimate(cell, estimate, now_s)
+
+    def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
+        """The pages to send now, given the beliefs; once a cycle."""
+        self.references_m_s(beliefs, step_s)
+        return self._cells.step(beliefs, now_s, step_s)
+
+    def begin_again(self) -> None:
+        """Plan and send every parcel's way anew, from where the parcel is."""
+        self._by_cells.begin_again()
+
+    def ends(self) -> list[Page]:
+        """The pages that end all programs."""
+        return self._cells.ends()

@@ -1,4 +1,4 @@
-"""One attempt at routes for all: parcels one after another, each around those before it."""
+"""One attempt at a plan: routes of all parcels in turn, and places to stand aside."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,14 +7,50 @@ from itertools import permutations
 
 import numpy as np
 
-from mdms_host.routes.aside import places_aside
 from mdms_host.routes.errand import Errand, Ground
-from mdms_host.routes.intervals.cost_to_go import Guide, barred_joins, cost_to_go, free_runs
-from mdms_host.routes.intervals.safe_intervals import TakenTiles
-from mdms_host.routes.intervals.search import Errands, Found, search
-from mdms_host.routes.intervals.way_alone import Alone, places_under, steps_of, with_closed
+from mdms_host.routes.interval_search import Errands, Found, search
 from mdms_host.routes.route import Route
+from mdms_host.routes.safe_intervals import TakenTiles
+from mdms_host.routes.ways_alone import (
+    Alone,
+    Guide,
+    barred_joins,
+    cost_to_go,
+    free_runs,
+    places_under,
+    steps_of,
+    with_closed,
+)
 from mdms_model.arrays import Bools, Floats, Ints
+
+#: So many places are tried, the nearest first.
+_TRIES = 16
+
+
+def places_aside(errand: Errand, blocked: Bools) -> Iterator[tuple[int, Floats]]:
+    """Nodes of the lattice and their poses, turned about as the parcel is, free of these tiles.
+
+    They are more than a step from each other, so that few are tried.
+    """
+    lattice, tiles = errand.ways.lattice, errand.ground.tiles
+    start = errand.roadmap.start
+    apart_m = 2 * lattice.step * tiles.side_m
+    yaw = int(np.argmin(np.abs(np.array(lattice.yaws_rad) - start[2])))
+    own = yaw * lattice.places + np.arange(lattice.places)
+    own = own[errand.ways.on_table[own]]
+    stand = errand.ways.stand_tile[errand.ways.stand[yaw] : errand.ways.stand[yaw + 1]]
+    own = own[~blocked[lattice.bases[own][:, None] + stand].any(axis=1)]
+    poses = lattice.poses[own]
+    away_m = np.hypot(*(poses[:, :2] - start[:2]).T)
+    tried: list[Floats] = []
+    for index in np.argsort(away_m, kind="stable").tolist():
+        pose = poses[index]
+        if all(np.hypot(*(pose - other)[:2]) > apart_m for other in tried):
+            tried.append(pose)
+            yield int(own[index]), pose + np.array([0.0, 0.0, errand.turned_rad])
+        if len(tried) == _TRIES:
+            return
+
 
 #: Moves that a search tries: as many as it takes, and where it may be in vain.
 MANY, _IN_VAIN = 2**31, 16_000

@@ -7,14 +7,12 @@ from math import floor
 import numpy as np
 
 from mdms_host.motion.trajectory.path import shorter_turn_rad
-from mdms_host.routes.intervals.search import Found
-from mdms_host.routes.pace import Pace
-from mdms_host.routes.route import Route, Visits, among, merged
-from mdms_host.routes.space.moves import LatticeMoves
-from mdms_host.routes.space.roadmap import Roadmap
-from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.standing import Standing
-from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.grid import Tiles
+from mdms_host.routes.interval_search import Found
+from mdms_host.routes.moves import LatticeMoves
+from mdms_host.routes.roadmap import Roadmap
+from mdms_host.routes.route import Pace, Route, Visits, among, merged
+from mdms_host.routes.support import Shape, Standing
 from mdms_model.arrays import Floats, Ints
 
 #: Poses that are this near are one [m, m, rad].

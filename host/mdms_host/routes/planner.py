@@ -14,20 +14,15 @@ from random import Random
 import numpy as np
 
 from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
-from mdms_host.routes.authority import Authority
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
-from mdms_host.routes.intervals.safe_intervals import TakenTiles
-from mdms_host.routes.pace import Pace, TrapezoidPace
-from mdms_host.routes.reservations import Reservations
-from mdms_host.routes.retiming import retimed
-from mdms_host.routes.route import Route
-from mdms_host.routes.space.lattice import Lattice
-from mdms_host.routes.space.moves import LatticeMoves, lattice_moves
-from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.standing import Standing
-from mdms_host.routes.space.tiles import Tiles
-from mdms_host.routes.straightening import Straightening, legs_of
+from mdms_host.routes.grid import Lattice, Tiles
+from mdms_host.routes.improving import Straightening, legs_of, retimed
+from mdms_host.routes.moves import LatticeMoves, lattice_moves
+from mdms_host.routes.reservations import Authority, Reservations
+from mdms_host.routes.route import Pace, Route, TrapezoidPace
+from mdms_host.routes.safe_intervals import TakenTiles
+from mdms_host.routes.support import Shape, Standing
 from mdms_host.routes.well_formed import Orders, stuck
 from mdms_model.arrays import Bools, Floats, Ints
 

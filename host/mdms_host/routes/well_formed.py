@@ -13,7 +13,7 @@ import numpy as np
 
 from mdms_host.routes.attempt import is_free, ways_alone
 from mdms_host.routes.errand import Errand
-from mdms_host.routes.intervals.way_alone import places_under
+from mdms_host.routes.ways_alone import places_under
 from mdms_model.arrays import Bools
 
 #: Orders are begun anew so often, and so many beginnings of one, for each parcel, are looked at.

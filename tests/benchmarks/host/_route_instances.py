@@ -18,9 +18,9 @@ from scipy import ndimage
 from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.errand import Task
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.support import Shape
 
 SHAPES = (
     Shape(Rectangle(0.28, 0.28)),

@@ -16,7 +16,7 @@ from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan
 from mdms_host.routes.route import Route
-from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.support import Shape
 
 #: Of moves from rest to rest, as plans of these benchmarks have them.
 SPEED_M_S, ACCELERATION_M_S2 = 0.3, 0.6

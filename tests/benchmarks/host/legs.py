@@ -35,9 +35,9 @@ from tests.benchmarks.host.routes import held
 from mdms_array.host import coordinator_of
 from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.routes.errand import Task
+from mdms_host.routes.grid import Tiles
+from mdms_host.routes.improving import legs_of
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.tiles import Tiles
-from mdms_host.routes.straightening import legs_of
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mdms_host.estimation.parcel import Parcel
-from mdms_host.programs.comings import Comings, Infeed, tracker_gate
+from mdms_host.programs.newcomers import Comings, Infeed, tracker_gate
 from mdms_host.programs.order import Gate
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.routes.errand import Task
-from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.support import Shape
 
 BOX = Shape(Rectangle(0.28, 0.28))
 LONG = Shape(Rectangle(0.40, 0.30))

@@ -10,9 +10,9 @@ from pymapf import Agent, ConflictBasedSearch, GridMap, MAPFProblem, space_time_
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.routes.errand import Task
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.support import Shape
 from mdms_model.arrays import Floats
 
 SIDE = 5

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from tests.host.routes.parcels import LONG, task
 
 from mdms_host.layout import Layout
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.reservations import REST_M, Reservations
 from mdms_host.routes.route import Visits
-from mdms_host.routes.space.tiles import Tiles
 
 
 @pytest.fixture(scope="module")

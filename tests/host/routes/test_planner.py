@@ -5,8 +5,8 @@ import pytest
 from tests.host.routes.parcels import LONG, task
 
 from mdms_host.layout import Layout
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.tiles import Tiles
 
 
 @pytest.fixture(scope="module")

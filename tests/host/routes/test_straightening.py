@@ -11,11 +11,10 @@ from tests.host.routes.parcels import BOX, task
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import MARGIN_M
+from mdms_host.routes.grid import Tiles
+from mdms_host.routes.improving import legs_of
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.standing import Standing
-from mdms_host.routes.space.tiles import Tiles
-from mdms_host.routes.straightening import legs_of
+from mdms_host.routes.support import Shape, Standing
 
 #: Tables on which every route of more than one leg is given as few as it can have, and none is.
 STRAIGHT, WINDING = CellsTable(9, 6, 3, 1, legs=1), CellsTable(9, 6, 3, 1, legs=2**31)

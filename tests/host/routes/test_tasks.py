@@ -10,8 +10,8 @@ from tests.host.routes.parcels import BOX, task
 
 from mdms_host.layout import Layout
 from mdms_host.routes.errand import Task
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.tiles import Tiles
 
 PLANNED = """
 import numpy as np
@@ -19,8 +19,8 @@ from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.support import Shape
+from mdms_host.routes.grid import Tiles
 
 box = Shape(Rectangle(0.28, 0.28))
 ends = {"a": ((-0.2, 0.15, 0.0), (0.2, 0.15, 0.0)), "b": ((0.2, -0.15, 0.0), (-0.2, -0.15, 0.1))}

@@ -7,8 +7,8 @@ from tests.benchmarks.host._route_instances import TABLES, instance
 from tests.host.routes.parcels import task
 
 from mdms_host.layout import Layout
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.tiles import Tiles
 
 
 def test_each_of_twenty_has_a_way_past_goals_before_it_and_starts_after_it() -> None:

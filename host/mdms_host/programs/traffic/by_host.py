@@ -12,10 +12,9 @@ from mdms_host.programs.traffic.dispatch import KeptFree
 from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_host.programs.traffic.planning import Desk
 from mdms_host.programs.traffic.ride import Load, Ride
-from mdms_host.routes.pace import Pace
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.route import Route
-from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.route import Pace, Route
 from mdms_model.arrays import Floats
 
 #: Tiles along a cell's side: the finer, the nearer parcels may pass each other. Places that ways

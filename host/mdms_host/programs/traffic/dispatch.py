@@ -10,13 +10,12 @@ from mdms_host.motion.contact import gap_m
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.planning import Desk
 from mdms_host.programs.traffic.ride import Load
-from mdms_host.programs.traffic.timetable import Timetable
-from mdms_host.programs.traffic.whereabouts import Whereabouts, shape_of
+from mdms_host.programs.traffic.world_state import Timetable, Whereabouts, shape_of
 from mdms_host.routes.blocked import Blocked
 from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route
-from mdms_host.routes.space.shape import Shape
+from mdms_host.routes.support import Shape
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: A parcel that leaves is taken so soon after it has come to the end of its route [s].

@@ -19,10 +19,8 @@ from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch, KeptFree, NoWay
 from mdms_host.programs.traffic.planning import Desk
-from mdms_host.programs.traffic.ride import Load
-from mdms_host.programs.traffic.riding import Riding, due_in_s_of, reserved_by, ways_of
-from mdms_host.programs.traffic.timetable import Timetable
-from mdms_host.programs.traffic.whereabouts import Whereabouts
+from mdms_host.programs.traffic.ride import Load, Riding, due_in_s_of, reserved_by, ways_of
+from mdms_host.programs.traffic.world_state import Timetable, Whereabouts
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats

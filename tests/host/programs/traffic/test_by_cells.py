@@ -12,7 +12,7 @@ from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_host.programs.traffic.planning import VirtualDesk
 from mdms_host.programs.traffic.ride import Load
-from mdms_host.routes.straightening import legs_of
+from mdms_host.routes.improving import legs_of
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 

@@ -11,10 +11,9 @@ from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch
 from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualDesk
 from mdms_host.programs.traffic.ride import Load
-from mdms_host.programs.traffic.timetable import Timetable
-from mdms_host.programs.traffic.whereabouts import Whereabouts
+from mdms_host.programs.traffic.world_state import Timetable, Whereabouts
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.tiles import Tiles
 
 #: Cells from south to north in the middle of 15 x 8, but for three.
 WALL = [row * 15 + 8 for row in (0, 1, 2, 6, 7)]

@@ -9,7 +9,7 @@ from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
-from mdms_host.programs.traffic.legs import Legs
+from mdms_host.programs.traffic.by_cells import Legs
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import Route, Visits
 

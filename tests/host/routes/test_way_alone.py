@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mdms_host.routes.intervals.way_alone import Alone, Steps, WayAlone, places_under
+from mdms_host.routes.ways_alone import Alone, Steps, WayAlone, places_under
 
 
 def test_of_two_ways_the_one_is_found_that_meets_none_of_the_places_asked() -> None:

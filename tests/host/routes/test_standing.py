@@ -7,10 +7,9 @@ from tests.host.routes.parcels import BOX, task
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import MARGIN_M
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.space.shape import Shape
-from mdms_host.routes.space.standing import Standing
-from mdms_host.routes.space.tiles import Tiles
+from mdms_host.routes.support import Shape, Standing
 
 #: Here the centre of mass of the box is 5.5 mm inside its supports, 2 in 1000 poses are so bad.
 UNSAFE = (-0.121544, 0.129911, -2.311286)

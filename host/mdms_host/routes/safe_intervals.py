@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.routes.space.moves import Met
+from mdms_host.routes.moves import Met
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.routes.pace import Pace
-from mdms_host.routes.space.lattice import LINES, Lattice
-from mdms_host.routes.space.standing import Standing
-from mdms_host.routes.space.sweep import PIECE_RAD, Swept, swept
+from mdms_host.routes.grid import LINES, Lattice
+from mdms_host.routes.route import Pace
+from mdms_host.routes.support import Standing
+from mdms_host.routes.sweep import PIECE_RAD, Swept, swept
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Lines of moves: eight straight ones, then a turn to the next yaw and one to the yaw before.

@@ -4,20 +4,92 @@ After M. Phillips and M. Likhachev (ICRA 2011), for moves that take time and bod
 tiles. A state is a node and the safe interval in which the parcel stands there, reached as soon as
 it can be. From it every move begins as soon as it can in each safe interval of its end. That time
 is worked out only when the move's turn comes. The turn is by its cost without other parcels in its
-way.
-"""
+way."""
 
 from heapq import heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.routes.intervals.cost_to_go import Guide
-from mdms_host.routes.intervals.safe_intervals import INSTANT_S, Taken, first_departure, free_until
-from mdms_host.routes.intervals.states import State, States, doubled, entered, new_states
-from mdms_host.routes.space.roadmap import Graph, Joins
-from mdms_model.arrays import Floats, Ints
+from mdms_host.routes.roadmap import Graph, Joins
+from mdms_host.routes.safe_intervals import INSTANT_S, Taken, first_departure, free_until
+from mdms_host.routes.ways_alone import Guide
+from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.compiled import compiled
+
+_ROOM = 1024
+
+
+class States(NamedTuple):
+    """By number of the state, in the order in which they were found; there is room for more."""
+
+    node: Ints
+    came: Ints
+    """The state before it, -1 for the first."""
+    by: Ints
+    """The move that led to it."""
+    next_of: Ints
+    """Another state of the same node, -1 for none."""
+    begun_s: Floats
+    """When that move began."""
+    at_s: Floats
+    """When the node was reached, the soonest in its interval."""
+    until_s: Floats
+    """When its safe interval ends."""
+    stale: Bools
+    """Whether another reaches the same interval sooner."""
+
+
+@compiled
+def new_states() -> States:
+    """Room for states."""
+    return States(
+        np.empty(_ROOM, np.int64),
+        np.empty(_ROOM, np.int64),
+        np.empty(_ROOM, np.int64),
+        np.empty(_ROOM, np.int64),
+        np.empty(_ROOM),
+        np.empty(_ROOM),
+        np.empty(_ROOM),
+        np.empty(_ROOM, np.bool_),
+    )
+
+
+@compiled
+def doubled(states: States) -> States:
+    """The same with twice the room."""
+    return States(
+        np.concatenate((states.node, states.node)),
+        np.concatenate((states.came, states.came)),
+        np.concatenate((states.by, states.by)),
+        np.concatenate((states.next_of, states.next_of)),
+        np.concatenate((states.begun_s, states.begun_s)),
+        np.concatenate((states.at_s, states.at_s)),
+        np.concatenate((states.until_s, states.until_s)),
+        np.concatenate((states.stale, states.stale)),
+    )
+
+
+class State(NamedTuple):
+    """One state, as `States` has it."""
+
+    node: int
+    came: int
+    by: int
+    begun_s: float
+    at_s: float
+    until_s: float
+
+
+@compiled
+def entered(states: States, head: Ints, number: int, state: State) -> None:
+    """Enter a state, which becomes the first of its node."""
+    states.node[number], states.came[number], states.by[number] = state.node, state.came, state.by
+    states.begun_s[number], states.at_s[number] = state.begun_s, state.at_s
+    states.until_s[number], states.stale[number] = state.until_s, False
+    states.next_of[number] = head[state.node]
+    head[state.node] = number
+
 
 #: When the goal would be come to, and how long before it is left, by which state and move, when.
 Due = tuple[float, float, int, int, float]

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.routes.pace import Pace
-from mdms_host.routes.space.moves import LatticeMoves, Met, Moves
-from mdms_host.routes.space.standing import SLACK_M, Standing
-from mdms_host.routes.space.sweep import Sweeps
+from mdms_host.routes.moves import LatticeMoves, Met, Moves
+from mdms_host.routes.route import Pace
+from mdms_host.routes.support import SLACK_M, Standing
+from mdms_host.routes.sweep import Sweeps
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: Start and goal are joined to so many places of the lattice along x, and so many along y.

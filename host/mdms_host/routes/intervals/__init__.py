@@ -1,1 +1,0 @@
-"""Safe-interval path planning over a roadmap."""

@@ -1,1 +1,0 @@
-"""Where extended bodies may stand and move: tiles, sweeps, and the roadmap over them."""
