@@ -11,7 +11,7 @@ import numpy as np
 from mdms_host.coordination.run_state import Timing
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.safe_goals import Footing, Load, least_footing
+from mdms_host.motion.safe_goals import Footing, SupportedParcel, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.buses import (
     CROWDED,
@@ -58,7 +58,7 @@ def refuse_tipping(scenario: Scenario) -> None:
     for number, parcel in enumerate(scenario.parcel):
         if parcel.name in stock:
             continue
-        load = Load(outline_of(parcel), parcel.centre_of_mass_m)
+        load = SupportedParcel(outline_of(parcel), parcel.centre_of_mass_m)
         goal = goal_of(parcel) if scenario.motion.field == "goal" else None
         start = np.array([parcel.x_m, parcel.y_m, parcel.yaw_rad])
         footing = least_footing(wheel_m, load, start, goal)

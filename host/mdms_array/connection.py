@@ -29,7 +29,7 @@ from mdms_host.coordination.recorder import Recorder
 from mdms_host.programs.program import TableProgram
 from mdms_host.programs.script import Task
 from mdms_host.programs.table import Table
-from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.errors import InputError
 
 Result = TypeVar("Result")
@@ -129,7 +129,7 @@ class ThreadDriver:
         self._link = link
         self._clock = clock
         self._coordinator = coordinator_of(
-            belief.scenario, belief.cells, main=wait_for_ever, desk=ThreadDesk()
+            belief.scenario, belief.cells, main=wait_for_ever, executor=ThreadExecutor()
         )
         program = self._coordinator.program
         assert isinstance(program, TableProgram)

@@ -27,7 +27,7 @@ from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_host.programs.traffic.by_host import TableTraffic
 from mdms_host.programs.traffic.dispatch import KeptFree
-from mdms_host.programs.traffic.planning import Desk, VirtualDesk
+from mdms_host.programs.traffic.planning import PlanExecutor, VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import TrapezoidPace
 from mdms_host.routes.support import Shape
@@ -138,7 +138,7 @@ def table_program(
     traction: Traction,
     *,
     main: Main | None = None,
-    desk: Desk | None = None,
+    executor: PlanExecutor | None = None,
 ) -> TableProgram:
     """The program of a scenario's tasks, or `main`, with all that it needs to be run."""
     named = {parcel.name: parcel for parcel in parcels}
@@ -147,7 +147,7 @@ def table_program(
     traffic = TableTraffic(
         traction,
         pace,
-        desk or VirtualDesk(),
+        executor or VirtualExecutor(),
         loads,
         kept_free=[
             _kept_free(number, stream, named) for number, stream in enumerate(scenario.stream)
@@ -174,17 +174,17 @@ def cells_program(
     layout: Layout,
     limits: Limits,
     main: Main | None = None,
-    desk: Desk | None = None,
+    executor: PlanExecutor | None = None,
 ) -> CellsTableProgram:
     """The same for cells that steer."""
     loads = _loads({parcel.name: parcel for parcel in parcels}, masses)
-    traffic = CellsTraffic(layout, desk or VirtualDesk(), loads, cells, limits)
+    traffic = CellsTraffic(layout, executor or VirtualExecutor(), loads, cells, limits)
     main = main or main_of(scenario.task)
     return CellsTableProgram(main, half_table_m(scenario), _members(scenario), traffic, cells)
 
 
 def _loads(named: Mapping[str, Parcel], masses: Mapping[str, Mass]) -> dict[str, Load]:
-    return {name: Load(parcel.bottom, masses[name]) for name, parcel in named.items()}
+    return {name: Load(parcel.footprint, masses[name]) for name, parcel in named.items()}
 
 
 def _members(scenario: Scenario) -> list[Member]:
@@ -211,7 +211,9 @@ def gate_of(each: Exit, scenario: Scenario, layout: Layout) -> Gate:
 
 def _acceleration_m_s2(traction: Traction, loads: Mapping[str, Load]) -> float:
     """What plans reckon with: the least that any parcel is sped up with along x or y."""
-    agilities = [traction.agility(load.bottom, load.mass) for load in dict.fromkeys(loads.values())]
+    agilities = [
+        traction.agility(load.footprint, load.mass) for load in dict.fromkeys(loads.values())
+    ]
     along = np.eye(3)[:2]
     known = [one.acceleration_m_s2(axis) for one in agilities for axis in along]
     return min(known, default=TrapezoidPace.acceleration_m_s2)
@@ -228,8 +230,8 @@ def _infeed(number: int, scenario: Scenario, named: Mapping[str, Parcel]) -> Inf
 
 
 def _kept_free(number: int, stream: Stream, named: Mapping[str, Parcel]) -> KeptFree:
-    bottoms = (named[name].bottom for name in stream.parcels)
-    largest = max(bottoms, key=lambda bottom: bottom.reach_m)
+    footprints = (named[name].footprint for name in stream.parcels)
+    largest = max(footprints, key=lambda footprint: footprint.reach_m)
     return KeptFree(f"infeed {number}", _infeed_pose(stream), Shape(largest))
 
 
@@ -275,13 +277,13 @@ def coordinator_of(
     cells: Cells | None = None,
     *,
     main: Main | None = None,
-    desk: Desk | None = None,
+    executor: PlanExecutor | None = None,
 ) -> Coordinator:
     """A coordinator with the scenario's array, sizes of parcels, and motion, as it is to believe.
 
-    `cells` are those of a real or served table, and None in a simulation; `main` is a
-    program in Python, in place of the scenario's tasks, field or goals, and `desk` where its plans
-    are made. Raises `InputError` for what does not fit the firmware.
+    `cells` are those of a real or served table, and None in a simulation. `main` is a program in
+    Python, in place of the scenario's tasks, field or goals. `executor` makes its plans. Raises
+    `InputError` for what does not fit the firmware.
     """
     if main is not None:
         scenario = programmed(scenario)
@@ -301,11 +303,18 @@ def coordinator_of(
         led = CellsProgram(layout, parcels, {}, limits, go_on=scenario.motion.go_on)
         masses = masses_of(scenario)
         program = cells_program(
-            scenario, parcels, masses, led, layout=layout, limits=limits, main=main, desk=desk
+            scenario,
+            parcels,
+            masses,
+            led,
+            layout=layout,
+            limits=limits,
+            main=main,
+            executor=executor,
         )
     else:
         traction, masses = traction_of(scenario, layout, cells), masses_of(scenario)
-        program = table_program(scenario, parcels, masses, traction, main=main, desk=desk)
+        program = table_program(scenario, parcels, masses, traction, main=main, executor=executor)
     coordinator = Coordinator(
         layout,
         program,

@@ -19,7 +19,7 @@ from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.programs.program import Main
-from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.errors import Error, InputError
 from mdms_model.run.folder import BUS_LOG
 from mdms_protocol.codecs.frame import Frame
@@ -67,7 +67,7 @@ def operate_array(
     and `BrokenOffError` for a defect.
     """
     scenario = belief.scenario
-    coordinator = coordinator_of(scenario, belief.cells, main=main, desk=ThreadDesk())
+    coordinator = coordinator_of(scenario, belief.cells, main=main, executor=ThreadExecutor())
     plans = PlanLog(coordinator)
     recorder = Recorder(
         coordinator, lambda: estimates_of(coordinator, scenario), log_frame, look=plans.look

@@ -118,7 +118,7 @@ class RollingArray:
     def __init__(
         self,
         layout: Layout,
-        bottom: Rectangle,
+        footprint: Rectangle,
         pose: tuple[float, float, float],
         *,
         latency_s: float = 0.002,
@@ -127,7 +127,7 @@ class RollingArray:
         seed: int = 1,
     ) -> None:
         self.layout = layout
-        self.bottom = bottom
+        self.footprint = footprint
         self.pose = np.array(pose)
         self.now_s = 0.0
         self.stalled_s = 0.0
@@ -163,7 +163,7 @@ class RollingArray:
 
     def presence(self) -> np.ndarray:
         sensors_m = self.layout.sensor_positions_m
-        covered = self.bottom.distance_m(sensors_m.reshape(-1, 2), self.pose) < 0
+        covered = self.footprint.distance_m(sensors_m.reshape(-1, 2), self.pose) < 0
         return covered.reshape(sensors_m.shape[:2]) @ (1 << np.arange(sensors_m.shape[1]))
 
     def _queue(self, frames: list[Frame], to_host: bool) -> None:
@@ -190,7 +190,7 @@ class RollingArray:
         enabled = [cell.states == [cia402.OPERATION_ENABLED] * 2 for cell in self.cells]
         targets = np.array([cell.target_um_s for cell in self.cells]) * 1e-6 * DROOP
         self._speeds_m_s = (targets * np.array(enabled)[:, None]).ravel()
-        under = self.bottom.distance_m(self.layout.wheel_positions_m, self.pose) < 0
+        under = self.footprint.distance_m(self.layout.wheel_positions_m, self.pose) < 0
         jacobian = self.layout.surface_jacobian(*self.pose[:2])[under]
         twist = np.linalg.lstsq(jacobian, self._speeds_m_s[under], rcond=None)[0]
         self._twist += (twist - self._twist) * -expm1(-STIFFNESS_PER_S * STEP_S)

@@ -17,7 +17,7 @@ import numpy as np
 
 from mdms_array.checks import refuse_overload, refuse_tipping
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.safe_goals import Load, least_footing
+from mdms_host.motion.safe_goals import SupportedParcel, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.errors import InputError
 from mdms_model.outline import DISC_CORNERS, outline_of
@@ -374,7 +374,7 @@ def _stands(setting: Setting, parcel: Table, pose: Pose) -> bool:
     """Whether the wheels of a table hold a parcel there, as the host demands it of goals."""
     outline = outline_of(Parcel(**{"name": "", "mass_kg": 1.0} | parcel))
     wheel_m = _wheels_m(setting.columns, setting.rows)
-    footing = least_footing(wheel_m, Load(outline, (0.0, 0.0)), np.array(pose), None)
+    footing = least_footing(wheel_m, SupportedParcel(outline, (0.0, 0.0)), np.array(pose), None)
     return footing.margin_m >= MARGIN_M
 
 

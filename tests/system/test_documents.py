@@ -28,7 +28,7 @@ from mdms_host.commissioning.array_file import (
     array_document,
     read_array,
 )
-from mdms_host.programs.traffic.planning import VirtualDesk
+from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
@@ -73,7 +73,7 @@ class Reader:
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
         monkeypatch.setattr("mdms_array.operation.open_links", self._open_links)
-        monkeypatch.setattr("mdms_array.operation.ThreadDesk", VirtualDesk)
+        monkeypatch.setattr("mdms_array.operation.ThreadDesk", VirtualExecutor)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_link", self._open_link)
 

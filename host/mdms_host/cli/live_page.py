@@ -30,7 +30,7 @@ from mdms_host.page.recorded import RecordedTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.server import LOOPBACK
 from mdms_host.programs.program import Main
-from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.run.folder import StoredRun, read_run
 from mdms_model.scenario.belief import believed
 from mdms_protocol.codecs import nmt
@@ -89,7 +89,7 @@ def _slot_and_table(
     """The host's place, and what a page shows of it."""
 
     def make() -> Coordinator:
-        return coordinator_of(belief.scenario, belief.cells, main=main, desk=ThreadDesk())
+        return coordinator_of(belief.scenario, belief.cells, main=main, executor=ThreadExecutor())
 
     layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)

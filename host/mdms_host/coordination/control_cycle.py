@@ -8,7 +8,7 @@ import numpy as np
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.commands import CellsControl
 from mdms_host.coordination.recovery import Roster
-from mdms_host.coordination.run_state import HELD, UP, Journal, Phase, Timing
+from mdms_host.coordination.run_state import HELD, UP, EventJournal, Phase, Timing
 from mdms_host.coordination.supervision import names
 from mdms_host.coordination.watch import Standings, Watch
 from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, Odometry, VelocityFrames
@@ -39,7 +39,7 @@ class ControlCycle:
         odometry: Odometry,
         velocities: VelocityFrames,
         by_cells: CellsControl | None,
-        journal: Journal,
+        journal: EventJournal,
         timing: Timing,
     ) -> None:
         wheels = len(roster.wheels_out)

@@ -13,16 +13,16 @@ from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.bring_up import cells_of
 from mdms_host.coordination.commands import CellsControl, Commands
 from mdms_host.coordination.control_cycle import ControlCycle
-from mdms_host.coordination.frame_router import Reception
-from mdms_host.coordination.recovery import Care, Policy, Roster
-from mdms_host.coordination.run_state import HELD, STOPPED, Journal, Phase, Schedule, Timing
-from mdms_host.coordination.run_state_machine import Course
+from mdms_host.coordination.frame_router import FrameRouter
+from mdms_host.coordination.recovery import Policy, Recovery, Roster
+from mdms_host.coordination.run_state import HELD, STOPPED, EventJournal, Phase, Schedule, Timing
+from mdms_host.coordination.run_state_machine import RunStateMachine
 from mdms_host.coordination.supervision import Supervision
 from mdms_host.coordination.wheel_speeds import Odometry, VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.program import ByCells, MindsLostCells, Program
+from mdms_host.motion.program import ByCells, HandlesLostCells, Program
 from mdms_host.motion.safe_goals import Places, SafeGoals
 from mdms_model.arrays import Floats
 from mdms_model.buses import WATCHED_HEARTBEAT_S
@@ -69,7 +69,7 @@ class Coordinator:
         self._timing = timing = timing or Timing()
         self._program = program
         self._safe_goals = SafeGoals(layout, centres_of_mass_m)
-        self._journal = journal = Journal()
+        self._journal = journal = EventJournal()
         self._velocities = VelocityFrames(layout.node_ids, axes)
         by_cells = isinstance(program, ByCells)
         self.cells = cells_of(
@@ -86,7 +86,7 @@ class Coordinator:
         self._odometry = Odometry(self.cells, axes, self._velocities, timing)
         supervision = Supervision(self.cells, timing)
         self._roster = Roster(self.cells, axes)
-        self._care = Care(
+        self._care = Recovery(
             self._roster,
             policy or Policy(),
             supervision=supervision,
@@ -99,7 +99,7 @@ class Coordinator:
         steering = CellsControl(self.cells, program) if isinstance(program, ByCells) else None
         self._steering = steering
         self._commands = Commands(self._roster, self._schedule, timing.command_period_s, steering)
-        self._reception = Reception(
+        self._frame_router = FrameRouter(
             self.cells,
             layout.bus_count,
             host_node_id,
@@ -110,12 +110,12 @@ class Coordinator:
             by_cells=steering,
             journal=journal,
         )
-        self._course = Course(
+        self._course = RunStateMachine(
             self._roster,
             timing,
             supervision=supervision,
             care=self._care,
-            reception=self._reception,
+            reception=self._frame_router,
             journal=journal,
             on_phase=self._on_phase,
             unsure=lambda: bool(self.tracker.doubtful),
@@ -269,7 +269,7 @@ class Coordinator:
 
         Frames of other nodes, and frames that cannot be decoded, do nothing.
         """
-        self._reception.on_frame(frame, now_s, bus)
+        self._frame_router.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> list[Frame]:
         """Frames to send now, where there is one bus."""
@@ -318,5 +318,5 @@ class Coordinator:
     def _on_lost_cells(self, numbers: frozenset[int]) -> None:
         """The run does without these cells (from 1), and without no others."""
         self.tracker.ignore_cells(numbers)
-        if isinstance(self._program, MindsLostCells):
+        if isinstance(self._program, HandlesLostCells):
             self._program.on_lost_cells(numbers)

@@ -6,7 +6,7 @@ from functools import partial
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.commands import CellsControl, Commands
-from mdms_host.coordination.run_state import Journal
+from mdms_host.coordination.run_state import EventJournal
 from mdms_host.coordination.supervision import Supervision
 from mdms_host.coordination.wheel_speeds import Odometry
 from mdms_host.estimation.tracker import Tracker
@@ -18,7 +18,7 @@ from mdms_protocol.emergencies import error_text
 _SWITCHING_OFF = (nmt.ENTER_PRE_OPERATIONAL, nmt.STOP)
 
 
-class Reception:
+class FrameRouter:
     """Takes in the frames of all buses.
 
     Frames of other nodes, and frames that cannot be decoded, do nothing. `other_host` is whether
@@ -37,7 +37,7 @@ class Reception:
         odometry: Odometry,
         commands: Commands,
         by_cells: CellsControl | None,
-        journal: Journal,
+        journal: EventJournal,
     ) -> None:
         self.other_host = False
         self.switched_off = False

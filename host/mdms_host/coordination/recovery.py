@@ -12,7 +12,7 @@ from math import inf
 import numpy as np
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.coordination.run_state import HELD, TRANSITIONS, Journal, Phase, Signal
+from mdms_host.coordination.run_state import HELD, TRANSITIONS, EventJournal, Phase, Signal
 from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
 from mdms_host.coordination.wheel_speeds import Odometry
 from mdms_model.arrays import Bools
@@ -54,7 +54,7 @@ class Policy:
 _STEP_LIMIT_S = 1.0
 
 
-class Comeback:
+class CellRecovery:
     """Takes one cell from its next heartbeat to enabled drives, while others may run.
 
     Settings are written and verified as when it came up first, and every target begins at 0. `text`
@@ -133,13 +133,13 @@ class Roster:
     def __init__(self, cells: Sequence[BringUpCell], axes: int) -> None:
         self.cells = cells
         self.taking_part: tuple[BringUpCell, ...] = tuple(cells)
-        self.out: dict[BringUpCell, Comeback] = {}
+        self.out: dict[BringUpCell, CellRecovery] = {}
         self.given_up: set[BringUpCell] = set()
         self.wheels_out: Bools = np.zeros(axes * len(cells), dtype=bool)
         self._axes = axes
 
     @property
-    def awaited(self) -> list[Comeback]:
+    def awaited(self) -> list[CellRecovery]:
         """The ways back of the cells that the run waits for."""
         return [way for cell, way in self.out.items() if cell not in self.given_up]
 
@@ -150,7 +150,7 @@ class Roster:
 
     def lose(self, cell: BringUpCell, text: str, now_s: float) -> None:
         """A cell is out of action, for a reason in words; its way back begins."""
-        self.out[cell] = Comeback(cell, text, now_s)
+        self.out[cell] = CellRecovery(cell, text, now_s)
         self._sort()
 
     def give_up(self, cells: Iterable[BringUpCell]) -> None:
@@ -205,7 +205,7 @@ class Decision:
     text: str = ""
 
 
-class Care:
+class Recovery:
     """Follows cells that are out of action until they are back, and decides by a policy.
 
     `pauses` is how often all parcels have been held. `on_lost` gets the numbers of the cells that
@@ -219,7 +219,7 @@ class Care:
         *,
         supervision: Supervision,
         odometry: Odometry,
-        journal: Journal,
+        journal: EventJournal,
         on_lost: Callable[[frozenset[int]], None],
         on_back: Callable[[], None],
     ) -> None:
@@ -396,7 +396,7 @@ class Care:
         self._journal.note(now_s, f"all cells are back after {held_s:.2f} s")
         return Decision(Signal.DONE)
 
-    def _overdue(self, awaited: list[Comeback], now_s: float) -> Decision:
+    def _overdue(self, awaited: list[CellRecovery], now_s: float) -> Decision:
         """The array has been held for long enough."""
         limit = f"not back within {self._policy.limit_s:g} s"
         text = f"{_told(way.refused or way.text for way in awaited)}; {limit}"

@@ -125,7 +125,7 @@ class Schedule:
         return True
 
 
-class Journal:
+class EventJournal:
     """`events` has everything, `troubles` the events that need a person, as (time [s], text)."""
 
     def __init__(self) -> None:

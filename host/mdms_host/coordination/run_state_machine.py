@@ -3,14 +3,14 @@
 from collections.abc import Callable
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.coordination.frame_router import Reception
-from mdms_host.coordination.recovery import Care, Roster
+from mdms_host.coordination.frame_router import FrameRouter
+from mdms_host.coordination.recovery import Recovery, Roster
 from mdms_host.coordination.run_state import (
     BRING_UP,
     STOPPED,
     TRANSITIONS,
     UP,
-    Journal,
+    EventJournal,
     Phase,
     Signal,
     Timing,
@@ -20,7 +20,7 @@ from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, Supervi
 _OVER = (Phase.FAILING, *STOPPED)
 
 
-class Course:
+class RunStateMachine:
     """`phase` is the phase of a run, `fault` the cause of its end, None as long as it goes on.
 
     `on_phase(before, phase, now_s)` is called when a phase begins, and `unsure()` returns whether a
@@ -33,9 +33,9 @@ class Course:
         timing: Timing,
         *,
         supervision: Supervision,
-        care: Care,
-        reception: Reception,
-        journal: Journal,
+        care: Recovery,
+        reception: FrameRouter,
+        journal: EventJournal,
         on_phase: Callable[[Phase, Phase, float], None],
         unsure: Callable[[], bool],
     ) -> None:
@@ -45,7 +45,7 @@ class Course:
         self._timing = timing
         self._supervision = supervision
         self._care = care
-        self._reception = reception
+        self._frame_router = reception
         self._journal = journal
         self._on_phase = on_phase
         self._unsure = unsure
@@ -67,9 +67,9 @@ class Course:
         """Act on troubles of cells, on another host, or on a request to stop."""
         if self.phase in _OVER:
             return
-        if self._reception.other_host:
+        if self._frame_router.other_host:
             self._fail(OTHER_HOST, now_s)
-        elif self._reception.switched_off:
+        elif self._frame_router.switched_off:
             self._fail(SWITCHED_OFF, now_s)
         elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
             self._signal(Signal.STOP, now_s)

@@ -6,7 +6,7 @@ from math import degrees, radians
 import numpy as np
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.estimation.belief import Belief, Change, Event
+from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
 from mdms_model.arrays import Bools, Floats
@@ -77,21 +77,21 @@ class Missing:
 
 
 _TEXTS = {
-    Event.FOUND: "{name} found at {where}",
-    Event.DOUBTFUL: "{name} is doubtful: sensors do not show it where it was",
-    Event.LOST: "{name} is lost: no sensor shows it where it was; it is not steered",
-    Event.DEPARTED: "{name} has departed",
-    Event.APPEARED: "{name} appeared at {where}, {size}: wheels under it stand",
-    Event.HEAPED: (
+    BeliefEvent.FOUND: "{name} found at {where}",
+    BeliefEvent.DOUBTFUL: "{name} is doubtful: sensors do not show it where it was",
+    BeliefEvent.LOST: "{name} is lost: no sensor shows it where it was; it is not steered",
+    BeliefEvent.DEPARTED: "{name} has departed",
+    BeliefEvent.APPEARED: "{name} appeared at {where}, {size}: wheels under it stand",
+    BeliefEvent.HEAPED: (
         "{name} is a heap at {where}, {size}: more than one parcel, which cannot be told apart; "
         "wheels under it stand"
     ),
-    Event.CLEARED: "{name} is not there any more",
-    Event.EXPLAINED: "{name} is {other}",
-    Event.WITHDRAWN: "{name} has not come: something else was taken for it",
-    Event.MISFIT: "{name} is not {other}: sensors contradict its outline",
+    BeliefEvent.CLEARED: "{name} is not there any more",
+    BeliefEvent.EXPLAINED: "{name} is {other}",
+    BeliefEvent.WITHDRAWN: "{name} has not come: something else was taken for it",
+    BeliefEvent.MISFIT: "{name} is not {other}: sensors contradict its outline",
 }
-_TROUBLES = (Event.LOST, Event.MISFIT)
+_TROUBLES = (BeliefEvent.LOST, BeliefEvent.MISFIT)
 
 
 class Standings:
@@ -110,14 +110,14 @@ class Standings:
         return f"lost: {lost}; no sensor shows it" if lost else None
 
     def step(
-        self, time_s: float, changes: Iterable[Change], poses: Mapping[str, Floats]
+        self, time_s: float, changes: Iterable[BeliefChange], poses: Mapping[str, Floats]
     ) -> Iterator[tuple[str, bool]]:
         """Texts about changes of the standings, each with whether it is a trouble."""
         for change in changes:
             name = change.name
-            if change.event is Event.LOST:
+            if change.event is BeliefEvent.LOST:
                 self._lost_s[name] = time_s
-            elif change.event in (Event.FOUND, Event.DEPARTED, Event.WITHDRAWN):
+            elif change.event in (BeliefEvent.FOUND, BeliefEvent.DEPARTED, BeliefEvent.WITHDRAWN):
                 self._lost_s.pop(name, None)
             pose = poses.get(name, change.pose)
             where = "" if pose is None else _where(pose)
@@ -134,7 +134,7 @@ def _where(pose: Floats) -> str:
     return f"x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad"
 
 
-def _size(change: Change) -> str:
+def _size(change: BeliefChange) -> str:
     if change.size_m is None:
         return ""
     along_m, across_m = change.size_m

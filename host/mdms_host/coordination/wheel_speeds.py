@@ -130,7 +130,7 @@ _STANDSTILL_SYNCS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Speeds:
+class SyncedSpeeds:
     """Speeds of all wheels at a SYNC, those that are known, and wheels that stand, shape (W,)."""
 
     time_s: float
@@ -176,7 +176,7 @@ class Odometry:
         """References of shape (W,) are sent for the next SYNC."""
         self._held_syncs = np.where(references_m_s == 0.0, self._held_syncs + 1, 0)
 
-    def take(self) -> Speeds | None:
+    def take(self) -> SyncedSpeeds | None:
         """The newest speeds that can be used, each SYNC's once; None if there are none."""
         sync = self._reports.take()
         if sync is None:
@@ -185,7 +185,7 @@ class Odometry:
         speed_m_s = self._velocities.actual_m_s([sync.data.get(n, _NO_SPEEDS) for n in numbers])
         known = np.repeat([number in sync.data for number in numbers], self._axes)
         standing = (self._held_syncs >= _STANDSTILL_SYNCS) & (abs(speed_m_s) < _STANDSTILL_M_S)
-        return Speeds(sync.time_s, speed_m_s, known, standing)
+        return SyncedSpeeds(sync.time_s, speed_m_s, known, standing)
 
     def answers(self, cell: RemoteCell) -> bool:
         """Whether a cell answers SYNC."""

@@ -9,7 +9,7 @@ from math import inf, sqrt
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_model.arrays import Floats
 
 #: A parcel that is not shown is doubtful after this while, and lost after that [s].
@@ -61,7 +61,7 @@ class Confirmation:
 _PLANE_DEVIATIONS, _TURN_DEVIATIONS = 2.45, 1.96
 
 
-class Kind(StrEnum):
+class BeliefKind(StrEnum):
     """Subject of a belief: a named parcel, an unknown thing, or several things that touch."""
 
     PARCEL = "parcel"
@@ -83,14 +83,14 @@ class Belief:
     """
 
     name: str
-    outline: Bottom
+    outline: Footprint
     pose: Floats
     twist: Floats
     covariance: Floats
     standing: Standing = Standing.FOUND
     corrected: bool = True
     feel: Floats | None = None
-    kind: Kind = Kind.PARCEL
+    kind: BeliefKind = BeliefKind.PARCEL
 
     @property
     def doubtful(self) -> bool:
@@ -106,10 +106,10 @@ class Belief:
     @property
     def named(self) -> bool:
         """Whether it is a parcel that somebody has given an outline and a name."""
-        return self.kind is Kind.PARCEL
+        return self.kind is BeliefKind.PARCEL
 
 
-class Event(StrEnum):
+class BeliefEvent(StrEnum):
     """Kind of a change; the first three are standings of a parcel's belief."""
 
     FOUND = "found"
@@ -132,7 +132,7 @@ class Event(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class BeliefChange:
     """One event of one name; `pose` (x, y, yaw) where there is one [table frame].
 
     `size_m` is how far something unknown reaches at most, along x and y. `other` is the parcel that
@@ -140,7 +140,7 @@ class Change:
     """
 
     name: str
-    event: Event
+    event: BeliefEvent
     pose: Floats | None = None
     size_m: tuple[float, float] | None = None
     other: str = ""

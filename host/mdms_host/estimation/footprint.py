@@ -1,6 +1,6 @@
-"""A parcel's footprint: its bottom seen from above, a disc, a rectangle or a convex polygon.
+"""A parcel's footprint as seen from above: a disc, a rectangle or a convex polygon.
 
-`Bottom` is the interface of any footprint to estimator and controller.
+`Footprint` is the interface of any footprint to estimator and controller.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from mdms_model.arrays import Floats
 from mdms_model.outline import polygon_outline
 
 
-class Bottom(Protocol):
+class Footprint(Protocol):
     """A convex outline about the parcel's origin, its centre.
 
     A pose is (x, y, yaw) of the centre [m, m, rad; table frame], shape (3,).
@@ -32,10 +32,10 @@ class Bottom(Protocol):
 
     @property
     def period_rad(self) -> float:
-        """Turn after which the bottom looks the same [rad]."""
+        """Turn after which the footprint looks the same [rad]."""
         ...
 
-    def grown(self, along_m: float, across_m: float) -> "Bottom":
+    def grown(self, along_m: float, across_m: float) -> "Footprint":
         """The same, but larger by so much on either side, along its own x and y [m]."""
         ...
 
@@ -174,7 +174,7 @@ class Rectangle:
 
     @property
     def period_rad(self) -> float:
-        """Turn after which the bottom looks the same [rad]."""
+        """Turn after which the footprint looks the same [rad]."""
         return pi / 2 if self.length_m == self.width_m else pi
 
     def grown(self, along_m: float, across_m: float) -> "Rectangle":
@@ -257,7 +257,7 @@ class Polygon:
 
     @cached_property
     def period_rad(self) -> float:
-        """Turn after which the bottom looks the same; a whole one for most outlines [rad]."""
+        """Turn after which the footprint looks the same; a whole one for most outlines [rad]."""
         corners = np.array(self.corners_m) @ (1.0, 1j)
         for parts in range(len(corners), 1, -1):
             away_m = np.abs(corners * np.exp(2j * pi / parts) - corners[:, None])

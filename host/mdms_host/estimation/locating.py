@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -44,7 +44,7 @@ class Location:
 
 
 def locate(
-    bottom: Bottom,
+    footprint: Footprint,
     sensors_m: Floats,
     covered: Bools,
     yaw_hint_rad: float = 0.0,
@@ -59,8 +59,8 @@ def locate(
     """
     if not covered.any():
         return None
-    yaws_rad = bottom.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD)
-    found = [_try_yaw(bottom, float(yaw), sensors_m, covered) for yaw in yaws_rad]
+    yaws_rad = footprint.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD)
+    found = [_try_yaw(footprint, float(yaw), sensors_m, covered) for yaw in yaws_rad]
     poses = np.concatenate([poses for poses, _ in found])
     wrong = np.concatenate([wrong for _, wrong in found])
     if within_m is not None:
@@ -71,16 +71,16 @@ def locate(
         return None
     near = wrong <= wrong.min() + _SPARE_ERRORS
     poses, weights = poses[near], np.exp(-_ERROR_COST * (wrong[near] - wrong.min()))
-    group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, bottom.period_rad)
+    group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, footprint.period_rad)
     poses, weights = poses[group], weights[group]
-    pose, covariance = _moments(poses, weights, bottom.period_rad)
-    pose[2] = bottom.nearest_yaw_rad(float(pose[2]), yaw_hint_rad)
-    poses[:, 2] -= bottom.period_rad * np.round((poses[:, 2] - pose[2]) / bottom.period_rad)
+    pose, covariance = _moments(poses, weights, footprint.period_rad)
+    pose[2] = footprint.nearest_yaw_rad(float(pose[2]), yaw_hint_rad)
+    poses[:, 2] -= footprint.period_rad * np.round((poses[:, 2] - pose[2]) / footprint.period_rad)
     return Location(pose, covariance, int(wrong.min()), poses, weights)
 
 
 def _try_yaw(
-    bottom: Bottom, yaw_rad: float, sensors_m: Floats, covered: Bools
+    footprint: Footprint, yaw_rad: float, sensors_m: Floats, covered: Bools
 ) -> tuple[Floats, Ints]:
     """Poses (N, 3) of this yaw whose spans hold all covered sensors, and each one's errors (N,).
 
@@ -90,10 +90,10 @@ def _try_yaw(
     turn = np.array([[cos, -sin], [sin, cos]])
     own_m = sensors_m @ turn
     along_m, across_m = (
-        _centres_m(own_m[covered, axis], span_m) for axis, span_m in enumerate(bottom.spans_m)
+        _centres_m(own_m[covered, axis], span_m) for axis, span_m in enumerate(footprint.spans_m)
     )
     sign = np.where(covered, -1.0, 1.0)
-    wrong = covered.sum() + bottom.hidden(own_m, sign, along_m, across_m)
+    wrong = covered.sum() + footprint.hidden(own_m, sign, along_m, across_m)
     grid_m = np.stack(np.meshgrid(along_m, across_m, indexing="ij"), axis=-1).reshape(-1, 2)
     poses = np.column_stack((grid_m @ turn.T, np.full(len(grid_m), yaw_rad)))
     return poses, wrong.ravel().astype(np.int64)
@@ -148,17 +148,17 @@ class Search:
     """
 
     def __init__(
-        self, bottom: Bottom, layout: Layout, covered: Bools, mine: Bools, yaw_hint_rad: float
+        self, footprint: Footprint, layout: Layout, covered: Bools, mine: Bools, yaw_hint_rad: float
     ) -> None:
         self.covered = covered
         self.found: Location | None = None
         self.left_out: Bools = np.zeros(len(covered), dtype=bool)
         self.over = False
-        self._bottom = bottom
+        self._footprint = footprint
         self._sensors_m = layout.sensors_m
         wheels_m = layout.wheel_positions_m
         # The origin of a polygon may lie beside the middle of its corners.
-        middle_m = bottom.outline_m(np.zeros(3)).mean(axis=0)
+        middle_m = footprint.outline_m(np.zeros(3)).mean(axis=0)
         beyond_m = _BESIDE_MIDDLE_M + float(np.hypot(*middle_m))
         low_m, high_m = wheels_m.min(axis=0), wheels_m.max(axis=0)
         self._within_m = np.array((low_m - beyond_m, high_m + beyond_m))
@@ -180,7 +180,7 @@ class Search:
 
     def _locate(self, mine: Bools) -> Location | None:
         return locate(
-            self._bottom,
+            self._footprint,
             self._sensors_m[mine],
             self.covered[mine],
             self._yaw_hint_rad,
@@ -193,7 +193,7 @@ class Search:
         if not shown.any():
             return []
         away_m = self._sensors_m - np.median(self._sensors_m[shown], axis=0)
-        near = shown | (np.hypot(away_m[:, 0], away_m[:, 1]) < self._bottom.reach_m)
+        near = shown | (np.hypot(away_m[:, 0], away_m[:, 1]) < self._footprint.reach_m)
         return [int(cell) for cell in np.unique(self._cell[near & self._mine])]
 
     def _leave_out(self, cell: Bools) -> None:

@@ -5,7 +5,7 @@ from math import cos, sin
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom, Disc, Polygon, Rectangle
+from mdms_host.estimation.footprint import Disc, Footprint, Polygon, Rectangle
 from mdms_model.arrays import Bools, Floats
 from mdms_model.scenario.scenario import DRAWN_M
 
@@ -33,7 +33,7 @@ class Parcel:
     spread_m: float = DRAWN_M
 
     @property
-    def bottom(self) -> Bottom:
+    def footprint(self) -> Footprint:
         """The outline that the wheels and sensors are under."""
         if self.shape == "disc":
             return Disc(self.length_m)
@@ -72,7 +72,7 @@ class Region:
 
 
 @dataclass(frozen=True, slots=True)
-class Gate:
+class ExitLine:
     """A line through a point [m; table frame], square to the heading in which parcels leave [rad].
 
     A parcel has left once its centre is past the line: at an edge of the table, where it loses its
@@ -89,6 +89,6 @@ class Gate:
         past_m: Floats = (points_m - (self.x_m, self.y_m)) @ outward
         return past_m
 
-    def reached_by(self, bottom: Bottom, pose: Floats) -> bool:
+    def reached_by(self, footprint: Footprint, pose: Floats) -> bool:
         """Whether any of a parcel at this pose [m, m, rad; table frame] is past the line."""
-        return bool(self.past_m(bottom.outline_m(pose)).max() >= 0.0)
+        return bool(self.past_m(footprint.outline_m(pose)).max() >= 0.0)

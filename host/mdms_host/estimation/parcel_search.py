@@ -4,18 +4,18 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mdms_host.estimation.belief import Change, Event, Standing
+from mdms_host.estimation.belief import BeliefChange, BeliefEvent, Standing
 from mdms_host.estimation.pose.estimator import BESIDE_M
 from mdms_host.estimation.presence import PresenceMap, Surroundings
 from mdms_host.estimation.roll_call import Found, RollCall, Scene
-from mdms_host.estimation.tracked_parcel import Known
-from mdms_host.estimation.unexplained_sensors import Strangers
+from mdms_host.estimation.tracked_parcel import TrackedParcel
+from mdms_host.estimation.unexplained_sensors import UnexplainedSensors
 from mdms_host.estimation.unknowns import Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Ints
 
 
-class Seeking:
+class ParcelSearch:
     """Finds parcels over covered sensors that nothing explains; one search a step.
 
     A search takes long. `settled` is whether everything has been tried.
@@ -26,15 +26,15 @@ class Seeking:
         layout: Layout,
         surroundings: Surroundings,
         presence: PresenceMap,
-        strangers: Strangers,
+        strangers: UnexplainedSensors,
         unknowns: Unknowns,
     ) -> None:
         self._presence = presence
-        self._strangers = strangers
+        self._unexplained = strangers
         self._unknowns = unknowns
         self._roll_call = RollCall(layout, surroundings)
         self._faulty: list[tuple[int, list[int]]] = []
-        self._misfits: list[Change] = []
+        self._misfits: list[BeliefChange] = []
         self.settled = True
 
     @property
@@ -47,7 +47,7 @@ class Seeking:
         faulty, self._faulty = self._faulty, []
         return faulty
 
-    def take_misfits(self) -> list[Change]:
+    def take_misfits(self) -> list[BeliefChange]:
         """Things that were named as parcels, and do not have their outlines."""
         misfits, self._misfits = self._misfits, []
         return misfits
@@ -56,7 +56,7 @@ class Seeking:
         self,
         now_s: float,
         valid: Bools,
-        known: dict[str, Known],
+        known: dict[str, TrackedParcel],
         groups: tuple[Ints, ...],
         taken: Bools,
     ) -> list[str]:
@@ -71,7 +71,7 @@ class Seeking:
             self.settled = not missing
             return []
         groups = self._whole(now_s, missing, groups)
-        still = self._strangers.still(now_s, groups, self._presence.changed_s)
+        still = self._unexplained.still(now_s, groups, self._presence.changed_s)
         self.settled = not groups
         still = self._parted(now_s, missing, still)
         if not still:
@@ -87,7 +87,7 @@ class Seeking:
         return [one.name for one in found]
 
     def _whole(
-        self, now_s: float, missing: Iterable[Known], groups: tuple[Ints, ...]
+        self, now_s: float, missing: Iterable[TrackedParcel], groups: tuple[Ints, ...]
     ) -> tuple[Ints, ...]:
         """The groups, but those that lie where one doubtful parcel was are taken together.
 
@@ -104,7 +104,7 @@ class Seeking:
         return groups
 
     def _parted(
-        self, now_s: float, missing: Iterable[Known], groups: tuple[Ints, ...]
+        self, now_s: float, missing: Iterable[TrackedParcel], groups: tuple[Ints, ...]
     ) -> tuple[Ints, ...]:
         """The groups, but those around doubtful parcels that still move: nothing else is there.
 
@@ -113,14 +113,14 @@ class Seeking:
         claimed = self._disputed(now_s, (each for each in missing if not each.estimator.rests))
         return tuple(group for group in groups if not claimed[group].any())
 
-    def _disputed(self, now_s: float, missing: Iterable[Known]) -> Bools:
+    def _disputed(self, now_s: float, missing: Iterable[TrackedParcel]) -> Bools:
         """Sensors (S,) around where doubtful parcels were shown last."""
         disputed = np.zeros(len(self._presence.covered), dtype=bool)
         for each in missing:
             disputed |= self._around(now_s, each, BESIDE_M)
         return disputed
 
-    def _around(self, now_s: float, known: Known, within_m: float) -> Bools:
+    def _around(self, now_s: float, known: TrackedParcel, within_m: float) -> Bools:
         """Sensors (S,) under a parcel, or so near to it; none without a pose."""
         around = np.zeros(len(self._presence.covered), dtype=bool)
         view = known.estimator.view(now_s)
@@ -128,7 +128,7 @@ class Seeking:
             around[view.near.sensors[view.distance_m < within_m]] = True
         return around
 
-    def _start(self, now_s: float, valid: Bools, known: Known, found: Found) -> None:
+    def _start(self, now_s: float, valid: Bools, known: TrackedParcel, found: Found) -> None:
         """A parcel has been found: sensors that contradict are not believed for now."""
         estimator, covered = known.estimator, self._presence.covered
         location = found.location
@@ -145,11 +145,11 @@ class Seeking:
         known.disbelieved = wrong
         self._faulty += self._presence.disbelieve(wrong)
         inside = self._around(now_s, known, estimator.unsure_m)
-        self._strangers.foreign &= ~inside
+        self._unexplained.foreign &= ~inside
         self._unknowns.explain(known.parcel.name, inside)
 
     def _settle(
-        self, now_s: float, valid: Bools, known: dict[str, Known], still: tuple[Ints, ...]
+        self, now_s: float, valid: Bools, known: dict[str, TrackedParcel], still: tuple[Ints, ...]
     ) -> None:
         """A parcel that was found nowhere is where it was, or does not fit its given outline."""
         shown = np.zeros(len(valid), dtype=bool)
@@ -160,10 +160,12 @@ class Seeking:
             if each.standing is Standing.DOUBTFUL:
                 self._stay(now_s, valid, each, shown)
             elif each.unknown is not None and each.unknown in self._unknowns.all:
-                self._misfits.append(self._unknowns.all[each.unknown].change(Event.MISFIT, name))
+                self._misfits.append(
+                    self._unknowns.all[each.unknown].change(BeliefEvent.MISFIT, name)
+                )
                 del known[name]
 
-    def _stay(self, now_s: float, valid: Bools, known: Known, shown: Bools) -> None:
+    def _stay(self, now_s: float, valid: Bools, known: TrackedParcel, shown: Bools) -> None:
         """A parcel whose sensors are all covered is where it was: a thing beside it contradicts."""
         estimator = known.estimator
         view = estimator.view(now_s)
@@ -172,5 +174,5 @@ class Seeking:
         sensors, distance_m = view.near.sensors, view.distance_m
         if estimator.covers(view, shown[sensors], valid[sensors]):
             beside = (distance_m > estimator.unsure_m) & (distance_m < BESIDE_M)
-            self._strangers.foreign[sensors[beside & shown[sensors]]] = True
+            self._unexplained.foreign[sensors[beside & shown[sensors]]] = True
             estimator.resume(now_s)

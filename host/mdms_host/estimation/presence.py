@@ -21,7 +21,7 @@ _SLOWER = 10.0
 _MOST_S = 1.0
 
 
-class SensorWorth:
+class SensorReliability:
     """How long each of so many sensors has been wrong of late; `believed` is of shape (S,)."""
 
     def __init__(self, sensors: int) -> None:
@@ -81,7 +81,7 @@ class PresenceMap:
         self._period_s = status_period_s
         self._valid_s = _PERIODS * status_period_s
         self._debounce_s = tuple(debounce_s) or (0.0,) * cells
-        self._worth = SensorWorth(cells * sensors)
+        self._worth = SensorReliability(cells * sensors)
         self._judged_s = inf
         self._ignored: Collection[int] = ()
         self._counted: Bools = np.ones(cells * sensors, dtype=bool)
@@ -237,9 +237,9 @@ class Surroundings:
         last = min(count, floor((place_m + reach_m) / pitch_m + middle) + 1)
         return first, max(first, last)
 
-    def _cut(self, bottom: int, top: int, left: int, right: int) -> Near:
+    def _cut(self, footprint: int, top: int, left: int, right: int) -> Near:
         layout = self._layout
-        cells = np.arange(layout.cells).reshape(self._shape)[bottom:top, left:right].ravel()
+        cells = np.arange(layout.cells).reshape(self._shape)[footprint:top, left:right].ravel()
         sensors = _members(cells, len(layout.sensor_offsets_m))
         wheels = _members(cells, len(layout.wheels))
         return Near(

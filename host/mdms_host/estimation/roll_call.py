@@ -16,7 +16,7 @@ from math import hypot
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.estimation.locating import Location, Search
 from mdms_host.estimation.parcel import Region
 from mdms_host.estimation.presence import Surroundings
@@ -85,7 +85,7 @@ class _Places:
 
 
 def tell_apart(
-    one: Bottom, other: Bottom, covered_m: Floats, free_m: Floats
+    one: Footprint, other: Footprint, covered_m: Floats, free_m: Floats
 ) -> Iterator[tuple[Bools, Bools] | None]:
     """Which of the covered sensors (C, 2) are surely under one, and under the other, (C,) each.
 
@@ -95,49 +95,49 @@ def tell_apart(
     """
     alike = one == other
     places: list[list[_Places]] = []
-    for bottom in (one,) if alike else (one, other):
+    for footprint in (one,) if alike else (one, other):
         places.append([])
-        for some in _all_places(bottom, covered_m, free_m):
+        for some in _all_places(footprint, covered_m, free_m):
             places[-1].extend(some)
             yield None
     if alike:
         places *= 2
     most = [max((each.counts.max() for each in found), default=0.0) for found in places]
     sets = []
-    for found, bottom, others in zip(places, (one, other), reversed(most), strict=True):
+    for found, footprint, others in zip(places, (one, other), reversed(most), strict=True):
         # Sensors that the other cannot cover must be under this one.
         yield None
-        sets.append(_sets(bottom, found, len(covered_m) - others - _SPARE, len(covered_m)))
+        sets.append(_sets(footprint, found, len(covered_m) - others - _SPARE, len(covered_m)))
     yield _likely(sets[0], sets[1], covered_m, alike=alike)
 
 
-def _all_places(bottom: Bottom, covered_m: Floats, free_m: Floats) -> Iterator[list[_Places]]:
+def _all_places(footprint: Footprint, covered_m: Floats, free_m: Floats) -> Iterator[list[_Places]]:
     """All places that cover no free sensor, some yaws at a time."""
-    yaws_rad = bottom.yaws_rad(0.0, _YAW_STEP_RAD)
+    yaws_rad = footprint.yaws_rad(0.0, _YAW_STEP_RAD)
     for first in range(0, len(yaws_rad), _YAWS):
         some = (
-            _at_yaw(bottom, yaw_rad, covered_m, free_m)
+            _at_yaw(footprint, yaw_rad, covered_m, free_m)
             for yaw_rad in yaws_rad[first : first + _YAWS].tolist()
         )
         yield [each for each in some if len(each.centres_m)]
 
 
-def _at_yaw(bottom: Bottom, yaw_rad: float, covered_m: Floats, free_m: Floats) -> _Places:
+def _at_yaw(footprint: Footprint, yaw_rad: float, covered_m: Floats, free_m: Floats) -> _Places:
     cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
     turn = np.array([[cosine, -sine], [sine, cosine]])
     own_m, own_free_m = covered_m @ turn, free_m @ turn
     along_m, across_m = (
         np.arange(own_m[:, axis].min(), own_m[:, axis].max() + _STEP_M, _STEP_M) for axis in (0, 1)
     )
-    free = bottom.hidden(own_free_m, np.ones(len(own_free_m)), along_m, across_m)
-    counts = bottom.hidden(own_m, np.ones(len(own_m)), along_m, across_m)
+    free = footprint.hidden(own_free_m, np.ones(len(own_free_m)), along_m, across_m)
+    counts = footprint.hidden(own_m, np.ones(len(own_m)), along_m, across_m)
     rows, columns = np.nonzero(free == 0)
     centres_m = np.column_stack((along_m[rows], across_m[columns]))
     return _Places(own_m, centres_m, counts[rows, columns])
 
 
 def _sets(
-    bottom: Bottom, places: list[_Places], least: float, sensors: int
+    footprint: Footprint, places: list[_Places], least: float, sensors: int
 ) -> tuple[Floats, Floats]:
     """Which sensors (C,) places with so many cover, all different, (N, C); how many do, (N,)."""
     masks = []
@@ -145,7 +145,7 @@ def _sets(
         centres_m = each.centres_m[each.counts >= max(least, _LEAST)]
         if len(centres_m):
             away_m = (each.own_m[None, :, :] - centres_m[:, None, :]).reshape(-1, 2)
-            inside = bottom.distance_m(away_m, np.zeros(3)) < 0
+            inside = footprint.distance_m(away_m, np.zeros(3)) < 0
             masks.append(np.packbits(inside.reshape(len(centres_m), sensors), axis=1))
     if not masks:
         return np.zeros((0, sensors)), np.zeros(0)
@@ -197,7 +197,7 @@ _EXPECTED_M = 0.1
 #: So many pairs of outlines are tried on a group that no parcel explains alone.
 _PAIRS = 10
 
-Key = tuple[Bottom, float, bytes]
+Key = tuple[Footprint, float, bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +205,7 @@ class Sought:
     """A parcel that is looked for: its outline, the pose it is expected at, and where it may be."""
 
     name: str
-    bottom: Bottom
+    footprint: Footprint
     yaw_hint_rad: float
     place: Floats | None = None
     region: Region | None = None
@@ -315,7 +315,7 @@ class RollCall:
         """The least contradiction if a parcel covers a group, counted in sensors."""
         middle_m, extent_m = self._spread(group)
         # One cell may be left out.
-        most_m = 2 * one.bottom.reach_m + 1.5 * self._layout.pitch_m
+        most_m = 2 * one.footprint.reach_m + 1.5 * self._layout.pitch_m
         if extent_m > most_m or not one.may_be_at(middle_m):
             return _IMPOSSIBLE
         cost = -_EXPLAINED * len(group)
@@ -347,13 +347,15 @@ class RollCall:
             covered[group] = True
             mine[near] = scene.valid[near] & ~covered[near]
             mine[group] = True
-            self._searches[key] = Search(one.bottom, self._layout, covered, mine, one.yaw_hint_rad)
+            self._searches[key] = Search(
+                one.footprint, self._layout, covered, mine, one.yaw_hint_rad
+            )
         return self._searches[key]
 
     def _near(self, one: Sought, group: Ints) -> Ints:
         """All sensors that may show whether a parcel covers a group."""
         middle_m, _ = self._spread(group)
-        return self._surroundings.of(middle_m, 2 * one.bottom.reach_m).sensors
+        return self._surroundings.of(middle_m, 2 * one.footprint.reach_m).sensors
 
     def _conclude(
         self, sought: Sequence[Sought], scene: Scene, pairs: Sequence[tuple[Sought, Ints]]
@@ -388,7 +390,7 @@ class RollCall:
             return self._divisions.pop(group.tobytes(), None) is not None
         if division is None or division.names != names:
             _, extent_m = self._spread(group)
-            large = all(extent_m > 2 * one.bottom.reach_m for one in there)
+            large = all(extent_m > 2 * one.footprint.reach_m for one in there)
             division = _Division(group, names, self._ways(group, there, scene), large)
             self._divisions[group.tobytes()] = division
         return division.next()
@@ -399,7 +401,9 @@ class RollCall:
         """Ways to divide a group: by where parcels are expected, then by what explains it."""
         covered_m = self._sensors_m[group]
         away_m = [
-            one.bottom.distance_m(covered_m, one.place) for one in sought if one.place is not None
+            one.footprint.distance_m(covered_m, one.place)
+            for one in sought
+            if one.place is not None
         ]
         away_m = [each for each in away_m if each.min() < _EXPECTED_M]
         if len(away_m) > 1:
@@ -408,7 +412,7 @@ class RollCall:
         for one, other in list(combinations(sought, 2))[:_PAIRS]:
             near = np.union1d(self._near(one, group), self._near(other, group))
             free_m = self._sensors_m[near[scene.valid[near] & ~scene.covered[near]]]
-            for told in tell_apart(one.bottom, other.bottom, covered_m, free_m):
+            for told in tell_apart(one.footprint, other.footprint, covered_m, free_m):
                 yield () if told is None else (group[told[0]], group[told[1]])
 
 
@@ -440,7 +444,7 @@ class _Division:
 
 
 def _key(one: Sought, group: Ints) -> Key:
-    return one.bottom, one.yaw_hint_rad, group.tobytes()
+    return one.footprint, one.yaw_hint_rad, group.tobytes()
 
 
 def _extent_m(points_m: Floats) -> float:

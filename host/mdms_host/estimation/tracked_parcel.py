@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief, Change, Event, Standing
+from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, Standing
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.locating import Location
-from mdms_host.estimation.parcel import Gate, Parcel, Region
+from mdms_host.estimation.parcel import ExitLine, Parcel, Region
 from mdms_host.estimation.pose.estimator import ParcelEstimator, View
 from mdms_host.estimation.presence import Surroundings
 from mdms_host.estimation.roll_call import Sought
@@ -28,7 +28,7 @@ _REOPENED_S = 0.4
 _OUTSIDE_M = 0.15
 
 
-class Known:
+class TrackedParcel:
     """One parcel. `region` is the only place where it may be found, `gate` the exit to leave by.
 
     `place` is the pose of its last finding, or the expected pose; None where it may be anywhere.
@@ -44,7 +44,7 @@ class Known:
         unknown: str | None = None,
     ) -> None:
         self.parcel = parcel
-        self.estimator = ParcelEstimator(surroundings, parcel.bottom, parcel.spread_m)
+        self.estimator = ParcelEstimator(surroundings, parcel.footprint, parcel.spread_m)
         self.region = region
         #: Where it was announced.
         self.infeed = region if unknown is None else None
@@ -52,7 +52,7 @@ class Known:
         self.disbelieved: Bools | None = None
         self._found_s: float | None = None
         self.unknown = unknown
-        self.gate: Gate | None = None
+        self.gate: ExitLine | None = None
         self.expected = region is not None
         self.place: Floats | None = None
         if parcel.near_m is not None:
@@ -69,15 +69,15 @@ class Known:
         """The target of a search for it, while it is not found."""
         place = self.place
         yaw_rad = self.parcel.yaw_hint_rad if place is None else float(place[2])
-        return Sought(self.parcel.name, self.estimator.bottom, yaw_rad, place, self.region)
+        return Sought(self.parcel.name, self.estimator.footprint, yaw_rad, place, self.region)
 
     @property
     def size(self) -> Size | None:
         """How large it is, as far as edges have shown it by now; None where it is no rectangle."""
-        bottom = self.estimator.bottom
-        if not isinstance(bottom, Rectangle):
+        footprint = self.estimator.footprint
+        if not isinstance(footprint, Rectangle):
             return None
-        sides_m = bottom.length_m, bottom.width_m
+        sides_m = footprint.length_m, footprint.width_m
         along_m, across_m = self.estimator.growth_deviation_m
         deviation_m = 2 * along_m, 2 * across_m
         least_m = sides_m[0] - 3 * deviation_m[0], sides_m[1] - 3 * deviation_m[1]
@@ -120,7 +120,7 @@ class Known:
         feel = None if usable is None else one.move_to_feel(usable)
         return Belief(
             self.parcel.name,
-            one.bottom,
+            one.footprint,
             pose,
             one.twist,
             one.covariance,
@@ -165,12 +165,12 @@ class Known:
         if self.standing is Standing.FOUND:
             past_m = float(self.gate.past_m(self.place[:2]))
             return past_m >= (_OUT_M if shown else 0.0)
-        through = self.gate.reached_by(self.estimator.bottom, self.place)
+        through = self.gate.reached_by(self.estimator.footprint, self.place)
         return through and not (self.standing is Standing.DOUBTFUL and shown)
 
-    def take_change(self) -> Change | None:
+    def take_change(self) -> BeliefChange | None:
         """That its standing is another than at the last call."""
         if self.standing is self._reported:
             return None
         self._reported = self.standing
-        return Change(self.parcel.name, Event(self.standing.value), self.estimator.pose)
+        return BeliefChange(self.parcel.name, BeliefEvent(self.standing.value), self.estimator.pose)

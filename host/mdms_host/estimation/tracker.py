@@ -6,21 +6,21 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief, Change, Event, Gain, Standing
-from mdms_host.estimation.parcel import Gate, Parcel, Region
-from mdms_host.estimation.parcel_search import Seeking
+from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, Gain, Standing
+from mdms_host.estimation.parcel import ExitLine, Parcel, Region
+from mdms_host.estimation.parcel_search import ParcelSearch
 from mdms_host.estimation.pose.estimator import BESIDE_M, Shown, View
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence import PresenceMap, Surroundings
 from mdms_host.estimation.size import Size
-from mdms_host.estimation.tracked_parcel import Known
-from mdms_host.estimation.unexplained_sensors import Coverage, Strangers
+from mdms_host.estimation.tracked_parcel import TrackedParcel
+from mdms_host.estimation.unexplained_sensors import Coverage, UnexplainedSensors
 from mdms_host.estimation.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.scenario.scenario import name_fault
 
-__all__ = ["Estimate", "Gate", "Parcel", "Region", "Tracker"]
+__all__ = ["Estimate", "ExitLine", "Parcel", "Region", "Tracker"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +52,16 @@ class Tracker:
         self._presence = PresenceMap(
             layout.cells, len(layout.sensor_offsets_m), status_period_s, debounce_s
         )
-        self._strangers = Strangers(layout, self._surroundings)
-        self._unknowns = Unknowns(layout, self._surroundings, self._strangers.link_m)
-        self._seeking = Seeking(
-            layout, self._surroundings, self._presence, self._strangers, self._unknowns
+        self._unexplained = UnexplainedSensors(layout, self._surroundings)
+        self._unknowns = Unknowns(layout, self._surroundings, self._unexplained.link_m)
+        self._parcel_search = ParcelSearch(
+            layout, self._surroundings, self._presence, self._unexplained, self._unknowns
         )
-        self._known = {parcel.name: Known(parcel, self._surroundings) for parcel in parcels}
+        self._known = {parcel.name: TrackedParcel(parcel, self._surroundings) for parcel in parcels}
         self._watching = True
         self._now_s = 0.0
         self._faulty: list[tuple[int, list[int]]] = []
-        self._changes: list[Change] = []
+        self._changes: list[BeliefChange] = []
         self._withdrawn: list[tuple[Parcel, Region | None]] = []
 
     # Parcels come and go
@@ -72,9 +72,9 @@ class Tracker:
         Those that look the same are found in the order in which they were announced. Raises
         ValueError for a name that is taken, or that no parcel can have.
         """
-        self._add(Known(parcel, self._surroundings, region=region))
+        self._add(TrackedParcel(parcel, self._surroundings, region=region))
 
-    def depart(self, name: str, gate: Gate | None = None) -> None:
+    def depart(self, name: str, gate: ExitLine | None = None) -> None:
         """Have a parcel leave through `gate`; without one it is gone already.
 
         Once it is through it is no parcel of this tracker any more. Raises KeyError for a name that
@@ -103,7 +103,7 @@ class Tracker:
         corners_m = self._unknowns.all[unknown].corners_m
         low_m, high_m = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
         region = Region((low_m[0], low_m[1]), (high_m[0], high_m[1]))
-        self._add(Known(parcel, self._surroundings, region=region, unknown=unknown))
+        self._add(TrackedParcel(parcel, self._surroundings, region=region, unknown=unknown))
 
     def size(self, name: str) -> Size | None:
         """Size of a rectangular parcel as far as sensors show, or of an unknown thing at rest.
@@ -117,7 +117,7 @@ class Tracker:
             name, self._presence.valid(self._now_s) & ~self._presence.covered
         )
 
-    def _add(self, known: Known) -> None:
+    def _add(self, known: TrackedParcel) -> None:
         name = known.parcel.name
         if fault := name_fault(name):
             raise ValueError(f"the name {name!r} {fault}")
@@ -169,7 +169,7 @@ class Tracker:
         views = self._views(now_s)
         coverage = self._coverage(views)
         groups = self._groups(now_s, valid, coverage)
-        found = self._seeking.step(now_s, valid, self._known, groups, coverage.taken)
+        found = self._parcel_search.step(now_s, valid, self._known, groups, coverage.taken)
         if found:
             # Sensors that contradict them are not believed any more.
             valid = self._presence.valid(now_s)
@@ -185,7 +185,7 @@ class Tracker:
                 self._leave(name)
             elif each.was_none(now_s) or self._is_misjudged(now_s, name, views, coverage):
                 self._withdraw(name)
-        misfits = self._seeking.take_misfits()
+        misfits = self._parcel_search.take_misfits()
         self._changes += misfits
         return found
 
@@ -199,11 +199,11 @@ class Tracker:
 
     def take_faulty(self) -> list[tuple[int, list[int]]]:
         """Cells (from 1) with sensors (from 0) that contradict all others, since the last call."""
-        faulty = self._faulty + self._seeking.take_faulty()
+        faulty = self._faulty + self._parcel_search.take_faulty()
         self._faulty = []
         return faulty
 
-    def take_changes(self) -> list[Change]:
+    def take_changes(self) -> list[BeliefChange]:
         """Changes of parcels and of unknown things since the last call."""
         standings = (each.take_change() for each in self._known.values())
         changes = [*self._changes, *(each for each in standings if each)]
@@ -257,7 +257,7 @@ class Tracker:
 
     def _on_edge(self, now_s: float, sensor: int) -> None:
         """The edge that is likeliest to have crossed a sensor has; none, where none may have."""
-        if self._strangers.foreign[sensor]:
+        if self._unexplained.foreign[sensor]:
             return
         point_m = self._sensors_m[sensor]
         near = [
@@ -270,7 +270,7 @@ class Tracker:
         _, nearest = min(near, key=lambda pair: pair[0])
         covered = bool(self._presence.covered[sensor])
         if covered and nearest.estimator.comes_up(now_s, point_m):
-            self._strangers.foreign[sensor] = True
+            self._unexplained.foreign[sensor] = True
         else:
             nearest.estimator.edge(now_s, point_m, covered)
 
@@ -284,7 +284,7 @@ class Tracker:
 
     def _groups(self, now_s: float, valid: Bools, coverage: Coverage) -> tuple[Ints, ...]:
         covered, silent_s = self._presence.covered, self._presence.silent_s(now_s)
-        return self._strangers.groups(now_s, covered, valid, coverage, silent_s)
+        return self._unexplained.groups(now_s, covered, valid, coverage, silent_s)
 
     def _agree(
         self, now_s: float, valid: Bools, views: Mapping[str, View], coverage: Coverage
@@ -292,7 +292,7 @@ class Tracker:
         """Correct every parcel by its own sensors, and take in whether they show it."""
         covered, changed_s = self._presence.covered, self._presence.changed_s
         silent_s = self._presence.silent_s(now_s)
-        usable = valid & ~self._strangers.foreign & ~self._unknowns.sensors
+        usable = valid & ~self._unexplained.foreign & ~self._unknowns.sensors
         for number, (name, each) in enumerate(self._known.items()):
             if name in views:
                 sensors = views[name].near.sensors
@@ -307,11 +307,11 @@ class Tracker:
         """Take in groups that no parcel explains, but for those that may be a doubtful parcel."""
         if not self._presence.complete:
             return
-        claimed = coverage.disputed & ~self._strangers.foreign & ~self._unknowns.sensors
+        claimed = coverage.disputed & ~self._unexplained.foreign & ~self._unknowns.sensors
         parts = [part for group in groups if len(part := group[~claimed[group]])]
         free = valid & ~self._presence.covered
         self._unknowns.step(
-            now_s, parts, free, heaps=self._seeking.heaps, settled=self._seeking.settled
+            now_s, parts, free, heaps=self._parcel_search.heaps, settled=self._parcel_search.settled
         )
 
     def _judge(self, now_s: float, coverage: Coverage, groups: tuple[Ints, ...]) -> None:
@@ -319,7 +319,7 @@ class Tracker:
         waiting = [each for each in self._known.values() if each.standing is not Standing.FOUND]
         if not self._known or not all(each.expected for each in waiting):
             return
-        other = self._strangers.large(groups) | self._strangers.foreign
+        other = self._unexplained.large(groups) | self._unexplained.foreign
         for each in waiting:
             if each.region is not None:
                 other |= each.region.holds(self._sensors_m)
@@ -359,7 +359,7 @@ class Tracker:
         if none.disbelieved is not None:
             self._presence.believe(none.disbelieved)
         self._withdrawn.append((none.parcel, none.infeed))
-        self._changes.append(Change(name, Event.WITHDRAWN, none.place))
+        self._changes.append(BeliefChange(name, BeliefEvent.WITHDRAWN, none.place))
 
     def _leave(self, name: str) -> None:
         """A parcel is none of this table any more, nor are sensors that still show it."""
@@ -367,5 +367,5 @@ class Tracker:
         view = gone.estimator.view(self._now_s)
         if view is not None:
             left = view.near.sensors[view.distance_m < BESIDE_M]
-            self._strangers.leave(self._now_s, left)
-        self._changes.append(Change(name, Event.DEPARTED, gone.place))
+            self._unexplained.leave(self._now_s, left)
+        self._changes.append(BeliefChange(name, BeliefEvent.DEPARTED, gone.place))

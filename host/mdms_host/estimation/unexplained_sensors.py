@@ -8,7 +8,7 @@ import numpy as np
 from mdms_host.estimation.belief import Standing
 from mdms_host.estimation.pose.estimator import BESIDE_M, View
 from mdms_host.estimation.presence import SensorGroups, Surroundings
-from mdms_host.estimation.tracked_parcel import Known
+from mdms_host.estimation.tracked_parcel import TrackedParcel
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -23,7 +23,9 @@ class Coverage:
     sure. `disputed` are sensors around a doubtful parcel. `number` is that of each parcel, by name.
     """
 
-    def __init__(self, sensors: int, known: Mapping[str, Known], views: Mapping[str, View]) -> None:
+    def __init__(
+        self, sensors: int, known: Mapping[str, TrackedParcel], views: Mapping[str, View]
+    ) -> None:
         self.distance_m: Floats = np.full(sensors, np.inf)
         self.owner: Ints = np.full(sensors, NOBODY, dtype=np.int64)
         self.explained: Bools = np.zeros(sensors, dtype=bool)
@@ -34,7 +36,7 @@ class Coverage:
             if name in views:
                 self._take(number, each, views[name])
 
-    def _take(self, number: int, known: Known, view: View) -> None:
+    def _take(self, number: int, known: TrackedParcel, view: View) -> None:
         numbers, distance_m = view.near.sensors, view.distance_m
         nearer = distance_m < self.distance_m[numbers]
         mine = numbers[nearer]
@@ -58,7 +60,7 @@ _INSIDE_M = 0.02
 _CELLS = 2
 
 
-class Strangers:
+class UnexplainedSensors:
     """Sensors (S,) that are `foreign`: known to be under something else than the parcel beside it.
 
     `link_m` is how far neighbouring sensors are from each other.

@@ -13,7 +13,7 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief, Change, Event, Kind
+from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, BeliefKind
 from mdms_host.estimation.footprint import Polygon
 from mdms_host.estimation.presence import Surroundings
 from mdms_host.estimation.size import Size, rectangles_of, size_of
@@ -110,8 +110,8 @@ class Unknown:
     sensors: Ints
     outline: Polygon
     pose: Floats
-    kind: Kind
-    reported: Kind | None = None
+    kind: BeliefKind
+    reported: BeliefKind | None = None
     corrected: bool = True
 
     @property
@@ -119,10 +119,10 @@ class Unknown:
         """Corners of the outline on the table [m; table frame], shape (K, 2)."""
         return self.outline.outline_m(self.pose)
 
-    def change(self, event: Event, other: str = "") -> Change:
+    def change(self, event: BeliefEvent, other: str = "") -> BeliefChange:
         """An event of it."""
         along_m, across_m = np.ptp(self.outline.corners_m, axis=0).tolist()
-        return Change(self.name, event, self.pose, (along_m, across_m), other)
+        return BeliefChange(self.name, event, self.pose, (along_m, across_m), other)
 
 
 class Unknowns:
@@ -139,7 +139,7 @@ class Unknowns:
         self._since_s: Floats = np.full(len(self._sensors_m), inf)
         self._all: dict[str, Unknown] = {}
         self._count = 0
-        self._changes: list[Change] = []
+        self._changes: list[BeliefChange] = []
 
     @property
     def all(self) -> Mapping[str, Unknown]:
@@ -168,7 +168,7 @@ class Unknowns:
             )
             one.corrected = False
 
-    def take_changes(self) -> list[Change]:
+    def take_changes(self) -> list[BeliefChange]:
         """Changes of unknown things since the last call."""
         changes, self._changes = self._changes, []
         return changes
@@ -196,10 +196,10 @@ class Unknowns:
                 self._all[name] = self._drawn(name, now_s, now_s, group, free)
         for name, one in list(self._all.items()):
             if one.seen_s < now_s - _GONE_S:
-                self._drop(name, Event.CLEARED)
+                self._drop(name, BeliefEvent.CLEARED)
                 continue
             if one.sensors.tobytes() in heaps:
-                one.kind = Kind.HEAP
+                one.kind = BeliefKind.HEAP
             if settled or now_s >= one.since_s + _REPORTED_S:
                 self._report(one)
 
@@ -227,7 +227,7 @@ class Unknowns:
         """A parcel has been found over the sensors `inside` (S,): what covered them is that."""
         for name, one in list(self._all.items()):
             if 2 * inside[one.sensors].sum() > len(one.sensors):
-                self._drop(name, Event.EXPLAINED, parcel)
+                self._drop(name, BeliefEvent.EXPLAINED, parcel)
 
     def _matched(self, now_s: float, groups: Collection[Ints], free: Bools) -> list[Ints]:
         """Take groups for known things, as far as they share sensors; the groups left over."""
@@ -268,17 +268,17 @@ class Unknowns:
         corners_m = containing_outline_m(covered_m, limits_m, self._most_m)
         centre_m = (corners_m.min(axis=0) + corners_m.max(axis=0)) / 2
         outline = Polygon(tuple((x, y) for x, y in (corners_m - centre_m).tolist()))
-        kind = Kind.UNKNOWN if convex else Kind.HEAP
+        kind = BeliefKind.UNKNOWN if convex else BeliefKind.HEAP
         pose = np.array([*centre_m.tolist(), 0.0])
         return Unknown(name, since_s, now_s, group, outline, pose, kind)
 
     def _report(self, one: Unknown) -> None:
         if one.reported is not one.kind:
             one.reported = one.kind
-            event = Event.APPEARED if one.kind is Kind.UNKNOWN else Event.HEAPED
+            event = BeliefEvent.APPEARED if one.kind is BeliefKind.UNKNOWN else BeliefEvent.HEAPED
             self._changes.append(one.change(event))
 
-    def _drop(self, name: str, event: Event, other: str = "") -> None:
+    def _drop(self, name: str, event: BeliefEvent, other: str = "") -> None:
         one = self._all.pop(name)
         if one.reported is not None:
             self._changes.append(one.change(event, other))

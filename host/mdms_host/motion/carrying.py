@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdms_host.estimation.belief import Gain
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.traction import WheelDrives
@@ -27,7 +27,7 @@ _HOLD_M = 0.01
 class Claim:
     """A parcel that wants the wheels under it: to carry it, or, `parked`, to stand still."""
 
-    outline: Bottom
+    outline: Footprint
     pose: Floats
     parked: bool
 
@@ -67,7 +67,7 @@ class Carrying:
     def references_m_s(
         self,
         carried: Mapping[str, Carried],
-        outlines: Mapping[str, Bottom],
+        outlines: Mapping[str, Footprint],
         places: Mapping[str, Floats],
     ) -> Floats:
         """References (W,) that carry these parcels; wheels under any other, or near none, stand.

@@ -9,7 +9,7 @@ from itertools import combinations
 from math import hypot
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.trajectory.path import Path
 from mdms_model import outline
 from mdms_model.arrays import Floats
@@ -31,13 +31,13 @@ _PRESSING_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class MovingBody:
     """A parcel's outline, believed pose, commanded twist, and the time it takes to stop [s].
 
     `way` is the rest of its way, which begins at its place; None where it only comes to rest.
     """
 
-    outline: Bottom
+    outline: Footprint
     pose: Floats
     twist: Floats
     stopping_s: float
@@ -76,7 +76,7 @@ class Contacts:
     def __init__(self) -> None:
         self._pressing_s: dict[tuple[str, str], float] = {}
 
-    def step(self, bodies: Mapping[str, Body], step_s: float) -> Iterator[tuple[str, str]]:
+    def step(self, bodies: Mapping[str, MovingBody], step_s: float) -> Iterator[tuple[str, str]]:
         """Take in all parcels; names of two that press each other, or cannot avoid it any more."""
         for pair in combinations(bodies, 2):
             one, other = (bodies[name] for name in pair)
@@ -86,7 +86,7 @@ class Contacts:
                 yield pair
 
 
-def press(one: Body, other: Body) -> bool:
+def press(one: MovingBody, other: MovingBody) -> bool:
     """Whether two parcels overlap ahead, where they may still stop before, and more than now."""
     if not (one.moves or other.moves):
         return False
@@ -101,13 +101,13 @@ def press(one: Body, other: Body) -> bool:
     return later_m < -_DEEP_M or closing_m > _CLOSING_SHARE * (one.ahead_m + other.ahead_m)
 
 
-def gap_m(one: Bottom, one_pose: Floats, other: Bottom, other_pose: Floats) -> float:
+def gap_m(one: Footprint, one_pose: Floats, other: Footprint, other_pose: Floats) -> float:
     """Gap between two parcels' outlines along the direction that parts them best [m]."""
     return outline.gap_m(one.outline_m(one_pose), other.outline_m(other_pose))
 
 
 def has_room(
-    name: str, move: Floats, places: Mapping[str, Floats], outlines: Mapping[str, Bottom]
+    name: str, move: Floats, places: Mapping[str, Floats], outlines: Mapping[str, Footprint]
 ) -> bool:
     """Whether a parcel may turn, and move so, without coming near any other that has a place."""
     mine = places[name]
@@ -120,7 +120,7 @@ def has_room(
 
 
 def has_room_to(
-    end: Floats, name: str, places: Mapping[str, Floats], outlines: Mapping[str, Bottom]
+    end: Floats, name: str, places: Mapping[str, Floats], outlines: Mapping[str, Footprint]
 ) -> bool:
     """Whether no other parcel that has a place is near the straight way of one to a pose."""
     mine, reach_m = places[name][:2], outlines[name].reach_m + _NEAR_M + _BESIDE_M

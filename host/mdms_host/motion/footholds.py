@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.pushes import by_parts
 from mdms_model.arrays import Floats, Ints
@@ -58,9 +58,9 @@ class Footholds:
     """The wheels of a layout under one parcel with its centre of mass there in its own frame."""
 
     def __init__(
-        self, layout: Layout, bottom: Bottom, centre_of_mass_m: tuple[float, float]
+        self, layout: Layout, footprint: Footprint, centre_of_mass_m: tuple[float, float]
     ) -> None:
-        self._bottom = bottom
+        self._footprint = footprint
         self._centre_m = centre_of_mass_m
         places_m = layout.wheel_positions_m
         self._wheels_m: Floats = places_m[np.lexsort((places_m[:, 0], places_m[:, 1]))]
@@ -93,8 +93,8 @@ class Footholds:
         return bool((self.margins_m(poses, unsure_m) >= max(MARGIN_M, unsure_m)).all())
 
     def _seen(self, poses: Floats) -> Seen:
-        low_m = poses[:, :2].min(axis=0) - self._bottom.reach_m
-        high_m = poses[:, :2].max(axis=0) + self._bottom.reach_m
+        low_m = poses[:, :2].min(axis=0) - self._footprint.reach_m
+        high_m = poses[:, :2].max(axis=0) + self._footprint.reach_m
         wheels_m = self._wheels_m
         near_m = wheels_m[((wheels_m >= low_m) & (wheels_m <= high_m)).all(axis=1)]
         if not len(near_m):
@@ -103,7 +103,7 @@ class Footholds:
         cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         # From the parcel's frame to the table's, (K, 2, 2).
         turned = np.stack((cosine, -sine, sine, cosine), axis=-1).reshape(-1, 2, 2)
-        over_m = self._bottom.distance_m((away_m @ turned).reshape(-1, 2), np.zeros(3))
+        over_m = self._footprint.distance_m((away_m @ turned).reshape(-1, 2), np.zeros(3))
         begins = np.diff(near_m[:, 1], prepend=-np.inf) > _SAME_M
         seen_m = away_m - (turned @ self._centre_m)[:, None, :]
         return Seen(seen_m, -over_m.reshape(away_m.shape[:2]), begins.nonzero()[0])

@@ -14,7 +14,15 @@ import numpy as np
 from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.carrying import Carrying
-from mdms_host.motion.contact import Body, Contacts, Obstacles, gap_m, has_room, has_room_to, press
+from mdms_host.motion.contact import (
+    Contacts,
+    MovingBody,
+    Obstacles,
+    gap_m,
+    has_room,
+    has_room_to,
+    press,
+)
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.outcome import TRIES, Standstill, Tries
 from mdms_host.motion.trajectory.follower import Carried
@@ -26,7 +34,7 @@ from mdms_protocol.neighbours.messages import Estimate, Page
 
 
 @runtime_checkable
-class MindsLostCells(Protocol):
+class HandlesLostCells(Protocol):
     """A program that must know which cells are lost.
 
     Their wheels get no reference, whatever a program commands. A parcel on them drags them along,
@@ -214,16 +222,18 @@ class GoalProgram:
         self._traction = traction
         self._masses = masses
         self._carrying = Carrying(traction.layout, traction.drives)
-        self._bottoms = {parcel.name: parcel.bottom for parcel in parcels}
+        self._footprints = {parcel.name: parcel.footprint for parcel in parcels}
         self._places: dict[str, Floats] = {
             parcel.name: np.array([*parcel.near_m, parcel.yaw_hint_rad])
             for parcel in parcels
             if parcel.near_m is not None
         }
         self._controllers = {
-            name: self._controller_of(name, goals[name]) for name in self._bottoms if name in goals
+            name: self._controller_of(name, goals[name])
+            for name in self._footprints
+            if name in goals
         }
-        self._given = dict(self._bottoms)
+        self._given = dict(self._footprints)
         self._obstacles = Obstacles()
         self._found: set[str] = set()
         #: Parcels that were unknown: edges still show how large they are.
@@ -260,7 +270,7 @@ class GoalProgram:
         if not self._obstacles.all[name].named:
             raise KeyError(name)
         belief = self._obstacles.all.pop(name)
-        self._given[name] = self._bottoms[name] = belief.outline
+        self._given[name] = self._footprints[name] = belief.outline
         self._places[name] = belief.pose
         self._found.add(name)
         self._named.add(name)
@@ -270,12 +280,12 @@ class GoalProgram:
         self._traction.lose(cells)
 
     def _controller_of(self, name: str, goal: Goal) -> GoalController:
-        mass = self._masses.get(name) or uniform_mass(self._bottoms[name])
+        mass = self._masses.get(name) or uniform_mass(self._footprints[name])
         return GoalController(
             goal,
             self._traction,
             mass,
-            lambda end: has_room_to(end, name, self._places, self._bottoms),
+            lambda end: has_room_to(end, name, self._places, self._footprints),
         )
 
     @property
@@ -322,7 +332,7 @@ class GoalProgram:
         self._places.update(
             (name, belief.pose) for name, belief in beliefs.items() if name in self._given
         )
-        self._bottoms.update(
+        self._footprints.update(
             (name, belief.outline) for name, belief in beliefs.items() if name in self._named
         )
         self._found.update(beliefs.keys() & self._given.keys())
@@ -330,7 +340,7 @@ class GoalProgram:
         carried = dict(self._steer(beliefs, step_s))
         self._stop_blocked(carried, beliefs, step_s)
         moving = {name: one for name, one in carried.items() if one is not None}
-        return self._carrying.references_m_s(moving, self._bottoms, self._places)
+        return self._carrying.references_m_s(moving, self._footprints, self._places)
 
     @property
     def speeds_m_s(self) -> Floats:
@@ -345,10 +355,10 @@ class GoalProgram:
     def _see_obstacles(self, beliefs: Mapping[str, Belief]) -> None:
         """Park things that are no parcels of this program at their places, while they are there."""
         for name in self._obstacles.all:
-            del self._bottoms[name], self._places[name]
+            del self._footprints[name], self._places[name]
         self._obstacles.see(beliefs, self._given)
         for name, belief in self._obstacles.all.items():
-            self._bottoms[name], self._places[name] = belief.outline, belief.pose
+            self._footprints[name], self._places[name] = belief.outline, belief.pose
 
     def _must_wait(self, belief: Belief, controller: GoalController) -> bool:
         """Whether something that is no parcel of this program is in a parcel's way."""
@@ -370,7 +380,7 @@ class GoalProgram:
             rests |= any(name in one.waiting for one in self._pairs.values())
             controller.paused = belief.doubtful or rests or self._must_wait(belief, controller)
             feel = belief.feel
-            felt = feel is not None and has_room(name, feel, self._places, self._bottoms)
+            felt = feel is not None and has_room(name, feel, self._places, self._footprints)
             controller.feel = feel if felt else None
             yield name, controller.step(belief, step_s)
             self._report_slip(name, controller.grip)
@@ -396,7 +406,7 @@ class GoalProgram:
         """
         bodies = {
             name: self._body(name, carried.get(name), beliefs.get(name))
-            for name in self._bottoms
+            for name in self._footprints
             if name in self._found
         }
         for pair in self._contacts.step(bodies, step_s):
@@ -413,16 +423,18 @@ class GoalProgram:
             elif standstill.step(controller.left_m, controller.speed_m_s, step_s, controller.leg):
                 self._stand(name, self._near(name, bodies))
 
-    def _body(self, name: str, carried: Carried | None, belief: Belief | None) -> Body:
+    def _body(self, name: str, carried: Carried | None, belief: Belief | None) -> MovingBody:
         if carried is None or belief is None:
-            return Body(self._bottoms[name], self._places[name], np.zeros(3), 0.0)
+            return MovingBody(self._footprints[name], self._places[name], np.zeros(3), 0.0)
         one = self._controllers[name]
         comes_to_rest = one.arrived or one.stopped or one.paused
         way = None if comes_to_rest else one.way_from(belief)
-        return Body(self._bottoms[name], self._places[name], carried.reference, one.stopping_s, way)
+        return MovingBody(
+            self._footprints[name], self._places[name], carried.reference, one.stopping_s, way
+        )
 
     @staticmethod
-    def _near(name: str, bodies: Mapping[str, Body]) -> Iterable[str]:
+    def _near(name: str, bodies: Mapping[str, MovingBody]) -> Iterable[str]:
         """The parcels that may be what holds one."""
         mine = bodies[name]
         for other, body in bodies.items():
@@ -446,7 +458,7 @@ class GoalProgram:
         self._pairs[pair].apart = apart
 
     def _let_go(
-        self, bodies: Mapping[str, Body], beliefs: Mapping[str, Belief], step_s: float
+        self, bodies: Mapping[str, MovingBody], beliefs: Mapping[str, Belief], step_s: float
     ) -> None:
         """Let those go on that wait and whose way is clear of the other, one at a time."""
         for pair, one in self._pairs.items():
@@ -465,7 +477,7 @@ class GoalProgram:
         name: str,
         pair: tuple[str, str],
         one: _Pair,
-        bodies: Mapping[str, Body],
+        bodies: Mapping[str, MovingBody],
         beliefs: Mapping[str, Belief],
     ) -> bool:
         """Whether a parcel that waits at rest may set out, as the other of its pair is now."""
@@ -477,7 +489,7 @@ class GoalProgram:
         if one.apart and gap_m(mine.outline, mine.pose, other.outline, other.pose) < _NEAR_M:
             return False
         way = controller.way_from(belief)
-        return not press(Body(mine.outline, mine.pose, np.zeros(3), 0.0, way), other)
+        return not press(MovingBody(mine.outline, mine.pose, np.zeros(3), 0.0, way), other)
 
     def _stand(self, name: str, near: Iterable[str]) -> None:
         """A parcel does not get on: it is tried again after a rest, once none is near it."""
@@ -487,7 +499,7 @@ class GoalProgram:
         self._standstills[name].clear()
         others = [*near]
         for other in others:
-            first, second = (each for each in self._bottoms if each in (name, other))
+            first, second = (each for each in self._footprints if each in (name, other))
             self._hold((first, second), {name}, apart=True)
         if not again:
             self._stop((name, *others))

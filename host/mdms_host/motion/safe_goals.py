@@ -24,7 +24,7 @@ _STEP_M = 0.002
 
 
 @dataclass(frozen=True, slots=True)
-class Load:
+class SupportedParcel:
     """Load of a parcel on its wheels: its outline, and its centre of mass in its own frame."""
 
     outline: Outline
@@ -50,7 +50,9 @@ class Footing:
         return "on its way"
 
 
-def least_footing(wheel_m: Floats, load: Load, start: Floats, goal: Goal | None) -> Footing:
+def least_footing(
+    wheel_m: Floats, load: SupportedParcel, start: Floats, goal: Goal | None
+) -> Footing:
     """The worst place of the straight way from a pose (x, y, yaw) to a goal; None: of the start.
 
     `wheel_m` (W, 2) are all wheels [m; table frame]. An unsafe start or goal comes before the way
@@ -130,6 +132,6 @@ class SafeGoals:
     def _margin_m(self, parcel: Parcel, start: Floats, goal: Goal | None) -> float:
         """How far the centre of mass stays inside the supports at a pose, or on the way from it."""
         centre_m = self._centres_of_mass_m.get(parcel.name, (0.0, 0.0))
-        footholds = Footholds(self._layout, parcel.bottom, centre_m)
-        poses = straight_way(start, goal, parcel.bottom.reach_m)
+        footholds = Footholds(self._layout, parcel.footprint, centre_m)
+        poses = straight_way(start, goal, parcel.footprint.reach_m)
         return float(footholds.margins_m(poses, INSET_M).min())

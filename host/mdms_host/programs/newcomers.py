@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from mdms_host.estimation.parcel import Gate as TrackerGate
+from mdms_host.estimation.parcel import ExitLine as TrackerGate
 from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.size import Size
 from mdms_host.motion.trajectory.pushes import UNKNOWN_KG, Mass, uniform_mass
@@ -179,4 +179,4 @@ def _drawn(newcomer: Newcomer) -> Parcel:
 
 def _mass_of(newcomer: Newcomer, parcel: Parcel) -> Mass:
     mass_kg = UNKNOWN_KG if newcomer.mass_kg is None else newcomer.mass_kg
-    return uniform_mass(parcel.bottom, mass_kg)
+    return uniform_mass(parcel.footprint, mass_kg)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
@@ -64,7 +64,7 @@ class Table:
         self.newcomers: Newcomers | None = None
         self._orders = orders
         self._script = Script()
-        self._unknown: dict[str, tuple[Floats, Bottom]] = {}
+        self._unknown: dict[str, tuple[Floats, Footprint]] = {}
         self._parcels: dict[str, TableParcel] = {}
         self._arrived: list[TableParcel] = []
         self._waiting = 0

@@ -7,8 +7,8 @@ from itertools import permutations
 
 import numpy as np
 
-from mdms_host.routes.errand import Errand, Ground
-from mdms_host.routes.interval_search import Errands, Found, search
+from mdms_host.routes.interval_search import Found, SearchEnds, search
+from mdms_host.routes.planning_problem import Ground, PlanningProblem
 from mdms_host.routes.route import Route
 from mdms_host.routes.safe_intervals import TakenTiles
 from mdms_host.routes.ways_alone import (
@@ -27,18 +27,18 @@ from mdms_model.arrays import Bools, Floats, Ints
 _TRIES = 16
 
 
-def places_aside(errand: Errand, blocked: Bools) -> Iterator[tuple[int, Floats]]:
+def places_aside(problem: PlanningProblem, blocked: Bools) -> Iterator[tuple[int, Floats]]:
     """Nodes of the lattice and their poses, turned about as the parcel is, free of these tiles.
 
     They are more than a step from each other, so that few are tried.
     """
-    lattice, tiles = errand.ways.lattice, errand.ground.tiles
-    start = errand.roadmap.start
+    lattice, tiles = problem.ways.lattice, problem.ground.tiles
+    start = problem.roadmap.start
     apart_m = 2 * lattice.step * tiles.side_m
     yaw = int(np.argmin(np.abs(np.array(lattice.yaws_rad) - start[2])))
     own = yaw * lattice.places + np.arange(lattice.places)
-    own = own[errand.ways.on_table[own]]
-    stand = errand.ways.stand_tile[errand.ways.stand[yaw] : errand.ways.stand[yaw + 1]]
+    own = own[problem.ways.on_table[own]]
+    stand = problem.ways.stand_tile[problem.ways.stand[yaw] : problem.ways.stand[yaw + 1]]
     own = own[~blocked[lattice.bases[own][:, None] + stand].any(axis=1)]
     poses = lattice.poses[own]
     away_m = np.hypot(*(poses[:, :2] - start[:2]).T)
@@ -47,7 +47,7 @@ def places_aside(errand: Errand, blocked: Bools) -> Iterator[tuple[int, Floats]]
         pose = poses[index]
         if all(np.hypot(*(pose - other)[:2]) > apart_m for other in tried):
             tried.append(pose)
-            yield int(own[index]), pose + np.array([0.0, 0.0, errand.turned_rad])
+            yield int(own[index]), pose + np.array([0.0, 0.0, problem.turned_rad])
         if len(tried) == _TRIES:
             return
 
@@ -74,7 +74,7 @@ class Terms:
 
 
 @dataclass
-class Table:
+class TileTable:
     """Holders of the tiles, while routes are planned one by one."""
 
     tiles: int
@@ -87,9 +87,9 @@ class Table:
     def __post_init__(self) -> None:
         self.taken, self.holders = TakenTiles(self.tiles), np.zeros(self.tiles, dtype=np.int64)
 
-    def stand(self, errand: Errand, count: int = 1) -> None:
+    def stand(self, problem: PlanningProblem, count: int = 1) -> None:
         """A parcel stands where it is for all time; with -1 it no longer does."""
-        np.add.at(self.holders, errand.stand, count)
+        np.add.at(self.holders, problem.stand, count)
 
     def take(self, owner: int, route: Route) -> None:
         """A parcel takes the tiles of its route while it is on them, and a while more."""
@@ -117,24 +117,24 @@ class Attempt:
     def __init__(
         self,
         terms: Terms,
-        errands: Mapping[str, Errand],
+        problems: Mapping[str, PlanningProblem],
         closed: Bools,
         kept: Mapping[str, Route],
         sure: bool,
     ) -> None:
         self._terms = terms
-        self._errands = dict(errands)
+        self._problems = dict(problems)
         self._sure = sure
-        self._owners = {name: number for number, name in enumerate((*errands, *kept))}
-        self._table = Table(terms.ground.tiles.count, closed, terms.gap_s)
+        self._owners = {name: number for number, name in enumerate((*problems, *kept))}
+        self._table = TileTable(terms.ground.tiles.count, closed, terms.gap_s)
         self._parked = np.zeros(terms.ground.tiles.count, dtype=bool)
         for name, route in kept.items():
             self._table.take(self._owners[name], route)
             self._parked[route.stays] = True
-        for name, errand in errands.items():
-            self._table.stand(errand)
-            if not errand.is_at_rest:
-                self._table.take(self._owners[name], errand.prefix)
+        for name, problem in problems.items():
+            self._table.stand(problem)
+            if not problem.is_at_rest:
+                self._table.take(self._owners[name], problem.prefix)
 
     def run(self, order: Sequence[str], aside: Aside) -> dict[str, Route]:
         """Routes of as many as can be planned, in this order where that does.
@@ -148,10 +148,10 @@ class Attempt:
         while waiting:
             before = len(found)
             for name in waiting:
-                way = self._planned(name, self._errands[name])
+                way = self._planned(name, self._problems[name])
                 if way is not None:
                     found[name] = way
-                    self._parked[self._errands[name].goal_stand] = True
+                    self._parked[self._problems[name].goal_stand] = True
                 elif aside is Aside.NEVER:
                     return found
                 elif aside is Aside.EARLY:
@@ -162,43 +162,43 @@ class Attempt:
             stuck = len(found) == before
             if stuck and not self._made_way(waiting, waiting) and not self._both_aside(waiting):
                 break
-        if any(self._errands[name].so_far is not None for name in waiting):
+        if any(self._problems[name].so_far is not None for name in waiting):
             return unaided
         return found
 
     def _anybody_aside(self) -> bool:
-        return any(errand.so_far is not None for errand in self._errands.values())
+        return any(problem.so_far is not None for problem in self._problems.values())
 
-    def _planned(self, name: str, errand: Errand) -> Route | None:
+    def _planned(self, name: str, problem: PlanningProblem) -> Route | None:
         """The route of one parcel, which then takes its tiles; None: it stays where it stood."""
         table, owner = self._table, self._owners[name]
-        table.stand(errand, -1)
+        table.stand(problem, -1)
         table.taken.release(owner)
-        route = self._found(errand)
+        route = self._found(problem)
         if route is None:
-            table.stand(errand)
-        if route is not None or not errand.is_at_rest:
-            table.take(owner, errand.prefix if route is None else route)
+            table.stand(problem)
+        if route is not None or not problem.is_at_rest:
+            table.take(owner, problem.prefix if route is None else route)
         return route
 
-    def _found(self, errand: Errand) -> Route | None:
+    def _found(self, problem: PlanningProblem) -> Route | None:
         """An early route, on which the parcel is safe from tipping."""
-        blocked = self._table.blocked(errand.stand)
+        blocked = self._table.blocked(problem.stand)
         if self._sure:
             blocked |= self._parked
-        found = self._searched(errand, blocked)
-        while found is not None and not errand.roadmap.is_safe(found.moves):
-            found = self._searched(errand, blocked)
-        return None if found is None else errand.route(found)
+        found = self._searched(problem, blocked)
+        while found is not None and not problem.roadmap.is_safe(found.moves):
+            found = self._searched(problem, blocked)
+        return None if found is None else problem.route(found)
 
-    def _searched(self, errand: Errand, blocked: Bools) -> Found | None:
+    def _searched(self, problem: PlanningProblem, blocked: Bools) -> Found | None:
         """The way that the first effort finds which comes to an end; None: there is none."""
-        roadmap, task = errand.roadmap, errand.task
-        guide = guide_of(errand, blocked)
+        roadmap, task = problem.roadmap, problem.task
+        guide = guide_of(problem, blocked)
         if guide.cost_s[roadmap.start_node] == np.inf:
             return None
         stay_s = task.leaves_s + self._terms.gap_s if task.leaves else np.inf
-        ends = Errands(roadmap.start_node, roadmap.goal_node, errand.ready_s, stay_s)
+        ends = SearchEnds(roadmap.start_node, roadmap.goal_node, problem.ready_s, stay_s)
         taken, limit = self._table.taken.taken, MANY if self._sure else _IN_VAIN
         for weight, moves in self._terms.efforts:
             most = min(moves, limit)
@@ -218,34 +218,34 @@ class Attempt:
         """
         wanted = np.zeros_like(self._parked)
         for name in waiting:
-            wanted[self._errands[name].goal_stand] = True
+            wanted[self._problems[name].goal_stand] = True
         for name in waiting:
-            errand = self._errands[name]
-            if errand.so_far is not None:
+            problem = self._problems[name]
+            if problem.so_far is not None:
                 continue
-            self._table.stand(errand, -1)
+            self._table.stand(problem, -1)
             blocked = self._table.blocked() | self._parked
-            self._table.stand(errand)
+            self._table.stand(problem)
             others = [other for other in held if other != name]
-            for _, pose in places_aside(errand, blocked | wanted):
-                aside = errand.aside(pose)
+            for _, pose in places_aside(problem, blocked | wanted):
+                aside = problem.aside(pose)
                 if self._lets_go(others, blocked, aside.goal_stand) and self._went(name, aside):
                     return True
         return False
 
-    def _went(self, name: str, aside: Errand) -> bool:
+    def _went(self, name: str, aside: PlanningProblem) -> bool:
         """Whether a parcel has a way aside, and goes on from its end."""
         route = self._planned(name, aside)
         if route is not None:
-            self._errands[name] = self._errands[name].onward(route)
-            self._table.stand(self._errands[name])
+            self._problems[name] = self._problems[name].onward(route)
+            self._table.stand(self._problems[name])
         return route is not None
 
     def _both_aside(self, waiting: Sequence[str]) -> bool:
         """Whether two that wait went aside, so that the first has a way past where the other is."""
-        able = [name for name in waiting if self._errands[name].so_far is None]
+        able = [name for name in waiting if self._problems[name].so_far is None]
         for first, second in permutations(able, 2):
-            one, other = self._errands[first], self._errands[second]
+            one, other = self._problems[first], self._problems[second]
             self._table.stand(one, -1)
             self._table.stand(other, -1)
             blocked = self._table.blocked() | self._parked
@@ -262,14 +262,14 @@ class Attempt:
         return False
 
     def _places_past(
-        self, errand: Errand, blocked: Bools, before: Ints, after: Ints
+        self, problem: PlanningProblem, blocked: Bools, before: Ints, after: Ints
     ) -> Iterator[Floats]:
         """Places aside from which a parcel has a way, clear of another before and after it goes."""
         past = blocked.copy()
         past[after] = True
-        cost_s = guide_of(errand, past).cost_s
+        cost_s = guide_of(problem, past).cost_s
         past[before] = True
-        for node, pose in places_aside(errand, past):
+        for node, pose in places_aside(problem, past):
             if cost_s[node] < np.inf:
                 yield pose
 
@@ -277,29 +277,29 @@ class Attempt:
         """Whether one of these has a way when another, not in `blocked`, stands aside."""
         for name in held:
             others = blocked.copy()
-            others[self._errands[name].stand] = False
+            others[self._problems[name].stand] = False
             others[aside] = True
-            if is_free(self._errands[name], others):
+            if is_free(self._problems[name], others):
                 return True
         return False
 
 
-def ways_alone(errand: Errand, closed: Bools, under: Ints) -> Alone:
+def ways_alone(problem: PlanningProblem, closed: Bools, under: Ints) -> Alone:
     """The ways of a parcel on its own past tiles that are closed, and over places."""
-    roadmap = errand.roadmap
-    steps = steps_of(roadmap.graph, errand.ways.open_lines, with_closed(under, closed))
+    roadmap = problem.roadmap
+    steps = steps_of(roadmap.graph, problem.ways.open_lines, with_closed(under, closed))
     return Alone(steps, (roadmap.start_node, roadmap.goal_node))
 
 
-def is_free(errand: Errand, closed: Bools) -> bool:
+def is_free(problem: PlanningProblem, closed: Bools) -> bool:
     """Whether a parcel on its own has a way past these tiles."""
-    return ways_alone(errand, closed, places_under(len(closed), ())).past(0).found
+    return ways_alone(problem, closed, places_under(len(closed), ())).past(0).found
 
 
-def guide_of(errand: Errand, blocked: Bools) -> Guide:
+def guide_of(problem: PlanningProblem, blocked: Bools) -> Guide:
     """The parts of the graph that are open to a parcel past these tiles."""
-    roadmap = errand.roadmap
-    runs = free_runs(roadmap.graph, errand.ways.open_lines, blocked)
+    roadmap = problem.roadmap
+    runs = free_runs(roadmap.graph, problem.ways.open_lines, blocked)
     barred = barred_joins(roadmap.graph, blocked)
     cost_s = cost_to_go(roadmap.graph, runs, barred, roadmap.goal_node)
     return Guide(runs, barred, cost_s)

@@ -13,8 +13,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mdms_host.motion.trajectory.path import Path
-from mdms_host.routes.errand import Errand
 from mdms_host.routes.moves import Met
+from mdms_host.routes.planning_problem import PlanningProblem
 from mdms_host.routes.reservations import REST_M, Reservations, Wait
 from mdms_host.routes.route import Pace, Route, Visits
 from mdms_host.routes.safe_intervals import Taken, first_departure, free_until
@@ -47,9 +47,9 @@ class Cut(NamedTuple):
     way: tuple[Leg, ...]
 
 
-def move_of(errand: Errand, start: Floats, end: Floats) -> Move:
+def move_of(problem: PlanningProblem, start: Floats, end: Floats) -> Move:
     """The straight move of a parcel between two poses."""
-    body, ground = errand.task.shape.body, errand.ground
+    body, ground = problem.task.shape.body, problem.ground
     way = end - start
     met = ground.tiles.swept(body, start[None], end[None], ground.clearance_m)
     own = np.hypot(way[:1], way[1:2]), np.abs(way[2:]) * body.bend_m
@@ -75,8 +75,8 @@ class Straightening:
     routes may stay as planned. Tiles that are `closed` are crossed only where they were.
     """
 
-    def __init__(self, errand: Errand, route: Route, taken: Taken, closed: Bools) -> None:
-        self._errand = errand
+    def __init__(self, problem: PlanningProblem, route: Route, taken: Taken, closed: Bools) -> None:
+        self._problem = problem
         self._route = route
         self._taken = taken
         self._closed = closed.copy()
@@ -94,7 +94,7 @@ class Straightening:
             least.append(min(ways, key=lambda cut: (cut.legs, cut.new)))
         way = least[-1].way
         poses = np.concatenate([self._route.poses[:1], *(leg.poses for leg in way)])
-        return self._errand.along(poses, np.concatenate([leg.begins_s for leg in way]))
+        return self._problem.along(poses, np.concatenate([leg.begins_s for leg in way]))
 
     def _count(self, first: int, leg: Leg) -> int:
         """How many legs that leg from a pose of the route is, which may turn by a half."""
@@ -114,9 +114,9 @@ class Straightening:
 
     def _begin_s(self, first: int, last: int) -> float | None:
         """When the straight way between two poses of the route may begin; None: not at all."""
-        errand, route = self._errand, self._route
+        problem, route = self._problem, self._route
         start, end = route.poses[first], route.poses[last]
-        move = move_of(errand, start, end)
+        move = move_of(problem, start, end)
         if self._closed[move.met.tile].any():
             return None
         from_s, to_s = float(route.begins_s[first]), float(route.arrives_s[last - 1])
@@ -130,13 +130,13 @@ class Straightening:
 
     def _may_stand(self, pose: Floats, from_s: float, to_s: float) -> bool:
         """Whether the tiles under the parcel are free from an instant to another."""
-        errand = self._errand
-        under: Ints = errand.ground.stand(errand.task.shape, pose)
+        problem = self._problem
+        under: Ints = problem.ground.stand(problem.task.shape, pose)
         return bool(free_until(self._taken, 0, under, from_s) >= to_s)
 
     def _is_safe(self, start: Floats, end: Floats) -> bool:
         """Whether it stays on the table and does not tip on the straight way between poses."""
-        standing = self._errand.standing
+        standing = self._problem.standing
         over_m = standing.overhangs_m(start[None], end[None])[0]
         return bool(over_m <= _HAIR_M) and standing.stands(start, end)
 

@@ -99,7 +99,7 @@ Terms = tuple[int, float, float, float]
 _STATE = -1
 
 
-class Errands(NamedTuple):
+class SearchEnds(NamedTuple):
     """From which node to which, from when on, and how long to stay there; inf: for good [s]."""
 
     start: int
@@ -125,7 +125,7 @@ class Found(NamedTuple):
 
 @compiled
 def search(
-    graph: Graph, guide: Guide, taken: Taken, errand: Errands, effort: tuple[float, int]
+    graph: Graph, guide: Guide, taken: Taken, ends: SearchEnds, effort: tuple[float, int]
 ) -> Found:
     """The way from start to goal, given up after so many moves, the second of `effort`.
 
@@ -139,21 +139,21 @@ def search(
     states, count, tried, last = new_states(), 0, 0, -1
     # Due entries, by the arrival at the goal: a state, or a move of it, from 0 on, which begins no
     # sooner than the last number.
-    heap = [(0.0, 0.0, 0, _STATE, errand.ready_s)]
-    until_s = node_free_until(graph, taken, errand.start, errand.ready_s)
-    if until_s > -np.inf and guide.cost_s[errand.start] < np.inf:
-        first = State(errand.start, -1, 0, errand.ready_s, errand.ready_s, until_s)
+    heap = [(0.0, 0.0, 0, _STATE, ends.ready_s)]
+    until_s = node_free_until(graph, taken, ends.start, ends.ready_s)
+    if until_s > -np.inf and guide.cost_s[ends.start] < np.inf:
+        first = State(ends.start, -1, 0, ends.ready_s, ends.ready_s, until_s)
         entered(states, head, 0, first)
         count = 1
     # The goal is not come to for good before all others have passed it.
-    least_s = node_free_from(graph, taken, errand.goal, errand.stay_s)
+    least_s = node_free_from(graph, taken, ends.goal, ends.stay_s)
     while count > 0 and tried < most and len(heap) > 0:
         _, _, state, move, begin_s = heappop(heap)
         if states.stale[state]:
             continue
         here = states.node[state]
         if move == _STATE:
-            if here == errand.goal and states.until_s[state] >= begin_s + errand.stay_s:
+            if here == ends.goal and states.until_s[state] >= begin_s + ends.stay_s:
                 last = state
                 break
             offer_joins(joins, guide, here, heap, (state, begin_s, weight, least_s))
@@ -185,7 +185,7 @@ def search(
         if again_s <= states.until_s[state] and again_s < np.inf:
             total_s = again_s + lasts_s + weight * left_s
             heappush(heap, (max(total_s, least_s), left_s, state, move, again_s))
-    return way_to(states, last, errand.start, tried)
+    return way_to(states, last, ends.start, tried)
 
 
 @compiled

@@ -8,7 +8,7 @@ import numpy as np
 
 from mdms_host.routes.grid import LINES, Lattice
 from mdms_host.routes.route import Pace
-from mdms_host.routes.support import Standing
+from mdms_host.routes.support import ShapeSupport
 from mdms_host.routes.sweep import PIECE_RAD, Swept, swept
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -57,7 +57,7 @@ class Moves(NamedTuple):
     """Tiles of kinds of one step that are under a parcel neither before it nor after it."""
 
 
-class Kind(NamedTuple):
+class MoveKind(NamedTuple):
     """One kind of move, before all are put together."""
 
     yaw: int
@@ -91,7 +91,7 @@ class LatticeMoves:
 _OFTEN = (1, 2, 4, 8, 16, 32, 64)
 
 
-def lattice_moves(lattice: Lattice, standing: Standing, pace: Pace) -> LatticeMoves:
+def lattice_moves(lattice: Lattice, standing: ShapeSupport, pace: Pace) -> LatticeMoves:
     """Work out all moves of a lattice."""
     kinds = [kind for yaw in range(len(lattice.yaws_rad)) for kind in _kinds_of(lattice, yaw)]
     on_table = _on_table(lattice)
@@ -117,9 +117,9 @@ def _standing_tiles(lattice: Lattice, yaw: int) -> Ints:
     return tiles
 
 
-def _kinds_of(lattice: Lattice, yaw: int) -> list[Kind]:
+def _kinds_of(lattice: Lattice, yaw: int) -> list[MoveKind]:
     """All moves that begin at one yaw."""
-    kinds: list[Kind] = []
+    kinds: list[MoveKind] = []
     for line in range(len(LINES)):
         kinds += _straight_kinds(lattice, yaw, line)
     for line, other in zip(TURNS, (yaw + 1, yaw - 1), strict=True):
@@ -128,7 +128,7 @@ def _kinds_of(lattice: Lattice, yaw: int) -> list[Kind]:
     return kinds
 
 
-def _straight_kinds(lattice: Lattice, yaw: int, line: int) -> list[Kind]:
+def _straight_kinds(lattice: Lattice, yaw: int, line: int) -> list[MoveKind]:
     """Moves of 1, 2, ... steps along a line, as parts of the longest."""
     along, across = LINES[line]
     most = min(
@@ -148,20 +148,20 @@ def _straight_kinds(lattice: Lattice, yaw: int, line: int) -> list[Kind]:
         met = ray.enters * most < steps
         enters, leaves = ray.enters[met] * most / steps, ray.leaves[met] * most / steps
         part = Swept(ray.places[met], enters, np.minimum(leaves, 1.0))
-        kinds.append(Kind(yaw, yaw, far * steps, line, steps, length_m * steps, 0.0, part))
+        kinds.append(MoveKind(yaw, yaw, far * steps, line, steps, length_m * steps, 0.0, part))
     return kinds
 
 
-def _turn_kind(lattice: Lattice, yaw: int, other: int, line: int) -> Kind:
+def _turn_kind(lattice: Lattice, yaw: int, other: int, line: int) -> MoveKind:
     """A quarter turn, and the half of a tile or so by which the places of the yaws differ."""
     start, end = (np.array([*lattice.offsets_m[at], lattice.yaws_rad[at]]) for at in (yaw, other))
     met = swept(lattice.shape.body, start, end, lattice.clearance_m, lattice.tiles.side_m)
     length_m = float(np.hypot(*(end - start)[:2]))
     turn_m = abs(end[2] - start[2]) * lattice.shape.body.bend_m
-    return Kind(yaw, other, (other - yaw) * lattice.places, line, 1, length_m, turn_m, met)
+    return MoveKind(yaw, other, (other - yaw) * lattice.places, line, 1, length_m, turn_m, met)
 
 
-def _beyond(lattice: Lattice, kind: Kind, stands: Sequence[Ints]) -> Ints:
+def _beyond(lattice: Lattice, kind: MoveKind, stands: Sequence[Ints]) -> Ints:
     """`Moves.beyond_tile` of one kind."""
     if kind.steps > 1:
         return np.zeros(0, dtype=np.int64)
@@ -172,7 +172,7 @@ def _beyond(lattice: Lattice, kind: Kind, stands: Sequence[Ints]) -> Ints:
     return np.setdiff1d(met, np.concatenate((stands[kind.yaw], after)))
 
 
-def _together(lattice: Lattice, kinds: list[Kind], stands: Sequence[Ints], pace: Pace) -> Moves:
+def _together(lattice: Lattice, kinds: list[MoveKind], stands: Sequence[Ints], pace: Pace) -> Moves:
     """All kinds in arrays."""
     beyond = [_beyond(lattice, kind, stands) for kind in kinds]
     yaws = len(lattice.yaws_rad)
@@ -227,11 +227,13 @@ def _on_table(lattice: Lattice) -> Bools:
 
 def _extent_m(lattice: Lattice, yaw_rad: float) -> tuple[Floats, Floats]:
     """Least and greatest x and y of the outline about its centre, turned so."""
-    turned_m = lattice.shape.bottom.outline_m(np.array([0.0, 0.0, yaw_rad]))
+    turned_m = lattice.shape.footprint.outline_m(np.array([0.0, 0.0, yaw_rad]))
     return turned_m.min(axis=0), turned_m.max(axis=0)
 
 
-def _open_lines(lattice: Lattice, standing: Standing, kinds: list[Kind], on_table: Bools) -> Bools:
+def _open_lines(
+    lattice: Lattice, standing: ShapeSupport, kinds: list[MoveKind], on_table: Bools
+) -> Bools:
     """Along which lines a parcel at a node may go one step, shape (lines, count)."""
     open_lines = np.zeros((LINE_COUNT, lattice.count), dtype=bool)
     places = np.arange(lattice.places)
@@ -264,7 +266,7 @@ def _turn_on_table(lattice: Lattice, nodes: Ints, far: int) -> Bools:
     return inside
 
 
-def _standing(lattice: Lattice, standing: Standing, nodes: Ints, far: int) -> Ints:
+def _standing(lattice: Lattice, standing: ShapeSupport, nodes: Ints, far: int) -> Ints:
     """Those of these nodes from which the step stands; cells are alike, so that few are tried."""
     if not len(nodes):
         return nodes

@@ -15,15 +15,21 @@ import numpy as np
 
 from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
-from mdms_host.routes.errand import Errand, Ground, Task, own_ends, turned_rad
 from mdms_host.routes.grid import Lattice, Tiles
 from mdms_host.routes.improving import Straightening, legs_of, retimed
 from mdms_host.routes.moves import LatticeMoves, lattice_moves
+from mdms_host.routes.planning_problem import (
+    Ground,
+    PlanningProblem,
+    RouteTask,
+    own_ends,
+    turned_rad,
+)
 from mdms_host.routes.reservations import Authority, Reservations
 from mdms_host.routes.route import Pace, Route, TrapezoidPace
 from mdms_host.routes.safe_intervals import TakenTiles
-from mdms_host.routes.support import Shape, Standing
-from mdms_host.routes.well_formed import Orders, stuck
+from mdms_host.routes.support import Shape, ShapeSupport
+from mdms_host.routes.well_formed import OrderSearch, stuck
 from mdms_model.arrays import Bools, Floats, Ints
 
 __all__ = ["Plan", "Planner"]
@@ -74,7 +80,7 @@ class Planner:
         self._tries = tries
         self._legs = legs
         self._terms = Terms(self._ground, gap_s, efforts)
-        self._standings: dict[Shape, Standing] = {}
+        self._standings: dict[Shape, ShapeSupport] = {}
         self._ways: dict[tuple[Shape, tuple[float, ...]], LatticeMoves] = {}
 
     @property
@@ -88,7 +94,7 @@ class Planner:
 
     def plan(
         self,
-        tasks: Sequence[Task],
+        tasks: Sequence[RouteTask],
         now_s: float = 0.0,
         *,
         closed: Bools | None = None,
@@ -109,23 +115,23 @@ class Planner:
         closed = self._nothing() if closed is None else closed
         named = {task.parcel for task in tasks}
         kept = {name: route for name, route in (kept or {}).items() if name not in named}
-        errands = {task.parcel: self._errand(task, now_s) for task in tasks}
+        problems = {task.parcel: self._problem(task, now_s) for task in tasks}
         best: dict[str, Route] = {}
-        for going, order, sure, aside in self._orders(errands, closed, kept, seed):
+        for going, order, sure, aside in self._orders(problems, closed, kept, seed):
             attempt = Attempt(self._terms, going, closed, kept, sure)
             found = attempt.run(order, aside)
             if len(found) >= len(best):
                 best = found
             if len(best) == len(order):
                 break
-        own = {name: best[name] if name in best else errands[name].prefix for name in errands}
+        own = {name: best[name] if name in best else problems[name].prefix for name in problems}
         routes = {**kept, **own}
         for name in best:
-            if legs_of(routes[name]) > self._legs and errands[name].is_at_rest:
-                routes[name] = self._straightened(errands[name], routes, closed)
+            if legs_of(routes[name]) > self._legs and problems[name].is_at_rest:
+                routes[name] = self._straightened(problems[name], routes, closed)
         blocked = {
-            name: self._blocked(errands, name, best, closed, kept)
-            for name in _moving(errands)
+            name: self._blocked(problems, name, best, closed, kept)
+            for name in _moving(problems)
             if name not in best
         }
         reservations = Reservations(routes)
@@ -133,46 +139,46 @@ class Planner:
 
     def _orders(
         self,
-        errands: Mapping[str, Errand],
+        problems: Mapping[str, PlanningProblem],
         closed: Bools,
         kept: Mapping[str, Route],
         seed: int,
-    ) -> Iterator[tuple[Mapping[str, Errand], Sequence[str], bool, Aside]]:
+    ) -> Iterator[tuple[Mapping[str, PlanningProblem], Sequence[str], bool, Aside]]:
         """Orders of planning: one that the layout is well-formed by, as given, and by chance.
 
         Each comes with whether to keep to ways that are sure, as `Attempt` has it, and when others
         go aside for a parcel without a way. If no order works at first, parcels that cannot come to
         their goals at all stay at their places.
         """
-        moving = _moving(errands)
+        moving = _moving(problems)
         if len(moving) == 1:
-            yield errands, moving, True, Aside.NEVER
-            yield errands, moving, False, Aside.NEVER
+            yield problems, moving, True, Aside.NEVER
+            yield problems, moving, False, Aside.NEVER
             return
         ends = closed | _ends(kept, closed)
         tried: set[tuple[str, ...]] = set()
         # Where a parcel would tip on its way, that way is no longer there after an attempt.
-        while (order := Orders(errands, ends).first()) not in tried:
+        while (order := OrderSearch(problems, ends).first()) not in tried:
             if order is not None:
                 tried.add(order)
-                yield errands, order, True, Aside.NEVER
-            elif names := stuck(errands, closed):
-                errands = {**errands, **{name: errands[name].staying() for name in names}}
+                yield problems, order, True, Aside.NEVER
+            elif names := stuck(problems, closed):
+                problems = {**problems, **{name: problems[name].staying() for name in names}}
             else:
                 break
-        moving = _moving(errands)
-        yield errands, moving, True, Aside.LATE
+        moving = _moving(problems)
+        yield problems, moving, True, Aside.LATE
         random = Random(f"orders {seed}")
         for number in range(self._tries):
             aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
-            yield errands, random.sample(moving, len(moving)), number % 3 < 2, aside
+            yield problems, random.sample(moving, len(moving)), number % 3 < 2, aside
 
-    def _errand(self, task: Task, now_s: float) -> Errand:
+    def _problem(self, task: RouteTask, now_s: float) -> PlanningProblem:
         base_rad = turned_rad(task)
         start, goal = own_ends(task, base_rad)
         yaws_rad = tuple(task.shape.yaws_rad(float(start[2]), float(goal[2])))
         standing = self._standings.setdefault(
-            task.shape, Standing(self._ground.tiles.layout, task.shape)
+            task.shape, ShapeSupport(self._ground.tiles.layout, task.shape)
         )
         key = task.shape, yaws_rad
         if key not in self._ways:
@@ -180,17 +186,19 @@ class Planner:
                 self._ground.tiles, task.shape, yaws_rad, self._step, self._ground.clearance_m
             )
             self._ways[key] = lattice_moves(lattice, standing, self._ground.pace)
-        return Errand(task, self._ground, self._ways[key], standing, base_rad, now_s)
+        return PlanningProblem(task, self._ground, self._ways[key], standing, base_rad, now_s)
 
-    def _straightened(self, errand: Errand, routes: Mapping[str, Route], closed: Bools) -> Route:
-        """The route of an errand among all others, with fewer legs if it can have them."""
-        name = errand.task.parcel
+    def _straightened(
+        self, problem: PlanningProblem, routes: Mapping[str, Route], closed: Bools
+    ) -> Route:
+        """The route of a problem among all others, with fewer legs if it can have them."""
+        name = problem.task.parcel
         tiles = TakenTiles(self._ground.tiles.count)
         for owner, (other, route) in enumerate(routes.items()):
             if other != name:
                 tile, _, _, enters_s, leaves_s = route.visits
                 tiles.take(owner, tile, enters_s - self._gap_s, leaves_s + self._gap_s)
-        return Straightening(errand, routes[name], tiles.taken, closed).route()
+        return Straightening(problem, routes[name], tiles.taken, closed).route()
 
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
         """The routes of a plan from the parcels' present places, for others to be planned around.
@@ -205,7 +213,7 @@ class Planner:
 
     def _blocked(
         self,
-        errands: Mapping[str, Errand],
+        problems: Mapping[str, PlanningProblem],
         name: str,
         routes: Mapping[str, Route],
         closed: Bools,
@@ -213,21 +221,21 @@ class Planner:
     ) -> Blocked:
         """Why a parcel has no route: the fewest places that would have to be given up."""
         places: list[tuple[Blocker, Ints]] = []
-        for other, its in errands.items():
+        for other, its in problems.items():
             if other in routes:
                 places.append((Blocker(other, "goal", _end(routes[other])), its.goal_stand))
             elif other != name:
                 places.append((Blocker(other, "place", its.task.start), its.stand))
         for other, route in kept.items():
             places.append((Blocker(other, "goal", _end(route)), route.stays))
-        own = errands[name]
+        own = problems[name]
         by = blockers(places, closed, partial(is_free, own))
         return Blocked(name, own.task.start, own.task.goal, *by)
 
 
-def _moving(errands: Mapping[str, Errand]) -> list[str]:
+def _moving(problems: Mapping[str, PlanningProblem]) -> list[str]:
     """The parcels that have goals."""
-    return [name for name, errand in errands.items() if errand.task.goal is not None]
+    return [name for name, problem in problems.items() if problem.task.goal is not None]
 
 
 def _end(route: Route) -> Floats:

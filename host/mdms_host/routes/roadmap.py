@@ -8,7 +8,7 @@ import numpy as np
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.moves import LatticeMoves, Met, Moves
 from mdms_host.routes.route import Pace
-from mdms_host.routes.support import SLACK_M, Standing
+from mdms_host.routes.support import SLACK_M, ShapeSupport
 from mdms_host.routes.sweep import Sweeps
 from mdms_model.arrays import Bools, Floats, Ints
 
@@ -65,7 +65,7 @@ class Roadmap:
     """The lattice's nodes, then start, goal and the nodes between, as poses and joins."""
 
     ways: LatticeMoves
-    standing: Standing
+    standing: ShapeSupport
     pace: Pace
     start: Floats
     goal: Floats

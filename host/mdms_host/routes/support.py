@@ -9,7 +9,7 @@ from math import ceil, hypot, pi
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom, Disc
+from mdms_host.estimation.footprint import Disc, Footprint
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import INSET_M, MARGIN_M
 from mdms_host.routes.sweep import Body, overhangs_m
@@ -22,40 +22,40 @@ _QUARTER_RAD = pi / 2
 
 @dataclass(frozen=True)
 class Shape:
-    """A bottom and where its centre of mass is, in its own frame; equal ones are planned alike."""
+    """A footprint, and its centre of mass in its own frame; equal ones are planned alike."""
 
-    bottom: Bottom
+    footprint: Footprint
     centre_of_mass_m: tuple[float, float] = (0.0, 0.0)
 
     @property
     def round(self) -> bool:
         """Whether all yaws look the same, so that it is never turned."""
-        return isinstance(self.bottom, Disc)
+        return isinstance(self.footprint, Disc)
 
     @cached_property
     def body(self) -> Body:
         """The outline for `sweep.swept`."""
         normals, distances_m = self.outline.edges[:, :2], self.outline.edges[:, 2]
         corners_m = np.ascontiguousarray(self.outline.edges[:, 3:5])
-        bend_m = 0.0 if self.round else self.bottom.reach_m
+        bend_m = 0.0 if self.round else self.footprint.reach_m
         return Body(np.ascontiguousarray(normals), distances_m.copy(), corners_m, bend_m)
 
     @cached_property
     def outline(self) -> Outline:
         """The outline, a polygon around a disc's."""
-        return polygon_outline(self.bottom.outline_m(np.zeros(3)))
+        return polygon_outline(self.footprint.outline_m(np.zeros(3)))
 
     @property
     def period_rad(self) -> float:
         """The turn after which it lies as before, and its centre of mass too."""
-        return 2 * pi if any(self.centre_of_mass_m) else self.bottom.period_rad
+        return 2 * pi if any(self.centre_of_mass_m) else self.footprint.period_rad
 
     @property
     def quarters(self) -> int:
         """How many quarter turns differ: 1 for discs and squares, 2 for boxes, up to 4."""
         if self.round:
             return 1
-        turns = self.bottom.period_rad / _QUARTER_RAD
+        turns = self.footprint.period_rad / _QUARTER_RAD
         return round(turns) if abs(turns - round(turns)) < 1e-9 else 4
 
     def yaws_rad(self, start_rad: float, goal_rad: float) -> list[float]:
@@ -81,7 +81,7 @@ SLACK_M = 0.002
 
 
 @dataclass(frozen=True)
-class Standing:
+class ShapeSupport:
     """A shape on the wheels of a table."""
 
     layout: Layout
@@ -89,7 +89,7 @@ class Standing:
 
     def least_margin_m(self, start: Floats, end: Floats) -> float:
         """The least margin of the centre of mass on the straight way between two poses [m]."""
-        poses = _between(start, end, self.shape.bottom.reach_m)
+        poses = _between(start, end, self.shape.footprint.reach_m)
         return float(margins_m(self._contacts, poses).min())
 
     def stands(self, start: Floats, end: Floats, need_m: float = MARGIN_M) -> bool:

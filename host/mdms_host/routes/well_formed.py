@@ -12,7 +12,7 @@ from random import Random
 import numpy as np
 
 from mdms_host.routes.attempt import is_free, ways_alone
-from mdms_host.routes.errand import Errand
+from mdms_host.routes.planning_problem import PlanningProblem
 from mdms_host.routes.ways_alone import places_under
 from mdms_model.arrays import Bools
 
@@ -36,7 +36,7 @@ class Precedence:
         return not firsts & seconds
 
 
-class Orders:
+class OrderSearch:
     """A search for an order in which parcels with goals could go one after another.
 
     It is depth first. The next parcel is tried in the given sequence, from after the parcel that
@@ -50,19 +50,19 @@ class Orders:
     bits, and those at starts the next.
     """
 
-    def __init__(self, errands: Mapping[str, Errand], closed: Bools) -> None:
-        self._names = [name for name, each in errands.items() if each.task.goal is not None]
-        moving = [errands[name] for name in self._names]
+    def __init__(self, problems: Mapping[str, PlanningProblem], closed: Bools) -> None:
+        self._names = [name for name, each in problems.items() if each.task.goal is not None]
+        moving = [problems[name] for name in self._names]
         standing = np.zeros_like(closed)
-        for errand in errands.values():
-            if errand.task.goal is None:
-                standing[errand.stand] = True
-        places = [errand.goal_stand for errand in moving] + [errand.stand for errand in moving]
+        for problem in problems.values():
+            if problem.task.goal is None:
+                standing[problem.stand] = True
+        places = [problem.goal_stand for problem in moving] + [problem.stand for problem in moving]
         under, self._alone = places_under(len(closed), places), []
-        for errand in moving:
+        for problem in moving:
             others = closed.copy()
-            others[errand.stand] = False
-            self._alone.append(ways_alone(errand, others | standing, under))
+            others[problem.stand] = False
+            self._alone.append(ways_alone(problem, others | standing, under))
         self._ways: list[list[int]] = [[] for _ in moving]
         #: Of each bar the parcels that are part of it at their goals, and at their starts.
         self._bars: list[list[tuple[int, int]]] = [[] for _ in moving]
@@ -172,17 +172,17 @@ class Orders:
         return way.met
 
 
-def stuck(errands: Mapping[str, Errand], closed: Bools) -> list[str]:
+def stuck(problems: Mapping[str, PlanningProblem], closed: Bools) -> list[str]:
     """The parcels that have no way to their goals even if all others with goals were gone."""
     standing = np.zeros_like(closed)
-    for errand in errands.values():
-        if errand.task.goal is None:
-            standing[errand.stand] = True
+    for problem in problems.values():
+        if problem.task.goal is None:
+            standing[problem.stand] = True
     found = []
-    for name, errand in errands.items():
+    for name, problem in problems.items():
         others = closed.copy()
-        others[errand.stand] = False
-        if errand.task.goal is not None and not is_free(errand, others | standing):
+        others[problem.stand] = False
+        if problem.task.goal is not None and not is_free(problem, others | standing):
             found.append(name)
     return found
 

@@ -17,9 +17,9 @@ from scipy import ndimage
 
 from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.layout import Layout
-from mdms_host.routes.errand import Task
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
+from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.support import Shape
 
 SHAPES = (
@@ -67,7 +67,7 @@ class Table:
 TABLES = (Table(9, 6, 3, 1), Table(18, 10, 8, 1), Table(30, 20, 20, 2))
 
 
-def instance(table: Table, seed: int, parcels: int | None = None) -> list[Task]:
+def instance(table: Table, seed: int, parcels: int | None = None) -> list[RouteTask]:
     """So many parcels, else as many as the table may have (1 to 3 where that is 3), shuffled."""
     random = Random(f"routes {table.columns} x {table.rows} {seed}")
     count = parcels or (random.randint(1, 3) if table.parcels == 3 else table.parcels)
@@ -76,7 +76,7 @@ def instance(table: Table, seed: int, parcels: int | None = None) -> list[Task]:
         tasks = with_goals(table, random, started(table, random, count))
     random.shuffle(tasks)
     return [
-        Task(f"parcel {number}", task.shape, task.ahead, task.goal)
+        RouteTask(f"parcel {number}", task.shape, task.ahead, task.goal)
         for number, task in enumerate(tasks)
     ]
 
@@ -85,7 +85,7 @@ def drawn_pose(random: Random, table: Table, shape: Shape) -> np.ndarray:
     """A pose on the table; most are along it, some are turned anyhow."""
     tidy = random.random() < 0.7
     yaw_rad = random.choice((0, 1, 2, 3)) * np.pi / 2 if tidy else random.uniform(-np.pi, np.pi)
-    corners_m = shape.bottom.outline_m(np.array([0.0, 0.0, yaw_rad]))
+    corners_m = shape.footprint.outline_m(np.array([0.0, 0.0, yaw_rad]))
     half_m = np.array([table.columns, table.rows]) * table.layout.pitch_m / 2
     low_m, high_m = -half_m - corners_m.min(axis=0), half_m - corners_m.max(axis=0)
     place_m = [*map(random.uniform, low_m, high_m)]
@@ -96,10 +96,10 @@ def drawn_pose(random: Random, table: Table, shape: Shape) -> np.ndarray:
     return np.array([*place_m, yaw_rad])
 
 
-def started(table: Table, random: Random, count: int) -> list[Task]:
+def started(table: Table, random: Random, count: int) -> list[RouteTask]:
     """Parcels at their starts, none on a tile of another's."""
     while True:
-        tasks: list[Task] = []
+        tasks: list[RouteTask] = []
         taken = np.zeros(table.planner.tiles.count, dtype=bool)
         for _ in range(DRAWS[0]):
             shape = random.choice(SHAPES)
@@ -107,12 +107,12 @@ def started(table: Table, random: Random, count: int) -> list[Task]:
             under = table.planner.stand(shape, start)
             if not taken[under].any():
                 taken[under] = True
-                tasks.append(Task("", shape, start[None]))
+                tasks.append(RouteTask("", shape, start[None]))
             if len(tasks) == count:
                 return tasks
 
 
-def with_goals(table: Table, random: Random, tasks: Sequence[Task]) -> list[Task] | None:
+def with_goals(table: Table, random: Random, tasks: Sequence[RouteTask]) -> list[RouteTask] | None:
     """The same with goals, one after another; None: one that is left finds none."""
     taken = np.zeros(table.planner.tiles.count, dtype=bool)
     for task in tasks:
@@ -135,7 +135,7 @@ def with_goals(table: Table, random: Random, tasks: Sequence[Task]) -> list[Task
     return done
 
 
-def with_goal(table: Table, random: Random, task: Task, taken: np.ndarray) -> Task | None:
+def with_goal(table: Table, random: Random, task: RouteTask, taken: np.ndarray) -> RouteTask | None:
     """A parcel with a goal that it has a way to past tiles that are taken; None: none was drawn."""
     parts = parts_of(table, taken)
     own = parts[table.planner.stand(task.shape, task.start)]
@@ -145,7 +145,7 @@ def with_goal(table: Table, random: Random, task: Task, taken: np.ndarray) -> Ta
         under = table.planner.stand(task.shape, goal)
         if taken[under].any() or not reached[under].any():
             continue
-        gone = Task("", task.shape, task.ahead, goal)
+        gone = RouteTask("", task.shape, task.ahead, goal)
         return gone if table.planner.plan([gone], closed=taken).routes[""].length_m else None
     return None
 

@@ -13,8 +13,8 @@ import numpy as np
 from shapely.geometry import MultiPoint, Point, Polygon
 
 from mdms_host.estimation.footprint import Disc, Rectangle
-from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan
+from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.route import Route
 from mdms_host.routes.support import Shape
 
@@ -28,13 +28,13 @@ EDGE_M, EDGE_TIMES = 5e-6, 60
 
 def corners_m(shape: Shape) -> np.ndarray:
     """Corners of the outline about its own centre, those of a polygon for a disc's."""
-    bottom = shape.bottom
-    if isinstance(bottom, Disc):
-        circle = Point(0.0, 0.0).buffer(bottom.diameter_m / 2, quad_segs=16)
+    footprint = shape.footprint
+    if isinstance(footprint, Disc):
+        circle = Point(0.0, 0.0).buffer(footprint.diameter_m / 2, quad_segs=16)
         return np.array(circle.exterior.coords)[:-1]
-    assert isinstance(bottom, Rectangle)
+    assert isinstance(footprint, Rectangle)
     signs = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
-    return signs * np.array([bottom.length_m, bottom.width_m]) / 2
+    return signs * np.array([footprint.length_m, footprint.width_m]) / 2
 
 
 def shares_done(ways_m: np.ndarray, since_s: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def shares_done(ways_m: np.ndarray, since_s: np.ndarray) -> np.ndarray:
 class Swept:
     """Outlines over spans of time; spans are kept, since every pair asks for the same ones."""
 
-    task: Task
+    task: RouteTask
     route: Route
     spans: dict[tuple[float, float], Polygon] = field(default_factory=dict)
 
@@ -71,7 +71,7 @@ class Swept:
     @cached_property
     def reach_m(self) -> float:
         """From the centre to the farthest corner."""
-        return float(self.task.shape.bottom.reach_m)
+        return float(self.task.shape.footprint.reach_m)
 
     @cached_property
     def rest_s(self) -> np.ndarray:
@@ -83,7 +83,7 @@ class Swept:
         route, poses = self.route, self.route.poses
         if len(poses) == 1:
             return np.repeat(poses, len(times_s), axis=0)
-        turn_m = 0.0 if isinstance(self.task.shape.bottom, Disc) else self.reach_m
+        turn_m = 0.0 if isinstance(self.task.shape.footprint, Disc) else self.reach_m
         moves = np.clip(np.searchsorted(route.begins_s, times_s) - 1, 0, None)
         ways = np.diff(poses, axis=0)[moves]
         ways_m = np.sqrt(ways[:, 0] ** 2 + ways[:, 1] ** 2 + (ways[:, 2] * turn_m) ** 2)
@@ -149,7 +149,7 @@ def hangs_over(half_m: np.ndarray, one: Swept, from_s: float, to_s: float) -> bo
     return bool((np.abs(one.corners_m(poses)) > half_m).any())
 
 
-def faults(size_m: tuple[float, float], tasks: Sequence[Task], plan: Plan) -> list[str]:
+def faults(size_m: tuple[float, float], tasks: Sequence[RouteTask], plan: Plan) -> list[str]:
     """What is wrong with a plan for a table of this size: who does not arrive, or touches whom."""
     found = [str(blocked) for blocked in plan.blocked.values()]
     swept = [Swept(task, plan.routes[task.parcel]) for task in tasks]

@@ -33,7 +33,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.safe_goals import Load, least_footing
+from mdms_host.motion.safe_goals import SupportedParcel, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of
 from mdms_model.scenario.file import load_scenario
@@ -84,7 +84,7 @@ def keys_of(seed: int) -> list[str]:
     ]
     scenario = load_scenario("array18", keys + _placed(shape, (0.0,) * 3, (0.0,) * 3))
     wheel_m = build_wheels(scenario).position_m
-    load = Load(outline_of(scenario.parcel[0]), (0.0, 0.0))
+    load = SupportedParcel(outline_of(scenario.parcel[0]), (0.0, 0.0))
     while True:
         start, goal = _drawn(random), _drawn(random)
         if hypot(start[0] - goal[0], start[1] - goal[1]) < 0.05:

@@ -34,10 +34,10 @@ from tests.benchmarks.host.routes import held
 
 from mdms_array.host import coordinator_of
 from mdms_host.estimation.footprint import Disc, Rectangle
-from mdms_host.routes.errand import Task
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.improving import legs_of
 from mdms_host.routes.planner import Planner
+from mdms_host.routes.planning_problem import RouteTask
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
@@ -180,7 +180,7 @@ def killed(table: CellsTable, first: int, cases: int) -> dict[str, Any]:
     }
 
 
-def winding(table: CellsTable, first: int) -> Iterator[tuple[int, Sequence[Task], float]]:
+def winding(table: CellsTable, first: int) -> Iterator[tuple[int, Sequence[RouteTask], float]]:
     """Instances in which a way is planned of many legs, and how long that takes [s]."""
     for seed in count(first):
         tasks = instance(table, seed)
@@ -189,7 +189,7 @@ def winding(table: CellsTable, first: int) -> Iterator[tuple[int, Sequence[Task]
             yield seed, tasks, max(route.end_s for route in routes)
 
 
-def alone(tasks: Sequence[Task], seed: int, gone_s: float) -> Mapping[str, str]:
+def alone(tasks: Sequence[RouteTask], seed: int, gone_s: float) -> Mapping[str, str]:
     """What becomes of each parcel when the host is killed then.
 
     Nothing, where none has been given a way of many legs by then: from where parcels are found,
@@ -235,12 +235,14 @@ def alone(tasks: Sequence[Task], seed: int, gone_s: float) -> Mapping[str, str]:
     return dict.fromkeys(ended, "failed") if harmed else ended
 
 
-def outcome(task: Task, pose: Sequence[float], identity: int, given: Given) -> str:
+def outcome(task: RouteTask, pose: Sequence[float], identity: int, given: Given) -> str:
     """What has become of one parcel that stands."""
     assert task.goal is not None
     if identity not in given.places:
         return "waiting"
-    period_rad = task.shape.bottom.period_rad if isinstance(task.shape.bottom, Rectangle) else 1e-9
+    period_rad = (
+        task.shape.footprint.period_rad if isinstance(task.shape.footprint, Rectangle) else 1e-9
+    )
     off_rad = abs(remainder(pose[2] - task.goal[2], period_rad))
     off_m = hypot(pose[0] - task.goal[0], pose[1] - task.goal[1])
     if off_m < WITHIN_M and off_rad < WITHIN_RAD:
@@ -250,24 +252,24 @@ def outcome(task: Task, pose: Sequence[float], identity: int, given: Given) -> s
     return "blocked" if given.has_end(identity, task.goal) else "short"
 
 
-def parcel_text(task: Task) -> str:
+def parcel_text(task: RouteTask) -> str:
     """A parcel of a scenario."""
-    bottom, (x_m, y_m, yaw_rad) = task.shape.bottom, task.start
-    if isinstance(bottom, Disc):
-        size = f"shape='disc', length_m={bottom.diameter_m}, width_m={bottom.diameter_m}"
+    footprint, (x_m, y_m, yaw_rad) = task.shape.footprint, task.start
+    if isinstance(footprint, Disc):
+        size = f"shape='disc', length_m={footprint.diameter_m}, width_m={footprint.diameter_m}"
     else:
-        assert isinstance(bottom, Rectangle)
-        size = f"length_m={bottom.length_m}, width_m={bottom.width_m}"
+        assert isinstance(footprint, Rectangle)
+        size = f"length_m={footprint.length_m}, width_m={footprint.width_m}"
     return (
         f"{{name='{task.parcel}', mass_kg=2.0, {size}, "
         f"x_m={x_m:.4f}, y_m={y_m:.4f}, yaw_rad={yaw_rad:.4f}}}"
     )
 
 
-def task_text(number: int, task: Task) -> str:
+def task_text(number: int, task: RouteTask) -> str:
     """What is to be done with it, beside those before it."""
     assert task.goal is not None
     x_m, y_m, yaw_rad = task.goal
-    turn = "" if isinstance(task.shape.bottom, Disc) else f", yaw_rad={yaw_rad:.4f}"
+    turn = "" if isinstance(task.shape.footprint, Disc) else f", yaw_rad={yaw_rad:.4f}"
     beside = ", beside=true" if number else ""
     return f"{{do='transport', parcel='{task.parcel}', x_m={x_m:.4f}, y_m={y_m:.4f}{turn}{beside}}}"

@@ -130,7 +130,7 @@ def cycle() -> list[Row]:
     wheels = (WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0)))
     buses = tuple(np.repeat(np.arange(6), 100).tolist())
     layout = Layout(30, 20, wheels=wheels, node_ids=(*range(1, 101),) * 6, buses=buses)
-    bottom, sensors_m = Rectangle(0.36, 0.30), layout.sensor_positions_m.reshape(-1, 2)
+    footprint, sensors_m = Rectangle(0.36, 0.30), layout.sensor_positions_m.reshape(-1, 2)
     poses = [
         np.array([-1.5 + 0.7 * column, -0.9 + 0.6 * row, 0.1 * column])
         for row in range(4)
@@ -149,10 +149,10 @@ def cycle() -> list[Row]:
         )
         for number, pose in enumerate(poses):
             if moving:
-                under = bottom.distance_m(layout.wheel_positions_m, pose) < 0.03
+                under = footprint.distance_m(layout.wheel_positions_m, pose) < 0.03
                 speeds_m_s[under] = (layout.surface_jacobian(*pose[:2].tolist()) @ twist)[under]
                 poses[number] = pose + twist * STEP_S
-            covered |= bottom.distance_m(sensors_m, poses[number]) < 0
+            covered |= footprint.distance_m(sensors_m, poses[number]) < 0
         begun_s = process_time()
         bits = covered.reshape(layout.cells, -1) @ (1 << np.arange(5))
         for cell, each in enumerate(bits.tolist(), 1):

@@ -23,7 +23,7 @@ from mdms_array.host import coordinator_of
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import operate
-from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob
@@ -89,7 +89,7 @@ class Stopwatch:
 def run() -> list[dict[str, Any]]:
     """Jitter of SYNC, and times of setpoints."""
     scenario = load_scenario("array18", BACK_AND_FORTH)
-    coordinator = coordinator_of(scenario, desk=ThreadDesk())
+    coordinator = coordinator_of(scenario, executor=ThreadExecutor())
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_RUNTIME_DIR", folder)
         options = [part for text in BACK_AND_FORTH for part in ("--set", text)]

@@ -38,18 +38,18 @@ def row(
     cases = int(os.environ.get("MDMS_CASES", "200"))
     random = np.random.default_rng(int(os.environ.get("MDMS_SEED", "1")))
     box = Parcel("box", *sides_m)
-    footholds = Footholds(layout, box.bottom, MIDDLE)
+    footholds = Footholds(layout, box.footprint, MIDDLE)
     looks_ms: list[float] = []
     around = ways = 0
     while ways < cases:
         start, end = (random.uniform((-1, -1, -3), (1, 1, 3)) * (*half_m, 1) for _ in range(2))
-        straight = straight_way(start, Goal(*end.tolist()), box.bottom.reach_m)
+        straight = straight_way(start, Goal(*end.tolist()), box.footprint.reach_m)
         if footholds.margins_m(straight, INSET_M).min() < MARGIN_M:
             continue
         ways += 1
         belief = beliefs({"box": start}, [box])["box"]
         begun_s, path = process_time(), None
-        search = WaySearch(Footholds(layout, box.bottom, MIDDLE), belief, end)
+        search = WaySearch(Footholds(layout, box.footprint, MIDDLE), belief, end)
         while path is None:
             path = search.step()
             now_s = process_time()

@@ -148,8 +148,8 @@ def test_file_says_which_bus_a_cell_is_on(believed):
 
 
 def test_buses_without_channels_have_those_of_a_served_array(believed):
-    belief = believed(GRID + TWO_BUSES, bus=Namespace(channel="desk"))
-    assert belief.channels == ("desk.0", "desk.1")
+    belief = believed(GRID + TWO_BUSES, bus=Namespace(channel="executor"))
+    assert belief.channels == ("executor.0", "executor.1")
     with pytest.raises(ArrayFileError, match="2 buses need a channel each"):
         believed(GRID + TWO_BUSES)
 

@@ -131,8 +131,8 @@ def test_discs_and_polygons_are_handed_on_as_what_they_are(plane):
     disc = replace(box, shape="disc", length_m=0.3, width_m=0.3)
     triangle = replace(box, name="triangle", shape="polygon", corners_m=corners_m)
     told = parcels_of(replace(plane, parcel=(disc, triangle)))
-    assert told[0].bottom == Disc(0.3)
-    assert told[1].bottom == Polygon(corners_m)
+    assert told[0].footprint == Disc(0.3)
+    assert told[1].footprint == Polygon(corners_m)
 
 
 def test_a_disc_is_steered_to_a_place_however_it_is_turned(plane):

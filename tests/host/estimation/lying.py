@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mdms_host.estimation.belief import Change, Event
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.belief import BeliefChange, BeliefEvent
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.estimation.tracker import Parcel, Tracker
 from mdms_host.layout import Layout, WheelPlace
 from mdms_model.arrays import Bools, Floats
@@ -22,14 +22,14 @@ class Lying:
     ) -> None:
         self.layout = layout
         self.tracker = Tracker(layout, parcels, 0.2)
-        self.things: dict[str, tuple[Bottom, Floats]] = {}
+        self.things: dict[str, tuple[Footprint, Floats]] = {}
         self.now_s = 0.0
-        self.changes: list[tuple[float, Change]] = []
+        self.changes: list[tuple[float, BeliefChange]] = []
         self._stuck = list(stuck)
         self._sensors_m = layout.sensor_positions_m.reshape(-1, 2)
 
-    def put(self, name: str, bottom: Bottom, *pose: float) -> None:
-        self.things[name] = bottom, np.array(pose)
+    def put(self, name: str, footprint: Footprint, *pose: float) -> None:
+        self.things[name] = footprint, np.array(pose)
 
     def take(self, name: str) -> None:
         del self.things[name]
@@ -37,8 +37,8 @@ class Lying:
     @property
     def covered(self) -> Bools:
         under = np.zeros(len(self._sensors_m), dtype=bool)
-        for bottom, pose in self.things.values():
-            under |= bottom.distance_m(self._sensors_m, pose) < 0
+        for footprint, pose in self.things.values():
+            under |= footprint.distance_m(self._sensors_m, pose) < 0
         under[self._stuck] = True
         return under
 
@@ -55,9 +55,9 @@ class Lying:
             self.now_s += STEP_S
             speed_m_s = np.zeros(len(wheels_m))
             for name, twist in moving.items():
-                bottom, pose = self.things[name]
-                self.things[name] = bottom, pose + twist * STEP_S
-                under = bottom.distance_m(wheels_m, pose) < 0.05
+                footprint, pose = self.things[name]
+                self.things[name] = footprint, pose + twist * STEP_S
+                under = footprint.distance_m(wheels_m, pose) < 0.05
                 rolling = self.layout.surface_jacobian(*pose[:2].tolist()) @ twist
                 speed_m_s[under] = rolling[under]
             bits = self.covered.reshape(self.layout.cells, -1) @ (1 << np.arange(5))
@@ -67,7 +67,7 @@ class Lying:
             self.changes += [(self.now_s, change) for change in self.tracker.take_changes()]
             each()
 
-    def events(self, *names: str) -> list[tuple[str, Event]]:
+    def events(self, *names: str) -> list[tuple[str, BeliefEvent]]:
         """What has happened, in order, to these or to all."""
         return [
             (change.name, change.event)

@@ -5,14 +5,14 @@ import pytest
 from shapely import Polygon as Shape
 from tests.host.estimation.lying import WHEELS, Lying
 
-from mdms_host.estimation.belief import Event, Kind
+from mdms_host.estimation.belief import BeliefEvent, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
-from mdms_host.estimation.tracker import Gate, Parcel, Region
+from mdms_host.estimation.tracker import ExitLine, Parcel, Region
 from mdms_host.layout import Layout
 
 LAYOUT = Layout(9, 6, wheels=WHEELS)
 BOX = Parcel("box", 0.36, 0.30)
-BOTTOM, SMALL = BOX.bottom, Rectangle(0.26, 0.22)
+BOTTOM, SMALL = BOX.footprint, Rectangle(0.26, 0.22)
 INFEED = Region((-0.6, -0.4), (-0.2, 0.4))
 
 
@@ -25,7 +25,7 @@ def boxed() -> Lying:
     table = Lying(LAYOUT, (BOX,))
     table.put("box", BOTTOM, -0.2, 0.0, 0.1)
     table.run(0.2)
-    assert table.events() == [("box", Event.FOUND)]
+    assert table.events() == [("box", BeliefEvent.FOUND)]
     return table
 
 
@@ -35,7 +35,7 @@ def test_an_announced_parcel_is_found_once_it_is_set_down(table) -> None:
     assert table.events() == []
     table.put("box", BOTTOM, -0.35, 0.05, 0.2)
     table.run(0.3)
-    assert table.events() == [("box", Event.FOUND)]
+    assert table.events() == [("box", BeliefEvent.FOUND)]
     assert table.off_m("box") < 0.02
     assert list(table.tracker.beliefs(0.6, 0.6)) == ["box"]
 
@@ -47,15 +47,15 @@ def test_what_was_taken_for_a_parcel_that_was_to_come_is_withdrawn_when_it_is_lo
     table.take("box")
     table.run(1.2)
     assert table.events() == [
-        ("box", Event.FOUND),
-        ("box", Event.DOUBTFUL),
-        ("box", Event.WITHDRAWN),
+        ("box", BeliefEvent.FOUND),
+        ("box", BeliefEvent.DOUBTFUL),
+        ("box", BeliefEvent.WITHDRAWN),
     ]
     ((parcel, region),) = table.tracker.take_withdrawn()
     table.tracker.announce(parcel, region)
     table.put("box", BOTTOM, -0.35, 0.05, 0.2)
     table.run(0.3)
-    assert table.events()[-1] == ("box", Event.FOUND)
+    assert table.events()[-1] == ("box", BeliefEvent.FOUND)
 
 
 def test_one_that_has_come_and_is_lost_later_is_lost(table) -> None:
@@ -64,7 +64,7 @@ def test_one_that_has_come_and_is_lost_later_is_lost(table) -> None:
     table.run(2.5)
     table.take("box")
     table.run(1.2)
-    assert table.events()[-1] == ("box", Event.LOST)
+    assert table.events()[-1] == ("box", BeliefEvent.LOST)
     assert table.tracker.take_withdrawn() == []
 
 
@@ -72,7 +72,7 @@ def test_an_announced_parcel_is_not_found_beside_its_region(table) -> None:
     table.tracker.announce(BOX, INFEED)
     table.put("other", BOTTOM, 0.3, 0.0, 0.0)
     table.run(0.5)
-    assert table.events() == [("unknown-1", Event.APPEARED)]
+    assert table.events() == [("unknown-1", BeliefEvent.APPEARED)]
 
 
 def test_parcels_that_look_alike_are_found_in_the_order_of_their_announcement(table) -> None:
@@ -83,7 +83,7 @@ def test_parcels_that_look_alike_are_found_in_the_order_of_their_announcement(ta
     table.run(3.0, {"first": (0.15, 0.0, 0.0)})
     table.put("second", BOTTOM, -0.35, 0.0, 0.0)
     table.run(0.3)
-    assert table.events() == [("first", Event.FOUND), ("second", Event.FOUND)]
+    assert table.events() == [("first", BeliefEvent.FOUND), ("second", BeliefEvent.FOUND)]
     assert max(table.off_m("first"), table.off_m("second")) < 0.02
 
 
@@ -93,7 +93,7 @@ def test_two_announced_at_once_are_told_apart_by_their_sizes(table) -> None:
     table.put("small", SMALL, -0.35, 0.1, 0.4)
     table.put("large", BOTTOM, 0.25, -0.1, -0.3)
     table.run(0.4)
-    assert sorted(table.events()) == [("large", Event.FOUND), ("small", Event.FOUND)]
+    assert sorted(table.events()) == [("large", BeliefEvent.FOUND), ("small", BeliefEvent.FOUND)]
     assert max(table.off_m("large"), table.off_m("small")) < 0.025
 
 
@@ -111,25 +111,25 @@ def test_what_nobody_announced_is_an_obstacle_that_contains_it_within_a_fifth_of
     table.run(0.2)
     (name,) = table.tracker.beliefs(table.now_s, table.now_s)
     belief = table.tracker.beliefs(table.now_s, table.now_s)[name]
-    assert (name, belief.kind, belief.named) == ("unknown-1", Kind.UNKNOWN, False)
+    assert (name, belief.kind, belief.named) == ("unknown-1", BeliefKind.UNKNOWN, False)
     assert not belief.twist.any()
     outline = Shape(belief.outline.outline_m(belief.pose))
     thing = Shape(SMALL.outline_m(table.things["thing"][1]))
     assert outline.contains(thing)
     assert outline.area < 3.5 * thing.area
-    assert table.events() == [("unknown-1", Event.APPEARED)]
+    assert table.events() == [("unknown-1", BeliefEvent.APPEARED)]
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_outline_of_an_unknown_contains_it_wherever_it_lies(table, seed) -> None:
     random = np.random.default_rng(seed)
-    bottom = Rectangle(random.uniform(0.2, 0.45), random.uniform(0.16, 0.35))
+    footprint = Rectangle(random.uniform(0.2, 0.45), random.uniform(0.16, 0.35))
     pose = random.uniform(-0.25, 0.25), random.uniform(-0.12, 0.12), random.uniform(-3, 3)
-    table.put("thing", bottom, *pose)
+    table.put("thing", footprint, *pose)
     table.run(0.2)
     (belief,) = table.tracker.beliefs(table.now_s, table.now_s).values()
     outline = Shape(belief.outline.outline_m(belief.pose))
-    assert outline.contains(Shape(bottom.outline_m(np.array(pose))))
+    assert outline.contains(Shape(footprint.outline_m(np.array(pose))))
 
 
 def test_an_unknown_that_is_lifted_is_dropped(table) -> None:
@@ -138,7 +138,7 @@ def test_an_unknown_that_is_lifted_is_dropped(table) -> None:
     table.take("thing")
     table.run(0.2)
     assert table.tracker.beliefs(table.now_s, table.now_s) == {}
-    assert table.events("unknown-1")[1:] == [("unknown-1", Event.CLEARED)]
+    assert table.events("unknown-1")[1:] == [("unknown-1", BeliefEvent.CLEARED)]
 
 
 def test_an_unknown_that_is_put_elsewhere_keeps_its_name_only_where_it_stays_covered(
@@ -158,7 +158,7 @@ def test_a_cell_with_all_sensors_stuck_is_no_unknown() -> None:
     table = Lying(LAYOUT, (BOX,), stuck=tuple(range(40, 45)))
     table.put("box", BOTTOM, -0.2, -0.2, 0.1)
     table.run(1.0)
-    assert table.events() == [("box", Event.FOUND)]
+    assert table.events() == [("box", BeliefEvent.FOUND)]
     assert table.tracker.take_faulty() == [(9, [0, 1, 2, 3, 4])]
 
 
@@ -170,7 +170,7 @@ def test_an_unknown_that_is_given_a_name_is_a_parcel_from_then_on(table) -> None
     belief = table.tracker.beliefs(table.now_s, table.now_s)
     assert list(belief) == ["box"]
     assert belief["box"].named
-    assert table.events()[1:] == [("box", Event.FOUND), ("unknown-1", Event.EXPLAINED)]
+    assert table.events()[1:] == [("box", BeliefEvent.FOUND), ("unknown-1", BeliefEvent.EXPLAINED)]
     table.run(1.0, {"box": (-0.2, 0.0, 0.1)})
     assert table.off_m("box") < 0.006
 
@@ -180,11 +180,11 @@ def test_an_unknown_of_another_outline_keeps_being_unknown(table) -> None:
     table.run(0.3)
     table.tracker.name("unknown-1", Parcel("plank", 0.5, 0.1))
     table.run(0.5)
-    assert table.events()[1:] == [("unknown-1", Event.MISFIT)]
+    assert table.events()[1:] == [("unknown-1", BeliefEvent.MISFIT)]
     assert list(table.tracker.beliefs(table.now_s, table.now_s)) == ["unknown-1"]
     table.tracker.name("unknown-1", Parcel("plank", 0.26, 0.22))
     table.run(0.3)
-    assert table.events("plank") == [("plank", Event.FOUND)]
+    assert table.events("plank") == [("plank", BeliefEvent.FOUND)]
 
 
 @pytest.mark.parametrize("gap_m", [0.002, 0.03])
@@ -193,10 +193,10 @@ def test_an_unknown_that_is_put_beside_a_parcel_leaves_its_place_alone(gap_m) ->
     before_m = table.off_m("box")
     table.put("thing", BOTTOM, -0.2 + 0.36 + gap_m, 0.03, 0.1)
     table.run(1.5)
-    assert table.events("box")[-1] == ("box", Event.FOUND)
+    assert table.events("box")[-1] == ("box", BeliefEvent.FOUND)
     assert table.off_m("box") < before_m + 0.01
     beliefs = table.tracker.beliefs(table.now_s, table.now_s)
-    assert [belief.kind for belief in beliefs.values()] == [Kind.PARCEL, Kind.UNKNOWN]
+    assert [belief.kind for belief in beliefs.values()] == [BeliefKind.PARCEL, BeliefKind.UNKNOWN]
 
 
 def test_a_parcel_moves_away_from_an_unknown_beside_it() -> None:
@@ -205,39 +205,39 @@ def test_a_parcel_moves_away_from_an_unknown_beside_it() -> None:
     table.run(1.0)
     table.run(1.0, {"box": (-0.1, 0.0, 0.0)})
     assert table.off_m("box") < 0.006
-    assert table.events()[-1] != ("box", Event.DOUBTFUL)
+    assert table.events()[-1] != ("box", BeliefEvent.DOUBTFUL)
 
 
 def test_a_parcel_that_leaves_over_its_exit_departs_and_is_not_lost() -> None:
     table = boxed()
-    table.tracker.depart("box", Gate(LAYOUT.columns / 2 * 0.127 - 0.03, 0.0, 0.0))
+    table.tracker.depart("box", ExitLine(LAYOUT.columns / 2 * 0.127 - 0.03, 0.0, 0.0))
     table.run(3.9, {"box": (0.2, 0.0, 0.0)})
-    assert table.events() == [("box", Event.FOUND), ("box", Event.DEPARTED)]
+    assert table.events() == [("box", BeliefEvent.FOUND), ("box", BeliefEvent.DEPARTED)]
     table.take("box")
     table.run(1.5)
-    assert table.events() == [("box", Event.FOUND), ("box", Event.DEPARTED)]
+    assert table.events() == [("box", BeliefEvent.FOUND), ("box", BeliefEvent.DEPARTED)]
     assert table.tracker.beliefs(table.now_s, table.now_s) == {}
 
 
 def test_a_parcel_that_is_taken_as_it_leaves_departs_too() -> None:
     table = boxed()
-    table.tracker.depart("box", Gate(0.55, 0.0, 0.0))
+    table.tracker.depart("box", ExitLine(0.55, 0.0, 0.0))
     table.run(3.6, {"box": (0.2, 0.0, 0.0)})
     table.take("box")
     table.run(1.5)
-    assert table.events()[-1] == ("box", Event.DEPARTED)
-    assert ("box", Event.LOST) not in table.events()
+    assert table.events()[-1] == ("box", BeliefEvent.DEPARTED)
+    assert ("box", BeliefEvent.LOST) not in table.events()
 
 
 def test_a_parcel_that_is_doubted_before_its_exit_while_sensors_show_it_has_not_departed() -> None:
     table = Lying(LAYOUT, (Parcel("box", 0.36, 0.30, near_m=(0.40, 0.0)),))
     table.put("box", BOTTOM, 0.40, 0.0, 0.0)
     table.run(0.5)
-    table.tracker.depart("box", Gate(0.52, 0.0, 0.0))
+    table.tracker.depart("box", ExitLine(0.52, 0.0, 0.0))
     table.put("box", BOTTOM, 0.28, 0.10, 0.0)
     table.run(1.0)
-    found = ("box", Event.FOUND)
-    assert table.events("box") == [found, ("box", Event.DOUBTFUL), found]
+    found = ("box", BeliefEvent.FOUND)
+    assert table.events("box") == [found, ("box", BeliefEvent.DOUBTFUL), found]
     assert table.off_m("box") < 0.02
 
 
@@ -245,17 +245,20 @@ def test_what_stays_at_an_exit_is_unknown_from_then_on() -> None:
     table = boxed()
     table.tracker.depart("box")
     table.run(1.5)
-    assert table.events()[1:] == [("box", Event.DEPARTED), ("unknown-1", Event.APPEARED)]
+    assert table.events()[1:] == [
+        ("box", BeliefEvent.DEPARTED),
+        ("unknown-1", BeliefEvent.APPEARED),
+    ]
 
 
 def test_two_that_touch_are_told_apart_where_one_way_explains_them(table) -> None:
     one, two = Parcel("one", 0.36, 0.30), Parcel("two", 0.34, 0.31)
     for parcel in (one, two):
         table.tracker.announce(parcel)
-    table.put("one", one.bottom, -0.181, 0.02, 0.0)
-    table.put("two", two.bottom, 0.172, 0.02, 0.0)
+    table.put("one", one.footprint, -0.181, 0.02, 0.0)
+    table.put("two", two.footprint, 0.172, 0.02, 0.0)
     table.run(1.0)
-    assert sorted(table.events()) == [("one", Event.FOUND), ("two", Event.FOUND)]
+    assert sorted(table.events()) == [("one", BeliefEvent.FOUND), ("two", BeliefEvent.FOUND)]
     assert max(table.off_m("one"), table.off_m("two")) < 0.035
 
 
@@ -270,27 +273,27 @@ def heaped(table: Lying) -> None:
 
 def test_those_that_cannot_be_told_apart_are_one_heap(table) -> None:
     heaped(table)
-    assert table.events() == [("unknown-1", Event.HEAPED)]
+    assert table.events() == [("unknown-1", BeliefEvent.HEAPED)]
     (belief,) = table.tracker.beliefs(table.now_s, table.now_s).values()
-    assert belief.kind is Kind.HEAP
+    assert belief.kind is BeliefKind.HEAP
     outline = Shape(belief.outline.outline_m(belief.pose))
-    for bottom, pose in table.things.values():
-        assert outline.contains(Shape(bottom.outline_m(pose)))
+    for footprint, pose in table.things.values():
+        assert outline.contains(Shape(footprint.outline_m(pose)))
 
 
 def test_a_heap_that_is_parted_is_parcels_again(table) -> None:
     heaped(table)
     table.take("stranger")
     table.run(0.6)
-    assert {name for name, event in table.events() if event is Event.FOUND} == {"one", "two"}
-    assert ("unknown-1", Event.EXPLAINED) in table.events()
+    assert {name for name, event in table.events() if event is BeliefEvent.FOUND} == {"one", "two"}
+    assert ("unknown-1", BeliefEvent.EXPLAINED) in table.events()
 
 
 def test_what_no_convex_parcel_covers_is_a_heap(table) -> None:
     table.put("one", Rectangle(0.5, 0.2), 0.0, 0.0, 0.0)
     table.put("two", Rectangle(0.2, 0.3), -0.15, 0.2, 0.0)
     table.run(0.3)
-    assert table.events() == [("unknown-1", Event.HEAPED)]
+    assert table.events() == [("unknown-1", BeliefEvent.HEAPED)]
 
 
 def test_a_newcomer_that_a_late_report_shows_larger_is_found_anew_as_the_larger(table) -> None:
@@ -306,10 +309,10 @@ def test_a_newcomer_that_a_late_report_shows_larger_is_found_anew_as_the_larger(
 
     table.run(0.3)
     table.tracker.on_presence = without_the_last_column
-    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.put("large", large.footprint, -0.35, 0.0, 0.0)
     table.run(1.0)
-    assert ("small", Event.WITHDRAWN) in table.events()
-    assert table.events()[-1] == ("large", Event.FOUND)
+    assert ("small", BeliefEvent.WITHDRAWN) in table.events()
+    assert table.events()[-1] == ("large", BeliefEvent.FOUND)
     assert table.off_m("large") < 0.03
 
 
@@ -332,7 +335,7 @@ def test_a_cell_whose_reports_get_lost_for_a_moment_takes_no_parcel_away(cell) -
     off_m = []
     table.run(0.3, twist, lambda: off_m.append(table.off_m("box")))
     assert max(off_m) < 0.008
-    assert table.events() == [("box", Event.FOUND)]
+    assert table.events() == [("box", BeliefEvent.FOUND)]
 
 
 def test_another_kind_is_not_found_in_the_place_of_one_that_is_doubtful_and_still_moves() -> None:
@@ -340,17 +343,17 @@ def test_another_kind_is_not_found_in_the_place_of_one_that_is_doubtful_and_stil
     table = Lying(LAYOUT)
     for parcel in (large, medium):
         table.tracker.announce(parcel, INFEED)
-    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.put("large", large.footprint, -0.35, 0.0, 0.0)
     table.run(0.3)
     table.run(0.2, {"large": (0.3, -0.1, 0.0)})
     x_m, y_m, _ = table.things["large"][1]
-    table.put("large", large.bottom, x_m - 0.05, y_m, 0.0)
+    table.put("large", large.footprint, x_m - 0.05, y_m, 0.0)
     table.run(0.3, {"large": (0.006, 0.0, 0.0)})
     table.run(0.3)
     assert table.events() == [
-        ("large", Event.FOUND),
-        ("large", Event.DOUBTFUL),
-        ("large", Event.FOUND),
+        ("large", BeliefEvent.FOUND),
+        ("large", BeliefEvent.DOUBTFUL),
+        ("large", BeliefEvent.FOUND),
     ]
 
 
@@ -360,12 +363,12 @@ def test_nothing_is_found_where_cells_have_not_yet_told_that_a_parcel_has_gone_o
     table, twist = Lying(LAYOUT), {"large": (0.35, -0.25, 0.0)}
     for parcel in (large, small):
         table.tracker.announce(parcel, INFEED)
-    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.put("large", large.footprint, -0.35, 0.0, 0.0)
     table.run(0.3)
     table.run(0.2, twist)
     lose_reports(table, *cells)
     table.run(0.3, twist)
-    assert table.events() == [("large", Event.FOUND)]
+    assert table.events() == [("large", BeliefEvent.FOUND)]
 
 
 def test_a_parcel_of_a_very_unsure_place_explains_no_sensor_of_a_newcomer_far_beside_it() -> None:
@@ -377,9 +380,9 @@ def test_a_parcel_of_a_very_unsure_place_explains_no_sensor_of_a_newcomer_far_be
         table.tracker.announce(parcel, INFEED)
     table.tracker.look_away()
     table.tracker.look_again(0.1)
-    table.put("medium", medium.bottom, -0.35, 0.0, 0.0)
+    table.put("medium", medium.footprint, -0.35, 0.0, 0.0)
     table.run(0.4)
-    assert table.events() == [("box", Event.FOUND), ("medium", Event.FOUND)]
+    assert table.events() == [("box", BeliefEvent.FOUND), ("medium", BeliefEvent.FOUND)]
 
 
 def test_a_newcomer_is_not_found_where_a_parcel_is_though_something_sticks_out_beside_it() -> None:
@@ -387,11 +390,11 @@ def test_a_newcomer_is_not_found_where_a_parcel_is_though_something_sticks_out_b
     table = Lying(LAYOUT)
     for parcel in (large, medium):
         table.tracker.announce(parcel, INFEED)
-    table.put("large", large.bottom, -0.35, 0.0, 0.0)
+    table.put("large", large.footprint, -0.35, 0.0, 0.0)
     table.run(0.3)
     table.run(0.2, {"large": (0.3, -0.1, 0.0)})
     x_m, y_m, _ = table.things["large"][1]
-    table.put("large", large.bottom, x_m - 0.03, y_m, 0.0)
+    table.put("large", large.footprint, x_m - 0.03, y_m, 0.0)
     table.run(0.6)
     assert {name for name, _ in table.events()} == {"large"}
 
@@ -406,7 +409,7 @@ def test_what_covers_sensors_where_a_parcel_was_lost_is_an_obstacle_at_once() ->
     # Too little is covered there for the box, which is lost.
     table.put("box", Rectangle(0.18, 0.16), -0.2, 0.0, 0.1)
     table.run(1.2, each=look)
-    lost_s = next(time_s for time_s, change in table.changes if change.event is Event.LOST)
+    lost_s = next(time_s for time_s, change in table.changes if change.event is BeliefEvent.LOST)
     assert seen_s
     assert seen_s[0] <= lost_s + 0.025
 
@@ -422,7 +425,7 @@ def test_a_polygon_at_the_edge_is_found_whose_origin_is_beyond_all_wheels() -> N
     )
     table = Lying(LAYOUT, (triangle,))
     last_x_m = float(LAYOUT.wheel_positions_m[:, 0].max())
-    table.put("wedge", triangle.bottom, last_x_m + 0.055, 0.0, 0.0)
+    table.put("wedge", triangle.footprint, last_x_m + 0.055, 0.0, 0.0)
     table.run(0.4)
-    assert table.events() == [("wedge", Event.FOUND)]
+    assert table.events() == [("wedge", BeliefEvent.FOUND)]
     assert table.off_m("wedge") < 0.03

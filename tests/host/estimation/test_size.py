@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.host.estimation.lying import WHEELS, Lying
 
-from mdms_host.estimation.belief import Event
+from mdms_host.estimation.belief import BeliefEvent
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.size import rectangles_of, size_of
 from mdms_host.layout import Layout
@@ -80,4 +80,4 @@ def test_a_size_that_is_not_told_is_learned_within_a_millimetre_as_edges_pass() 
     assert abs(size.width_m - 0.257) < 0.001
     assert max(size.deviation_m) < 0.001
     assert table.off_m("box") < 0.002
-    assert ("box", Event.DOUBTFUL) not in table.events()
+    assert ("box", BeliefEvent.DOUBTFUL) not in table.events()

@@ -14,8 +14,8 @@ def bits_under(parcels: tuple[Parcel, ...]) -> list[int]:
     sensors_m = LAYOUT.sensor_positions_m
     covered = np.zeros(sensors_m.shape[:2], dtype=bool)
     for parcel in parcels:
-        bottom = Rectangle(parcel.length_m, parcel.width_m)
-        distance_m = bottom.distance_m(sensors_m.reshape(-1, 2), np.array(AT[parcel.name]))
+        footprint = Rectangle(parcel.length_m, parcel.width_m)
+        distance_m = footprint.distance_m(sensors_m.reshape(-1, 2), np.array(AT[parcel.name]))
         covered |= distance_m.reshape(covered.shape) < 0
     return (covered @ (1 << np.arange(5))).tolist()
 
@@ -39,13 +39,13 @@ def test_two_parcels_are_told_apart_by_where_they_were_put() -> None:
 
 
 def test_parcels_that_nearly_touch_are_told_apart() -> None:
-    bottom = Rectangle(0.36, 0.30)
+    footprint = Rectangle(0.36, 0.30)
     poses = {"west": (-0.19, 0.0, 0.0), "east": (0.19, 0.01, 0.0)}
     parcels = (Parcel("west", 0.36, 0.30, (-0.22, 0.02)), Parcel("east", 0.36, 0.30, (0.22, 0.0)))
     sensors_m = LAYOUT.sensor_positions_m.reshape(-1, 2)
     covered = np.zeros(len(sensors_m), dtype=bool)
     for pose in poses.values():
-        covered |= bottom.distance_m(sensors_m, np.array(pose)) < 0
+        covered |= footprint.distance_m(sensors_m, np.array(pose)) < 0
     tracker = Tracker(LAYOUT, parcels)
     for cell, bits in enumerate(covered.reshape(-1, 5) @ (1 << np.arange(5)), 1):
         tracker.on_presence(0.0, cell, int(bits))
@@ -75,8 +75,8 @@ def test_nothing_is_found_before_every_cell_has_spoken() -> None:
 def test_an_edge_moves_only_the_parcel_that_is_near() -> None:
     tracker = tracking(LEFT, RIGHT)
     before = dict(tracker.poses(0.1))
-    bottom, sensors_m = Rectangle(0.25, 0.20), LAYOUT.sensor_positions_m.reshape(-1, 2)
-    cell, sensor = divmod(int(np.argmin(abs(bottom.distance_m(sensors_m, before["right"])))), 5)
+    footprint, sensors_m = Rectangle(0.25, 0.20), LAYOUT.sensor_positions_m.reshape(-1, 2)
+    cell, sensor = divmod(int(np.argmin(abs(footprint.distance_m(sensors_m, before["right"])))), 5)
     tracker.on_presence(0.1, cell + 1, bits_under((LEFT, RIGHT))[cell] ^ 1 << sensor)
     after = tracker.poses(0.1)
     assert (after["left"] == before["left"]).all()

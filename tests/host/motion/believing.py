@@ -16,7 +16,7 @@ def beliefs(
     """What is believed of those of the parcels that have a pose."""
     at_rest = {"twist": np.zeros(3), "covariance": np.zeros((3, 3)), **others}
     return {
-        parcel.name: Belief(parcel.name, parcel.bottom, poses[parcel.name], **at_rest)
+        parcel.name: Belief(parcel.name, parcel.footprint, poses[parcel.name], **at_rest)
         for parcel in parcels
         if parcel.name in poses
     }

@@ -33,7 +33,7 @@ def traction_of(layout: Layout = LAYOUT, speed_m_s: float = 0.1, friction: float
 
 
 def mass_of(parcel: Parcel, mass_kg: float = BOX_KG) -> Mass:
-    return uniform_mass(parcel.bottom, mass_kg)
+    return uniform_mass(parcel.footprint, mass_kg)
 
 
 class Table:
@@ -71,7 +71,7 @@ class Table:
         carried, references_m_s = command(belief, STEP_S), np.zeros(len(self._next_m_s))
         if carried is not None:
             name = self.parcel.name
-            outlines, places = {name: self.parcel.bottom}, {name: belief.pose}
+            outlines, places = {name: self.parcel.footprint}, {name: belief.pose}
             references_m_s = self._carrying.references_m_s({name: carried}, outlines, places)
         self.move(references_m_s)
 

@@ -2,18 +2,20 @@ import numpy as np
 import pytest
 
 from mdms_host.estimation.footprint import Rectangle
-from mdms_host.motion.contact import Body, Contacts, gap_m, has_room_to
+from mdms_host.motion.contact import Contacts, MovingBody, gap_m, has_room_to
 from mdms_host.motion.trajectory.path import straight
 
 BOX = Rectangle(0.30, 0.20)
 STEP_S = 0.01
 
 
-def body(x_m: float, y_m: float = 0.0, speed_m_s: float = 0.0, aside_m_s: float = 0.0) -> Body:
-    return Body(BOX, np.array([x_m, y_m, 0.0]), np.array([speed_m_s, aside_m_s, 0.0]), 0.2)
+def body(
+    x_m: float, y_m: float = 0.0, speed_m_s: float = 0.0, aside_m_s: float = 0.0
+) -> MovingBody:
+    return MovingBody(BOX, np.array([x_m, y_m, 0.0]), np.array([speed_m_s, aside_m_s, 0.0]), 0.2)
 
 
-def pairs(one: Body, other: Body, steps: int = 10) -> list[tuple[str, str]]:
+def pairs(one: MovingBody, other: MovingBody, steps: int = 10) -> list[tuple[str, str]]:
     contacts = Contacts()
     return [p for _ in range(steps) for p in contacts.step({"a": one, "b": other}, STEP_S)]
 
@@ -35,9 +37,9 @@ def test_a_parcel_that_can_still_stop_is_not_reported() -> None:
     assert pairs(body(0.0, speed_m_s=0.1), body(0.32)) == []
 
 
-def on_its_way(x_m: float, to_x_m: float, speed_m_s: float) -> Body:
+def on_its_way(x_m: float, to_x_m: float, speed_m_s: float) -> MovingBody:
     way = straight(np.array([x_m, 0.0, 0.0]), np.array([to_x_m, 0.0, 0.0]), BOX.reach_m)
-    return Body(BOX, way.start, np.array([speed_m_s, 0.0, 0.0]), 0.2, way)
+    return MovingBody(BOX, way.start, np.array([speed_m_s, 0.0, 0.0]), 0.2, way)
 
 
 def test_a_parcel_on_its_way_is_reported_before_it_is_too_late() -> None:

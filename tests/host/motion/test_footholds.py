@@ -21,9 +21,9 @@ def test_margins_are_those_of_the_model(
     seed: int, length_m: float, width_m: float, x_m: float, y_m: float
 ) -> None:
     poses = np.random.default_rng(seed).uniform((-0.4, -0.25, -3.0), (0.4, 0.25, 3.0), (50, 3))
-    bottom = Rectangle(length_m, width_m)
-    margins_m = Footholds(LAYOUT, bottom, (x_m, y_m)).margins_m(poses, 0.0)
-    outline = polygon_outline(bottom.outline_m(np.zeros(3)))
+    footprint = Rectangle(length_m, width_m)
+    margins_m = Footholds(LAYOUT, footprint, (x_m, y_m)).margins_m(poses, 0.0)
+    outline = polygon_outline(footprint.outline_m(np.zeros(3)))
     modelled_m = support_margins_m(LAYOUT.wheel_positions_m, outline, (x_m, y_m), poses)
     inside = modelled_m > 0.0
     np.testing.assert_allclose(margins_m[inside], modelled_m[inside], atol=1e-9)

@@ -6,13 +6,13 @@ from tests.host.motion.driving import Table, mass_of, traction_of
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.safe_goals import Load, least_footing, straight_way
+from mdms_host.motion.safe_goals import SupportedParcel, least_footing, straight_way
 from mdms_model.outline import outline_of
 from mdms_model.scenario.scenario import Parcel
 
 WHEELS = (WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0)))
 WHEEL_M = Layout(6, 3, wheels=WHEELS).wheel_positions_m
-BOX = Load(outline_of(Parcel("box", 2.0, 0.25, 0.20)), (0.0, 0.0))
+BOX = SupportedParcel(outline_of(Parcel("box", 2.0, 0.25, 0.20)), (0.0, 0.0))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.trajectory.follower import Carried
 
-REACH_M = BOX.bottom.reach_m
+REACH_M = BOX.footprint.reach_m
 POSE = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.03, 0.03), st.floats(-3, 3)).map(np.array)
 
 

@@ -5,7 +5,7 @@ import pytest
 from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import Table, traction_of
 
-from mdms_host.estimation.belief import Belief, Kind
+from mdms_host.estimation.belief import Belief, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
@@ -21,7 +21,7 @@ THING = Rectangle(0.2, 0.2)
 
 def thing(x_m: float, y_m: float = 0.0) -> Belief:
     pose = np.array([x_m, y_m, 0.0])
-    return Belief("unknown-1", THING, pose, np.zeros(3), np.zeros((3, 3)), kind=Kind.UNKNOWN)
+    return Belief("unknown-1", THING, pose, np.zeros(3), np.zeros((3, 3)), kind=BeliefKind.UNKNOWN)
 
 
 def box(x_m: float) -> Belief:
@@ -29,7 +29,7 @@ def box(x_m: float) -> Belief:
 
 
 def way_to(*end: float) -> Path:
-    return straight(np.zeros(3), np.array(end), BOX.bottom.reach_m)
+    return straight(np.zeros(3), np.array(end), BOX.footprint.reach_m)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_a_parcel_goes_on_around_what_is_beside_its_way_and_before_its_goal() ->
     obstacles = Obstacles()
     obstacles.see({"unknown-1": thing(0.265)}, {"box": None})
     corners = np.array([(0.0, 0.0, 0.0), (0.0, 0.3, 0.0), (0.4, 0.3, 0.0), (0.6, 0.0, 0.0)])
-    assert not obstacles.hold(box(0.0), Path(corners, BOX.bottom.reach_m), 0.0)
+    assert not obstacles.hold(box(0.0), Path(corners, BOX.footprint.reach_m), 0.0)
 
 
 def test_waiting_is_reported_once_and_ends_when_the_way_is_free() -> None:

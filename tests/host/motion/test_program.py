@@ -5,7 +5,7 @@ import pytest
 from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import traction_of
 
-from mdms_host.estimation.belief import Belief, Kind
+from mdms_host.estimation.belief import Belief, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
@@ -35,8 +35,8 @@ def test_each_parcel_is_moved_as_a_rigid_body_of_its_own() -> None:
     for parcel in (LEFT, RIGHT):
         way = np.array(ways[parcel.name])
         pose = POSES[parcel.name]
-        bottom = Rectangle(parcel.length_m, parcel.width_m)
-        under = bottom.distance_m(LAYOUT.wheel_positions_m, pose) < 0
+        footprint = Rectangle(parcel.length_m, parcel.width_m)
+        under = footprint.distance_m(LAYOUT.wheel_positions_m, pose) < 0
         pushes = LAYOUT.surface_jacobian(*pose[:2])[under].T @ references_m_s[under]
         assert pushes[0] * way[0] > 0
         assert pushes[1] / pushes[0] == pytest.approx(way[1] / way[0], abs=0.02)
@@ -212,13 +212,13 @@ def test_a_parcel_without_a_goal_gets_one_and_one_that_is_not_there_none() -> No
         steered.set_goal("crate", Goal(0.0, 0.0))
 
 
-def lying(kind: Kind) -> Belief:
+def lying(kind: BeliefKind) -> Belief:
     pose = np.array([0.0, 0.0, 0.0])
     return Belief("crate", Rectangle(0.3, 0.3), pose, np.zeros(3), np.zeros((3, 3)), kind=kind)
 
 
-@pytest.mark.parametrize("kind", [Kind.UNKNOWN, Kind.HEAP])
-def test_what_nobody_has_named_gets_no_goal(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", [BeliefKind.UNKNOWN, BeliefKind.HEAP])
+def test_what_nobody_has_named_gets_no_goal(kind: BeliefKind) -> None:
     steered = program()
     steered.references_m_s(known() | {"crate": lying(kind)}, 0.01)
     with pytest.raises(KeyError):
@@ -228,7 +228,7 @@ def test_what_nobody_has_named_gets_no_goal(kind: Kind) -> None:
 
 def test_what_has_been_named_gets_a_goal_and_is_in_nobodys_way_but_others() -> None:
     steered = program(left=Goal(0.4, 0.0))
-    there = known() | {"crate": lying(Kind.PARCEL)}
+    there = known() | {"crate": lying(BeliefKind.PARCEL)}
     steered.references_m_s(there, 0.01)
     steered.set_goal("crate", Goal(0.0, 0.2))
     for _ in range(10):

@@ -28,7 +28,7 @@ def found(
 ) -> tuple[Path, int]:
     """The way, and in how many steps it is found."""
     belief = beliefs({"box": start}, [parcel])["box"]
-    search = WaySearch(Footholds(layout, parcel.bottom, MIDDLE), belief, end, room=room)
+    search = WaySearch(Footholds(layout, parcel.footprint, MIDDLE), belief, end, room=room)
     for steps in range(1, 100):
         path = search.step()
         if path is not None:
@@ -40,11 +40,11 @@ def least_m(path: Path, inset_m: float) -> float:
     """The least margin on a way."""
     along_m = np.linspace(0.0, path.length_m, 400)
     poses = np.array([path.pose_at(s_m) for s_m in along_m.tolist()])
-    return float(Footholds(LAYOUT, BOX.bottom, MIDDLE).margins_m(poses, inset_m).min())
+    return float(Footholds(LAYOUT, BOX.footprint, MIDDLE).margins_m(poses, inset_m).min())
 
 
 def test_a_box_that_would_tip_turns_elsewhere() -> None:
-    straight = Path(np.array([START, END]), BOX.bottom.reach_m)
+    straight = Path(np.array([START, END]), BOX.footprint.reach_m)
     assert least_m(straight, 0.002) < 0.0
     path, steps = found(START, END)
     assert least_m(path, 0.005) >= MARGIN_M
@@ -89,14 +89,14 @@ def test_a_box_that_would_tip_on_its_way_leaves_it_without_room_too() -> None:
 def test_a_box_that_is_not_safe_where_it_stands_leaves_that_first() -> None:
     start, end = np.array([0.1, 0.005, 0.02]), np.array([-0.1, 0.01, pi / 2])
     path, _ = found(start, end)
-    straight = Path(np.array([start, end]), BOX.bottom.reach_m)
+    straight = Path(np.array([start, end]), BOX.footprint.reach_m)
     assert unsafe_m(path) < 0.5 * unsafe_m(straight)
 
 
 def unsafe_m(path: Path) -> float:
     along_m = np.linspace(0.0, path.length_m, 400)
     poses = np.array([path.pose_at(s_m) for s_m in along_m.tolist()])
-    margins_m = Footholds(LAYOUT, BOX.bottom, MIDDLE).margins_m(poses, 0.002)
+    margins_m = Footholds(LAYOUT, BOX.footprint, MIDDLE).margins_m(poses, 0.002)
     return path.length_m * float((margins_m < MARGIN_M).mean())
 
 

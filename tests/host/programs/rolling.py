@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from mdms_array.host import layout_of, masses_of, parcels_of, table_program, traction_of
-from mdms_host.estimation.belief import Belief, Kind, Standing
+from mdms_host.estimation.belief import Belief, BeliefKind, Standing
 from mdms_host.estimation.presence import SensorGroups
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.physics.plane.handling import lift, set_down
@@ -53,9 +53,9 @@ class Rolling:
         self._lost = frozenset()
         link_m = SensorGroups(layout).link_m
         self._believed = {
-            parcel.name: parcel.bottom.grown(link_m, link_m)
+            parcel.name: parcel.footprint.grown(link_m, link_m)
             if parcel.name in unknown
-            else parcel.bottom
+            else parcel.footprint
             for parcel in self.parcels
         }
         self._twist = np.zeros((len(self.parcels), 3))
@@ -102,7 +102,7 @@ class Rolling:
                 self._twist[number],
                 np.zeros((3, 3)),
                 Standing.DOUBTFUL if parcel.name in self.doubted else Standing.FOUND,
-                kind=Kind.UNKNOWN if parcel.name in self.unknown else Kind.PARCEL,
+                kind=BeliefKind.UNKNOWN if parcel.name in self.unknown else BeliefKind.PARCEL,
             )
             for number, parcel in enumerate(self.parcels)
             if np.isfinite(pose[number]).all() and parcel.name not in self.hidden
@@ -114,7 +114,7 @@ class Rolling:
         for parcel in self.parcels:
             if parcel.name in beliefs:
                 pose = beliefs[parcel.name].pose
-                under = parcel.bottom.distance_m(self._cells_m, pose) < 0.0
+                under = parcel.footprint.distance_m(self._cells_m, pose) < 0.0
                 self.crossed |= set((np.flatnonzero(under) + 1).tolist())
         for _ in range(STEPS):
             self.world.step_ideal(self.references_m_s, CYCLE_S / STEPS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.host.programs.hands import Stage
 
-from mdms_host.estimation.belief import Belief, Kind
+from mdms_host.estimation.belief import Belief, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.size import Size
 from mdms_host.programs.table import Newcomer, ProgramError
@@ -49,7 +49,7 @@ class Register:
 def lay_unknown(stage, x_m=0.1):
     outline, pose = Rectangle(0.4, 0.36), np.array([x_m, 0.0, 0.0])
     stage.beliefs["unknown-1"] = Belief(
-        "unknown-1", outline, pose, np.zeros(3), np.zeros((3, 3)), kind=Kind.UNKNOWN
+        "unknown-1", outline, pose, np.zeros(3), np.zeros((3, 3)), kind=BeliefKind.UNKNOWN
     )
 
 

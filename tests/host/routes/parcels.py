@@ -3,7 +3,7 @@
 import numpy as np
 
 from mdms_host.estimation.footprint import Rectangle
-from mdms_host.routes.errand import Task
+from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.support import Shape
 
 BOX = Shape(Rectangle(0.28, 0.28))
@@ -12,6 +12,8 @@ LONG = Shape(Rectangle(0.40, 0.30))
 Pose = tuple[float, ...]
 
 
-def task(name: str, start: Pose, goal: Pose | None, shape: Shape = BOX, **more: bool) -> Task:
+def task(name: str, start: Pose, goal: Pose | None, shape: Shape = BOX, **more: bool) -> RouteTask:
     """A parcel at rest."""
-    return Task(name, shape, np.array([start]), None if goal is None else np.array(goal), **more)
+    return RouteTask(
+        name, shape, np.array([start]), None if goal is None else np.array(goal), **more
+    )

@@ -9,9 +9,9 @@ from pymapf import Agent, ConflictBasedSearch, GridMap, MAPFProblem, space_time_
 
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.routes.errand import Task
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
+from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.support import Shape
 from mdms_model.arrays import Floats
 
@@ -74,8 +74,8 @@ def cells() -> list[Cell]:
     return list(product(range(SIDE), repeat=2))
 
 
-def task(name: str, start: Cell, goal: Cell) -> Task:
-    return Task(name, BODY, pose(start)[None], pose(goal))
+def task(name: str, start: Cell, goal: Cell) -> RouteTask:
+    return RouteTask(name, BODY, pose(start)[None], pose(goal))
 
 
 def pose(cell: Cell) -> Floats:

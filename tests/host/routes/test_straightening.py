@@ -14,7 +14,7 @@ from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.improving import legs_of
 from mdms_host.routes.planner import Planner
-from mdms_host.routes.support import Shape, Standing
+from mdms_host.routes.support import Shape, ShapeSupport
 
 #: Tables on which every route of more than one leg is given as few as it can have, and none is.
 STRAIGHT, WINDING = CellsTable(9, 6, 3, 1, legs=1), CellsTable(9, 6, 3, 1, legs=2**31)
@@ -67,7 +67,7 @@ def test_no_corner_is_cut_over_a_tile_that_is_closed() -> None:
 def test_no_corner_is_cut_where_the_parcel_might_tip() -> None:
     small = Shape(Rectangle(0.28, 0.22))
     start, goal = (0.05, 0.02, 0.13), (-0.08, -0.01, 2.65)
-    standing = Standing(LAYOUT, small)
+    standing = ShapeSupport(LAYOUT, small)
     assert standing.least_margin_m(np.array(start), np.array(goal)) < MARGIN_M
     box = task("box", start, goal, small)
     before = Planner(Tiles(LAYOUT, 1)).plan([box]).routes["box"]

@@ -9,22 +9,22 @@ import pytest
 from tests.host.routes.parcels import BOX, task
 
 from mdms_host.layout import Layout
-from mdms_host.routes.errand import Task
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
+from mdms_host.routes.planning_problem import RouteTask
 
 PLANNED = """
 import numpy as np
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
-from mdms_host.routes.errand import Task
+from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.planner import Planner
 from mdms_host.routes.support import Shape
 from mdms_host.routes.grid import Tiles
 
 box = Shape(Rectangle(0.28, 0.28))
 ends = {"a": ((-0.2, 0.15, 0.0), (0.2, 0.15, 0.0)), "b": ((0.2, -0.15, 0.0), (-0.2, -0.15, 0.1))}
-tasks = [Task(n, box, np.array([start]), np.array(goal)) for n, (start, goal) in ends.items()]
+tasks = [RouteTask(n, box, np.array([start]), np.array(goal)) for n, (start, goal) in ends.items()]
 for route in Planner(Tiles(Layout(6, 5), 1)).plan(tasks).routes.values():
     print(route.poses.round(6).tolist(), route.begins_s.round(6).tolist())
 """
@@ -36,7 +36,9 @@ def planner() -> Planner:
 
 
 def test_who_leaves_is_in_nobodys_way_at_its_goal(planner: Planner) -> None:
-    leaving = Task("a", BOX, np.array([[0.1, 0.0, 0.0]]), np.array([0.56, 0.0, 0.0]), True, 0.5)
+    leaving = RouteTask(
+        "a", BOX, np.array([[0.1, 0.0, 0.0]]), np.array([0.56, 0.0, 0.0]), True, 0.5
+    )
     plan = planner.plan([leaving, task("b", (-0.4, 0.0, 0.0), (0.4, 0.0, 0.0))])
     assert not plan.blocked
     assert plan.routes["a"].gone
@@ -50,7 +52,7 @@ def test_who_leaves_is_in_nobodys_way_at_its_goal(planner: Planner) -> None:
 
 def test_a_parcel_under_way_goes_on_to_where_it_can_stop_first(planner: Planner) -> None:
     ahead = np.array([[-0.4, 0.1, 0.0], [-0.3, 0.1, 0.0]])
-    moving = Task("a", BOX, ahead, np.array([-0.3, -0.2, 0.0]))
+    moving = RouteTask("a", BOX, ahead, np.array([-0.3, -0.2, 0.0]))
     route = planner.plan([moving], now_s=2.0).routes["a"]
     assert np.allclose(route.poses[:2], ahead)
     assert np.allclose(route.poses[-1], moving.goal)
@@ -60,7 +62,7 @@ def test_a_parcel_under_way_goes_on_to_where_it_can_stop_first(planner: Planner)
 
 def test_a_parcel_under_way_that_is_blocked_keeps_the_tiles_ahead(planner: Planner) -> None:
     ahead = np.array([[-0.1, 0.2, 0.0], [0.1, 0.2, 0.0]])
-    moving = Task("a", BOX, ahead, np.array([0.0, 0.9, 0.0]))
+    moving = RouteTask("a", BOX, ahead, np.array([0.0, 0.9, 0.0]))
     plan = planner.plan([moving, task("b", (-0.4, -0.2, 0.0), (0.4, -0.2, 0.0))])
     assert set(plan.blocked) == {"a"}
     assert np.allclose(plan.routes["a"].poses, ahead)

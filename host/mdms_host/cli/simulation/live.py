@@ -18,7 +18,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
 from mdms_host.programs.program import Main
-from mdms_host.programs.traffic.planning import ThreadDesk
+from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.clock import RealTime
@@ -34,10 +34,10 @@ def slot_of(scenario: Scenario, main: Main | None = None) -> RunSlot:
     # What does not fit the firmware is refused now, and not when somebody presses a button; and
     # what has to be worked out before plans can be made is so while nobody waits.
     new = partial(coordinator_of, scenario, main=main)
-    first = [new(desk=ThreadDesk())]
+    first = [new(executor=ThreadExecutor())]
 
     def make() -> Coordinator:
-        return first.pop() if first else new(desk=ThreadDesk())
+        return first.pop() if first else new(executor=ThreadExecutor())
 
     return RunSlot(make, addresses_of(scenario).bus_count)
 

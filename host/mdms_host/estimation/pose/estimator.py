@@ -9,7 +9,7 @@ from math import hypot, inf, log, pi, sqrt
 import numpy as np
 
 from mdms_host.estimation.belief import Confirmation, Standing
-from mdms_host.estimation.footprint import Bottom, Rectangle
+from mdms_host.estimation.footprint import Footprint, Rectangle
 from mdms_host.estimation.locating import Location
 from mdms_host.estimation.pose.feeling import edge_of, move_to_feel
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
@@ -91,19 +91,19 @@ class ParcelEstimator:
 
     `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost.
     `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
-    sensor that is believed. `bottom` is as large as edges have shown it to be, and `spread_m` how
+    sensor that is believed. `footprint` is as large as edges show it, and `spread_m` how
     exact its drawing is. A twist divided by `corner_m` has a corner's speed instead of the rate.
     """
 
     def __init__(
-        self, surroundings: Surroundings, bottom: Bottom, spread_m: float = DRAWN_M
+        self, surroundings: Surroundings, footprint: Footprint, spread_m: float = DRAWN_M
     ) -> None:
         self._surroundings = surroundings
         self._spread_m = spread_m
         self._at_s = 0.0
         self._rolled_s = -inf
-        self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / bottom.reach_m])
-        self._drawn = bottom
+        self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / footprint.reach_m])
+        self._drawn = footprint
         self._growth: Floats = np.zeros(2)
         # The growth of a while ago, and of one more before: an apparent growth while the parcel is
         # lifted off must not be kept.
@@ -114,7 +114,7 @@ class ParcelEstimator:
         # All poses that the sensors allow, as long as these are far apart.
         self._cloud: PoseCloud | None = None
         self._confirmation = Confirmation()
-        self.bottom = bottom
+        self.footprint = footprint
         self.twist: Floats = np.zeros(3)
         self._sliding = Sliding(self.corner_m)
         self._pushed_s = -inf
@@ -144,8 +144,10 @@ class ParcelEstimator:
         )
         self._cloud = None
         if len(found.poses):
-            bottom = self.bottom if found.growths is None else self._drawn
-            self._cloud = PoseCloud(bottom, found.poses, found.weights, found.grid, found.growths)
+            footprint = self.footprint if found.growths is None else self._drawn
+            self._cloud = PoseCloud(
+                footprint, found.poses, found.weights, found.grid, found.growths
+            )
         self._confirmation.find(now_s)
         self.twist = np.zeros(3)
         self._at_s = now_s
@@ -173,7 +175,7 @@ class ParcelEstimator:
 
     def near(self, pose: Floats) -> Near:
         """Sensors and wheels that may have to do with the parcel at a pose."""
-        return self._surroundings.of(pose[:2], _AROUND * self.bottom.reach_m + _AROUND_M)
+        return self._surroundings.of(pose[:2], _AROUND * self.footprint.reach_m + _AROUND_M)
 
     def view(self, now_s: float) -> View | None:
         """The sensors around the parcel, and how far they are from it; None without a pose."""
@@ -181,7 +183,7 @@ class ParcelEstimator:
         if pose is None:
             return None
         near = self.near(pose)
-        return View(near, self.bottom.distance_m(near.sensors_m, pose))
+        return View(near, self.footprint.distance_m(near.sensors_m, pose))
 
     @property
     def rests(self) -> bool:
@@ -199,7 +201,7 @@ class ParcelEstimator:
         if self._filter is None or pose is None or self.standing is not Standing.FOUND:
             return None
         away_m = hypot(*(point_m - pose[:2]).tolist())
-        if away_m > self.bottom.reach_m + BESIDE_M:
+        if away_m > self.footprint.reach_m + BESIDE_M:
             return None
         off_m, slope = self._off(pose, point_m)
         variance_m2 = float(slope @ self._filter.covariance @ slope) + _LIKELY_M**2
@@ -240,7 +242,7 @@ class ParcelEstimator:
             return None
         pose, covariance = self._filter.mean[:3], self._filter.covariance
         near = self.near(pose)
-        return move_to_feel(self.bottom, near.sensors_m, usable[near.sensors], pose, covariance)
+        return move_to_feel(self.footprint, near.sensors_m, usable[near.sensors], pose, covariance)
 
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.
@@ -391,7 +393,7 @@ class ParcelEstimator:
             )
         )
         sign = np.where(seen.covered[wrong], 1.0, -1.0)
-        off_m = sign * self.bottom.distance_m(pose[:2] + then_m, pose)
+        off_m = sign * self.footprint.distance_m(pose[:2] + then_m, pose)
         agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
         if _TOLD * agreed.sum() <= told.sum():
@@ -412,7 +414,7 @@ class ParcelEstimator:
 
     def _off(self, pose: Floats, point_m: Floats) -> tuple[float, Floats]:
         """Distance of a sensor from the edge [m], and its derivative by pose and growth, (5,)."""
-        return edge_of(self.bottom, point_m, pose)
+        return edge_of(self.footprint, point_m, pose)
 
     def _settle(self, cloud: PoseCloud) -> None:
         """Take the place over from the poses that the sensors allow."""
@@ -453,4 +455,4 @@ class ParcelEstimator:
 
     def _grow(self, growth: Floats) -> None:
         self._growth = growth
-        self.bottom = self._drawn.grown(*growth.tolist())
+        self.footprint = self._drawn.grown(*growth.tolist())

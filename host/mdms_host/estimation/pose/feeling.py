@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_model.arrays import Bools, Floats
 
 #: A place is known well enough within these, as standard deviations [m, rad]: within 3 mm and 1
@@ -30,9 +30,9 @@ _LEFT = 0.5
 _ALONG, _ACROSS, _TURN = np.eye(3)
 
 
-def edge_of(bottom: Bottom, point_m: Floats, pose: Floats) -> tuple[float, Floats]:
+def edge_of(footprint: Footprint, point_m: Floats, pose: Floats) -> tuple[float, Floats]:
     """Distance of a point from the edge [m], and its derivative by pose and growth, (5,)."""
-    off_m, slope = bottom.edge(point_m, pose)
+    off_m, slope = footprint.edge(point_m, pose)
     x, y, _ = slope.tolist()
     cosine, sine = cos(pose[2]), sin(pose[2])
     along, across = cosine * x + sine * y, cosine * y - sine * x
@@ -40,7 +40,7 @@ def edge_of(bottom: Bottom, point_m: Floats, pose: Floats) -> tuple[float, Float
 
 
 def move_to_feel(
-    bottom: Bottom, sensors_m: Floats, usable: Bools, pose: Floats, covariance: Floats
+    footprint: Footprint, sensors_m: Floats, usable: Bools, pose: Floats, covariance: Floats
 ) -> Floats | None:
     """The move (x, y, yaw) after which an edge has made the place surer [m, m, rad].
 
@@ -50,14 +50,14 @@ def move_to_feel(
     is turned. Where no turn helps it is the least shift, which may take the parcel to where it
     tips. None where the place is sure, or nothing helps.
     """
-    stands = -bottom.distance_m(pose[None, :2], pose)[0] >= _SAFE_M
-    near_m = max(_MOST_RAD * bottom.reach_m, _MOST_M)
-    near = sensors_m[usable & (abs(bottom.distance_m(sensors_m, pose)) < near_m)]
+    stands = -footprint.distance_m(pose[None, :2], pose)[0] >= _SAFE_M
+    near_m = max(_MOST_RAD * footprint.reach_m, _MOST_M)
+    near = sensors_m[usable & (abs(footprint.distance_m(sensors_m, pose)) < near_m)]
     for one in _unsure(covariance):
         moves = [(_TURN, _MOST_RAD)] if stands else []
         moves += [(shift, _MOST_M) for shift in one.shifts]
         passed = [
-            (move, most, list(_passed(bottom, pose, covariance, near, move * most)))
+            (move, most, list(_passed(footprint, pose, covariance, near, move * most)))
             for move, most in moves
         ]
         for left in (0.0, _LEFT):
@@ -100,7 +100,7 @@ def _unsure(covariance: Floats) -> Iterator[_Unsure]:
 
 
 def _passed(
-    bottom: Bottom, pose: Floats, covariance: Floats, sensors_m: Floats, most: Floats
+    footprint: Footprint, pose: Floats, covariance: Floats, sensors_m: Floats, most: Floats
 ) -> Iterator[tuple[float, Floats]]:
     """The shares of the longest move (3,) after which an edge has surely passed a sensor.
 
@@ -108,12 +108,12 @@ def _passed(
     """
     shares = []
     for number, sensor_m in enumerate(sensors_m):
-        off_m, slope = bottom.edge(sensor_m, pose)
+        off_m, slope = footprint.edge(sensor_m, pose)
         rate = float(slope @ most)
         if abs(off_m) < abs(rate):
             shares.append((-off_m / rate, number))
     for share, number in sorted(shares, key=lambda each: abs(each[0])):
-        off_m, slope = edge_of(bottom, sensors_m[number], pose + share * most)
+        off_m, slope = edge_of(footprint, sensors_m[number], pose + share * most)
         rate = float(slope[:3] @ most)
         if rate:
             beyond = _BEYOND * sqrt(float(slope @ covariance @ slope)) / abs(rate)

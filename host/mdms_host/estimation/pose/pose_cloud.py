@@ -7,7 +7,7 @@ carried along with the wheels, and each counts as much as the sensors agree with
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_model.arrays import Bools, Floats, Ints
 
 #: So many poses are kept.
@@ -33,17 +33,17 @@ _NEAR_M = 0.012
 
 
 class PoseCloud:
-    """Poses [m, m, rad; table frame] with weights, of a parcel with this bottom.
+    """Poses [m, m, rad; table frame] with weights, of a parcel with this footprint.
 
     The given poses are those that a search has found, (N, 3), `grid` (3,) apart. If the size is to
-    be learned, each has its `growths` (N, 2), too: how much larger than the bottom the parcel is
+    be learned, each has its `growths` (N, 2), too: how much larger than the footprint the parcel is
     then, on either side, along its own x and y [m]. `mean` is of the pose, and of the growth if
     there is one, shape (3,) or (5,); `covariance` is of shape (3, 3) or (5, 5).
     """
 
     def __init__(
         self,
-        bottom: Bottom,
+        footprint: Footprint,
         poses: Floats,
         weights: Floats,
         grid: Floats,
@@ -51,8 +51,8 @@ class PoseCloud:
     ) -> None:
         # Seeded, so that the same reports lead to the same belief.
         self._chance = np.random.default_rng(0)
-        self._bottom = bottom
-        extent_m = bottom.reach_m
+        self._footprint = footprint
+        extent_m = footprint.reach_m
         self._extents_m = np.array([1.0, 1.0, extent_m, 1.0, 1.0])[: 3 if growths is None else 5]
         # No sensor shows the yaw of a disc: it stays as it was assumed.
         shown = np.array([True, True, np.ptp(poses[:, 2]) > 0.0])
@@ -134,7 +134,7 @@ class PoseCloud:
         own_m = np.stack((cosine * x_m + sine * y_m, cosine * y_m - sine * x_m), axis=-1)
         # A larger parcel has the same distance as the drawn one from a point that much nearer.
         own_m -= np.sign(own_m) * self._states[:, None, 3:] if len(self._extents_m) > 3 else 0.0
-        off_m = self._bottom.distance_m(own_m.reshape(-1, 2), np.zeros(3))
+        off_m = self._footprint.distance_m(own_m.reshape(-1, 2), np.zeros(3))
         return off_m.reshape(x_m.shape)
 
     def _weigh(self, log_likelihood: Floats) -> None:

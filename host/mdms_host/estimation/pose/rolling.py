@@ -84,7 +84,7 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
         if pose is None:
             continue
         near = one.near(pose)
-        under = one.bottom.distance_m(near.wheels_m, pose) < 0
+        under = one.footprint.distance_m(near.wheels_m, pose) < 0
         count = under.sum()
         if speeds.known is not None:
             under &= speeds.known[near.wheels]

@@ -8,11 +8,11 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.reports import Observed, Reports
-from mdms_host.motion.by_cells.sending import ENDS, Precedences, Sending, Turn, Way
+from mdms_host.motion.by_cells.sending import ENDS, CellTurn, Precedences, Sending, Way
 from mdms_host.motion.by_cells.stages import Followed, Stages
 from mdms_host.motion.contact import has_room, has_room_to
 from mdms_host.motion.footholds import Footholds
@@ -58,7 +58,7 @@ class CellsProgram:
         self._reports = Reports(layout)
         self._precedences = Precedences(layout)
         self._parcels: dict[str, Parcel] = {}
-        self._bottoms: dict[str, Bottom] = {}
+        self._footprints: dict[str, Footprint] = {}
         #: Parcels that have been believed anywhere.
         self._seen: set[str] = set()
         self._sendings: dict[str, Sending] = {}
@@ -120,7 +120,7 @@ class CellsProgram:
         KeyError for a parcel that is not the program's.
         """
         sending = self._sendings[name]
-        self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
+        self._followed[name] = Followed(goal, self._limits, self._footprints[name].reach_m)
         self._stages[name] = self._stages_to(name, goal)
         self._tries[name] = Tries()
         sending.want(None)
@@ -132,13 +132,13 @@ class CellsProgram:
         follow. They go along these while the host is gone; each leg needs another call until then.
         """
         self._stages.pop(name, None)
-        self._followed[name] = Followed(goal, self._limits, self._bottoms[name].reach_m)
+        self._followed[name] = Followed(goal, self._limits, self._footprints[name].reach_m)
         way = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
         if name in self._sendings:
             self._sendings[name].want(way)
         return self._followed[name]
 
-    def set_orders(self, orders: Mapping[int, tuple[Turn, ...]]) -> None:
+    def set_orders(self, orders: Mapping[int, tuple[CellTurn, ...]]) -> None:
         """Have parcels come over cells (from 1) in these orders while the host is gone.
 
         Any earlier order is over. At a cell without an order the parcel that comes first goes
@@ -149,7 +149,7 @@ class CellsProgram:
     def add(self, parcel: Parcel) -> None:
         """There is to be another parcel, without a goal as yet."""
         name = parcel.name
-        self._parcels[name], self._bottoms[name] = parcel, parcel.bottom
+        self._parcels[name], self._footprints[name] = parcel, parcel.footprint
         self._seen.discard(name)
         if name in self._sendings:
             # One of this name has been here before: cells have its identity, and its last program.
@@ -180,7 +180,9 @@ class CellsProgram:
         """The pages to send now, given the beliefs; once a cycle."""
         # A doubtful place is neither sent nor compared with reports of cells.
         sure = {name: each for name, each in beliefs.items() if not each.doubtful}
-        self._poses = {name: each.pose for name, each in beliefs.items() if name in self._bottoms}
+        self._poses = {
+            name: each.pose for name, each in beliefs.items() if name in self._footprints
+        }
         self._take_in(beliefs)
         asked = self.near
         self._reports.age(now_s)
@@ -250,7 +252,7 @@ class CellsProgram:
 
     def _observe(self, name: str) -> None:
         identity, note = self._sendings[name].identity, self._notices.append
-        self._observed[name] = Observed(name, identity, self._bottoms[name], self._reports, note)
+        self._observed[name] = Observed(name, identity, self._footprints[name], self._reports, note)
 
     def _gone(self) -> str | None:
         """A parcel that was on the table, and is neither believed, steered nor reported now."""
@@ -274,9 +276,9 @@ class CellsProgram:
 
     def _stages_to(self, name: str, goal: Goal) -> Stages:
         centre_m = self._centres_of_mass_m.get(name, (0.0, 0.0))
-        footholds = Footholds(self._layout, self._bottoms[name], centre_m)
+        footholds = Footholds(self._layout, self._footprints[name], centre_m)
         return Stages(
-            goal, footholds, lambda end: has_room_to(end, name, self._poses, self._bottoms)
+            goal, footholds, lambda end: has_room_to(end, name, self._poses, self._footprints)
         )
 
     def _stands(self, name: str, belief: Belief | None, now_s: float, step_s: float) -> bool:

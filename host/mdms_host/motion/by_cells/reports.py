@@ -11,7 +11,7 @@ from math import degrees, hypot, inf, pi
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.places import neighbours_of
@@ -106,9 +106,9 @@ class Reports:
             if estimate.state == wire.UNDER
         }
 
-    def expected(self, bottom: Bottom, pose: Floats) -> set[int]:
+    def expected(self, footprint: Footprint, pose: Floats) -> set[int]:
         """The cells that a parcel lies on at a pose, so that they are to report it."""
-        away_m = bottom.distance_m(self._sensors_m.reshape(-1, 2), pose)
+        away_m = footprint.distance_m(self._sensors_m.reshape(-1, 2), pose)
         deep = (away_m.reshape(self._sensors_m.shape[:2]) < -_DEEP_M).any(axis=1)
         return {int(cell) + 1 for cell in np.flatnonzero(deep)} - self.lost
 
@@ -163,7 +163,7 @@ _WAY_M = 0.01
 _HELD_S = 1.0
 
 
-class Blocked:
+class BlockedParcel:
     """Looks at one parcel; `held` are the cells that held it last, each with those it lacked."""
 
     def __init__(self) -> None:
@@ -201,10 +201,10 @@ Pose = tuple[float, float, float]
 
 
 class Elsewhere:
-    """Looks at one parcel of this bottom."""
+    """Looks at one parcel of this footprint."""
 
-    def __init__(self, bottom: Bottom) -> None:
-        self._bottom = bottom
+    def __init__(self, footprint: Footprint) -> None:
+        self._footprint = footprint
         self._since_s = inf
 
     def step(
@@ -231,8 +231,8 @@ class Elsewhere:
 
     def _off_m(self, pose: Floats, its: Pose) -> float:
         x_m, y_m, yaw_rad = pose.tolist()
-        turn_rad = self._bottom.nearest_yaw_rad(its[2], yaw_rad) - yaw_rad
-        return hypot(its[0] - x_m, its[1] - y_m, turn_rad * self._bottom.reach_m)
+        turn_rad = self._footprint.nearest_yaw_rad(its[2], yaw_rad) - yaw_rad
+        return hypot(its[0] - x_m, its[1] - y_m, turn_rad * self._footprint.reach_m)
 
 
 #: Where cells report a parcel at its goal for so long [s], and the host believes it elsewhere, they
@@ -253,7 +253,7 @@ class Observed:
         self,
         name: str,
         identity: int,
-        bottom: Bottom,
+        footprint: Footprint,
         reports: Reports,
         note: Callable[[str], None],
     ) -> None:
@@ -261,12 +261,12 @@ class Observed:
         self._identity = identity
         self._reports = reports
         self._note = note
-        self._elsewhere = Elsewhere(bottom)
+        self._elsewhere = Elsewhere(footprint)
         self.begin_again()
 
     def begin_again(self) -> None:
         """It was at rest meanwhile: the times of lasting states begin anew."""
-        self._blocked = Blocked()
+        self._blocked = BlockedParcel()
         self._apart, self._apart_for_long = Lasting(_APART_S), Lasting()
         self._given_anew, self._told = 0, False
         self.apart = False

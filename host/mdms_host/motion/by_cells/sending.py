@@ -284,7 +284,7 @@ class Sending:
             self._check_gone(now_s)
             return
         having = self._cells_having()
-        cells = self._reports.expected(self.parcel.bottom, pose)
+        cells = self._reports.expected(self.parcel.footprint, pose)
         lacking, mostly = cells - having, 2 * len(having & cells) > len(cells)
         if not mostly:
             self._mostly_s = None
@@ -328,7 +328,7 @@ class Sending:
 _PAGE_S = 0.02
 
 
-class Turn(NamedTuple):
+class CellTurn(NamedTuple):
     """A parcel comes over a cell, for the first time on its way from this path coordinate [m]."""
 
     parcel: str
@@ -340,12 +340,12 @@ class Precedences:
 
     def __init__(self, layout: Layout) -> None:
         self._columns = layout.columns
-        self._orders: dict[int, tuple[Turn, ...]] = {}
+        self._orders: dict[int, tuple[CellTurn, ...]] = {}
         self._numbers: dict[int, int] = {}
         self._queue: list[int] = []
         self._due_s = -inf
 
-    def set(self, orders: Mapping[int, tuple[Turn, ...]]) -> None:
+    def set(self, orders: Mapping[int, tuple[CellTurn, ...]]) -> None:
         """Have these be the orders over cells (from 1), and no others."""
         wanted = {**dict.fromkeys(self._orders, ()), **orders}
         changed = [cell for cell, order in wanted.items() if self._orders.get(cell) != order]

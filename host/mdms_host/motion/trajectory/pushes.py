@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.outline import area_and_moment, polygon_outline
@@ -29,7 +29,7 @@ class Mass:
     centre_m: tuple[float, float] = (0.0, 0.0)
 
 
-def uniform_mass(outline: Bottom, mass_kg: float = UNKNOWN_KG) -> Mass:
+def uniform_mass(outline: Footprint, mass_kg: float = UNKNOWN_KG) -> Mass:
     """That of an even plate of this outline."""
     corners_m = outline.outline_m(np.zeros(3))
     area_m2, moment_m3 = area_and_moment(corners_m)
@@ -182,7 +182,7 @@ class Pushes:
 
 def pushes_at(
     layout: Layout,
-    outline: Bottom,
+    outline: Footprint,
     mass: Mass,
     poses: Floats,
     weight_n: float,

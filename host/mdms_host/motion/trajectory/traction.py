@@ -20,7 +20,7 @@ from math import ceil, inf
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.layout import Layout
 from mdms_host.motion.trajectory.path import Path, Piece
 from mdms_host.motion.trajectory.pushes import Mass, Pushes, by_parts, pushes_at
@@ -166,12 +166,12 @@ class Traction:
         """Largest push of a wheel, feedback included, over its normal force."""
         return FEEDBACK_SHARE * self.friction
 
-    def pushes(self, outline: Bottom, mass: Mass, poses: Floats) -> Pushes:
+    def pushes(self, outline: Footprint, mass: Mass, poses: Floats) -> Pushes:
         """How the wheels share pushes at poses (K, 3)."""
         weight_n = mass.mass_kg * self._gravity_m_s2
         return pushes_at(self.layout, outline, mass, poses, weight_n, passive=self._passive)
 
-    def profile(self, path: Path, outline: Bottom, mass: Mass) -> SpeedProfile:
+    def profile(self, path: Path, outline: Footprint, mass: Mass) -> SpeedProfile:
         """The bounds of speed and acceleration along a path."""
         if not path.pieces:
             pushes = self.pushes(outline, mass, path.start[None, :])
@@ -194,7 +194,7 @@ class Traction:
             tuple(parts),
         )
 
-    def agility(self, outline: Bottom, mass: Mass) -> Agility:
+    def agility(self, outline: Footprint, mass: Mass) -> Agility:
         """How fast a kind of parcel can be sped up, about the middle of the table, no cell lost."""
         pitch_m = self.layout.pitch_m
         inside_m = (np.arange(_PLACES) / _PLACES - 0.5) * pitch_m

@@ -12,14 +12,14 @@ from mdms_host.estimation.footprint import Disc
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.motion.by_cells.sending import Turn
+from mdms_host.motion.by_cells.sending import CellTurn
 from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.ordered import OrderedTraffic
-from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
@@ -73,8 +73,8 @@ class Legs:
         self.obstructed = False
         self.off_path = False
         self.progress_m = 0.0
-        self._is_round = isinstance(load.bottom, Disc)
-        self._path = Path(route.poses, load.bottom.reach_m)
+        self._is_round = isinstance(load.footprint, Disc)
+        self._path = Path(route.poses, load.footprint.reach_m)
         self._send = send
         self._acceleration_m_s2 = acceleration_m_s2
         self._goes_on = goes_on
@@ -205,7 +205,7 @@ def orders_over_cells(
     tiles: Tiles,
     come_m: Mapping[str, float],
     until_m: Mapping[str, float],
-) -> dict[int, tuple[Turn, ...]]:
+) -> dict[int, tuple[CellTurn, ...]]:
     """The turns of parcels over each cell (from 1) that more than one of them is yet to come over.
 
     Each goes from `come_m` of its route to `until_m`; parcels that are not listed come nowhere.
@@ -225,12 +225,12 @@ def _is_ahead(visit: Visit, come_m: Mapping[str, float], until_m: Mapping[str, f
     return visit.leaves_m > come_m.get(name, inf) and visit.enters_m < until_m[name]
 
 
-def _turns(visits: list[Visit]) -> tuple[Turn, ...]:
-    turns: list[Turn] = []
+def _turns(visits: list[Visit]) -> tuple[CellTurn, ...]:
+    turns: list[CellTurn] = []
     left_s = -inf
     for visit in visits:
         if not turns or visit.parcel != turns[-1].parcel or visit.enters_s > left_s + _AWAY_S:
-            turns.append(Turn(visit.parcel, visit.enters_m))
+            turns.append(CellTurn(visit.parcel, visit.enters_m))
         left_s = visit.leaves_s
     return tuple(turns)
 
@@ -253,7 +253,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
     def __init__(
         self,
         layout: Layout,
-        desk: Desk,
+        executor: PlanExecutor,
         loads: Mapping[str, Load],
         cells: CellsProgram,
         limits: Limits,
@@ -266,7 +266,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
             gap_s=_GAP_S,
             legs=_LEGS,
         )
-        super().__init__(planner, desk, loads, over_lost=False)
+        super().__init__(planner, executor, loads, over_lost=False)
         self._cells = cells
         self._limits = limits
         self._orders_due_s = -inf

@@ -10,7 +10,7 @@ from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.dispatch import KeptFree
 from mdms_host.programs.traffic.ordered import OrderedTraffic
-from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Ride
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
@@ -32,14 +32,14 @@ class TableTraffic(OrderedTraffic[Ride]):
         self,
         traction: Traction,
         pace: Pace,
-        desk: Desk,
+        executor: PlanExecutor,
         loads: Mapping[str, Load],
         *,
         kept_free: Sequence[KeptFree] = (),
     ) -> None:
         tiles = Tiles(traction.layout, _TILES)
         planner = Planner(tiles, pace, clearance_m=_CLEARANCE_M, step=_STEP, gap_s=_GAP_S)
-        super().__init__(planner, desk, loads, kept_free=kept_free)
+        super().__init__(planner, executor, loads, kept_free=kept_free)
         self._traction = traction
         self._carrying = Carrying(traction.layout, traction.drives)
         self._grips: dict[str, Grip] = {}

@@ -8,12 +8,12 @@ import numpy as np
 
 from mdms_host.motion.contact import gap_m
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load
-from mdms_host.programs.traffic.world_state import Timetable, Whereabouts, shape_of
+from mdms_host.programs.traffic.world_state import Timetable, WorldState, shape_of
 from mdms_host.routes.blocked import Blocked
-from mdms_host.routes.errand import Task
 from mdms_host.routes.planner import Plan, Planner
+from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.route import Route
 from mdms_host.routes.support import Shape
 from mdms_model.arrays import Bools, Floats, Ints
@@ -62,9 +62,9 @@ class Dispatch:
     def __init__(
         self,
         planner: Planner,
-        desk: Desk,
+        executor: PlanExecutor,
         loads: Mapping[str, Load],
-        whereabouts: Whereabouts,
+        whereabouts: WorldState,
         timetable: Timetable,
         *,
         kept_free: Sequence[KeptFree] = (),
@@ -72,7 +72,7 @@ class Dispatch:
     ) -> None:
         self.blocked: dict[str, NoWay] = {}
         self._planner = planner
-        self._desk = desk
+        self._executor = executor
         self._loads = loads
         self._where = whereabouts
         self._timetable = timetable
@@ -83,7 +83,7 @@ class Dispatch:
         self._closed_since: Bools = self._closed.copy()
         #: The parcels of that plan, with their orders.
         self._asked: dict[str, Order] = {}
-        if desk.real_time:
+        if executor.real_time:
             self._prepare()
 
     def _prepare(self) -> None:
@@ -91,12 +91,12 @@ class Dispatch:
         for shape in dict.fromkeys(map(shape_of, self._loads.values())):
             for yaw_rad in (_LITTLE_RAD, -_LITTLE_RAD):
                 start, goal = np.array([0.0, 0.0, yaw_rad]), np.array([_LITTLE_M, 0.0, yaw_rad])
-                self._planner.plan([Task("any", shape, start[None, :], goal)])
+                self._planner.plan([RouteTask("any", shape, start[None, :], goal)])
 
     @property
     def is_busy(self) -> bool:
         """Whether a plan is being made."""
-        return self._desk.is_busy
+        return self._executor.is_busy
 
     def close(self, cells: Collection[int]) -> Ints:
         """These cells (from 1) are lost, and no others; the tiles that were open until now."""
@@ -113,7 +113,7 @@ class Dispatch:
 
         A way over cells that were lost while it was made is none.
         """
-        plan = self._desk.take()
+        plan = self._executor.take()
         if plan is None:
             return
         self._timetable.begin(plan)
@@ -159,10 +159,15 @@ class Dispatch:
         never = np.zeros_like(self._closed)
         for name in near:
             never[under[name]] = True
-        self._desk.ask(partial(self._planned, tasks, now_s, kept, never, self._closed.copy()))
+        self._executor.ask(partial(self._planned, tasks, now_s, kept, never, self._closed.copy()))
 
     def _planned(
-        self, tasks: list[Task], now_s: float, kept: dict[str, Route], never: Bools, lost: Bools
+        self,
+        tasks: list[RouteTask],
+        now_s: float,
+        kept: dict[str, Route],
+        never: Bools,
+        lost: Bools,
     ) -> Plan:
         """A plan around the tiles of lost cells; see above.
 
@@ -187,7 +192,12 @@ class Dispatch:
         return plan
 
     def _around(
-        self, tasks: list[Task], now_s: float, kept: dict[str, Route], never: Bools, lost: Bools
+        self,
+        tasks: list[RouteTask],
+        now_s: float,
+        kept: dict[str, Route],
+        never: Bools,
+        lost: Bools,
     ) -> Plan:
         plan = self._planner.plan(tasks, now_s, closed=never | lost, kept=kept)
         if plan.blocked and self._over_lost and lost.any():
@@ -209,20 +219,20 @@ class Dispatch:
             if name not in self._loads and np.isin(tiles, taken).any()
         }
 
-    def _tasks(self, others: Collection[str]) -> Iterator[Task]:
+    def _tasks(self, others: Collection[str]) -> Iterator[RouteTask]:
         """All that stands, but for some others, with the goals of those that are to go."""
         for name, pose in self._where.places.items():
             shape = self._where.shape(name)
             if name not in others and shape is not None:
                 goal, leaves = self._goal(name, pose)
-                yield Task(name, shape, pose[None, :], goal, leaves, _LEAVES_S)
+                yield RouteTask(name, shape, pose[None, :], goal, leaves, _LEAVES_S)
 
-    def _kept_free(self, under: Collection[Ints]) -> Iterator[Task]:
+    def _kept_free(self, under: Collection[Ints]) -> Iterator[RouteTask]:
         """Places that are kept free for coming parcels, of those that are empty."""
         for free in self._kept_free_places:
             kept = self._planner.stand(free.shape, free.pose)
             if not any(np.isin(kept, tiles).any() for tiles in under):
-                yield Task(free.name, free.shape, free.pose[None, :])
+                yield RouteTask(free.name, free.shape, free.pose[None, :])
 
     def _goal(self, name: str, pose: Floats) -> tuple[Floats | None, bool]:
         """Where a parcel is to go by the plan, and whether it leaves there."""
@@ -236,7 +246,7 @@ class Dispatch:
 
     def _way_out(self, name: str, gate: Gate, pose: Floats) -> Floats:
         """The end of a route over a gate: as near to straight ahead as the stretch is wide."""
-        corners_m = self._loads[name].bottom.outline_m(np.array([0.0, 0.0, pose[2]]))
+        corners_m = self._loads[name].footprint.outline_m(np.array([0.0, 0.0, pose[2]]))
         axis = 1 - gate.outward[0]
         half_m = float(abs(corners_m[:, axis]).max())
         low_m, high_m = gate.from_m + half_m, gate.to_m - half_m
@@ -246,18 +256,20 @@ class Dispatch:
         return np.array([*gate.place_m(end_m, along_m), float(pose[2])])
 
 
-def _meet(under: Mapping[str, Ints], name: str, other: Task) -> bool:
+def _meet(under: Mapping[str, Ints], name: str, other: RouteTask) -> bool:
     """Whether two stand on the same tile."""
     return bool(np.isin(under[name], under[other.parcel]).any())
 
 
-def _parts(route: Route, name: str, tasks: Sequence[Task], beside: Sequence[Task]) -> bool:
+def _parts(
+    route: Route, name: str, tasks: Sequence[RouteTask], beside: Sequence[RouteTask]
+) -> bool:
     """Whether a parcel comes no nearer to those beside it on its route than it may be."""
-    (outline,) = (task.shape.bottom for task in tasks if task.parcel == name)
+    (outline,) = (task.shape.footprint for task in tasks if task.parcel == name)
     count = int(route.length_m / _LOOKED_M) + 2
     poses = [route.pose_at(along_m) for along_m in np.linspace(0.0, route.length_m, count).tolist()]
     for other in beside:
-        gaps_m = [gap_m(outline, pose, other.shape.bottom, other.start) for pose in poses]
+        gaps_m = [gap_m(outline, pose, other.shape.footprint, other.start) for pose in poses]
         if min(gaps_m) < min(gaps_m[0], _APART_M) - _NEARER_M:
             return False
     return True

@@ -18,9 +18,9 @@ from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch, KeptFree, NoWay
-from mdms_host.programs.traffic.planning import Desk
+from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Riding, due_in_s_of, reserved_by, ways_of
-from mdms_host.programs.traffic.world_state import Timetable, Whereabouts
+from mdms_host.programs.traffic.world_state import Timetable, WorldState
 from mdms_host.routes.planner import Plan, Planner
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats
@@ -42,7 +42,7 @@ _GOT_ON_M = 0.05
 
 
 @dataclass
-class Steered:
+class OrderedGoal:
     """A parcel that was ordered to a place: where to, and whether it is there."""
 
     goal: Goal
@@ -73,20 +73,20 @@ class OrderedTraffic(ABC, Generic[Ride]):
     def __init__(
         self,
         planner: Planner,
-        desk: Desk,
+        executor: PlanExecutor,
         loads: Mapping[str, Load],
         *,
         kept_free: Sequence[KeptFree] = (),
         over_lost: bool = True,
     ) -> None:
-        self.steered: dict[str, Steered] = {}
+        self.steered: dict[str, OrderedGoal] = {}
         self._loads = loads = dict(loads)
         self._tiles = planner.tiles
-        self._where = Whereabouts(loads, planner.stand)
+        self._where = WorldState(loads, planner.stand)
         self._timetable = Timetable()
         self._dispatch = Dispatch(
             planner,
-            desk,
+            executor,
             loads,
             self._where,
             self._timetable,
@@ -123,13 +123,13 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._orders[order.parcel] = order
         self._again_s = self._now_s
         if isinstance(order.goal, Goal):
-            self.steered[order.parcel] = Steered(order.goal)
+            self.steered[order.parcel] = OrderedGoal(order.goal)
         if (ride := self._rides.get(order.parcel)) is not None:
             ride.stopping = True
 
     def know(self, parcel: Parcel, mass: Mass) -> None:
         """There is to be another parcel."""
-        self._loads[parcel.name] = Load(parcel.bottom, mass)
+        self._loads[parcel.name] = Load(parcel.footprint, mass)
 
     def stop(self) -> None:
         """Bring all parcels to rest, and hold them there."""
@@ -258,7 +258,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         gate, place = order.goal, self._where.places.get(name)
         if not isinstance(gate, Gate) or place is None or name not in self._gone_out:
             return False
-        corners_m = self._loads[name].bottom.outline_m(place)
+        corners_m = self._loads[name].footprint.outline_m(place)
         return any(gate.out_m(*corner) > 0.0 for corner in corners_m.tolist())
 
     def _stand(self, name: str, order: Order) -> None:

@@ -10,7 +10,7 @@ from mdms_host.routes.planner import Plan
 DELAY_CYCLES = 3
 
 
-class Desk(Protocol):
+class PlanExecutor(Protocol):
     """Where plans are made, one at a time; `real_time` is whether time passes meanwhile."""
 
     @property
@@ -32,7 +32,7 @@ class Desk(Protocol):
         ...
 
 
-class VirtualDesk:
+class VirtualExecutor:
     """Makes plans at once and holds them back: virtual time does not pass by computing."""
 
     real_time = False
@@ -43,15 +43,15 @@ class VirtualDesk:
 
     @property
     def is_busy(self) -> bool:
-        """See `Desk`."""
+        """See `PlanExecutor`."""
         return self._plan is not None
 
     def ask(self, work: Callable[[], Plan]) -> None:
-        """See `Desk`."""
+        """See `PlanExecutor`."""
         self._plan, self._cycles = work(), 0
 
     def take(self) -> Plan | None:
-        """See `Desk`."""
+        """See `PlanExecutor`."""
         if self._plan is None:
             return None
         self._cycles += 1
@@ -61,7 +61,7 @@ class VirtualDesk:
         return plan
 
 
-class ThreadDesk:
+class ThreadExecutor:
     """Makes plans in a thread of its own, beside the cycle in real time."""
 
     real_time = True
@@ -73,15 +73,15 @@ class ThreadDesk:
 
     @property
     def is_busy(self) -> bool:
-        """See `Desk`."""
+        """See `PlanExecutor`."""
         return self._future is not None
 
     def ask(self, work: Callable[[], Plan]) -> None:
-        """See `Desk`."""
+        """See `PlanExecutor`."""
         self._future, self._cycles = self._executor.submit(work), 0
 
     def take(self) -> Plan | None:
-        """See `Desk`; raises the planner's error."""
+        """See `PlanExecutor`; raises the planner's error."""
         if self._future is None:
             return None
         self._cycles += 1

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.outcome import Standstill
 from mdms_host.motion.trajectory.follower import Carried, Follower
@@ -126,7 +126,7 @@ _NEARLY_OUT_M = -0.08
 class Load:
     """The known properties of a parcel."""
 
-    bottom: Bottom
+    footprint: Footprint
     mass: Mass
 
 
@@ -148,8 +148,8 @@ class Ride:
         self._load = load
         self._traction = traction
         self._standstill = Standstill()
-        path = Path(route.poses, load.bottom.reach_m)
-        profile = traction.profile(path, load.bottom, load.mass)
+        path = Path(route.poses, load.footprint.reach_m)
+        profile = traction.profile(path, load.footprint, load.mass)
         if self.leaves:
             profile = _driven_on(profile)
         self.follower = Follower(traction, profile, grip)

@@ -7,7 +7,7 @@ from math import hypot, inf
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Bottom
+from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.contact import has_room
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.planner import Plan
@@ -104,7 +104,7 @@ class Obstacle:
     tiles: Ints
 
 
-class Whereabouts:
+class WorldState:
     """All things that are believed to lie on the table: parcels of known loads, and others.
 
     `places` are poses by name. A parcel that is not believed anywhere has its last pose; an unknown
@@ -140,10 +140,12 @@ class Whereabouts:
         return self._seen_s.get(name, 0.0)
 
     @property
-    def outlines(self) -> dict[str, Bottom]:
+    def outlines(self) -> dict[str, Footprint]:
         """The outline of everything that has a place."""
         return {
-            name: self._beliefs[name].outline if name in self._beliefs else self._loads[name].bottom
+            name: self._beliefs[name].outline
+            if name in self._beliefs
+            else self._loads[name].footprint
             for name in self.places
         }
 
@@ -196,4 +198,4 @@ class Whereabouts:
 
 def shape_of(load: Load) -> Shape:
     """The shape that a load is planned with."""
-    return Shape(load.bottom, load.mass.centre_m)
+    return Shape(load.footprint, load.mass.centre_m)

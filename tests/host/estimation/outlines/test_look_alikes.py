@@ -28,7 +28,7 @@ def test_a_hexagon_is_found_turned_as_was_told_within_half_a_side(seed) -> None:
         told_rad = yaw_rad + random.uniform(-radians(15.0), radians(15.0))
         parcel = Parcel("hexagon", 0.34, 0.294, (x_m, y_m), told_rad, "polygon", HEXAGON)
         table = Lying(Layout(9, 6, wheels=WHEELS), (parcel,))
-        table.put("hexagon", parcel.bottom, x_m, y_m, yaw_rad)
+        table.put("hexagon", parcel.footprint, x_m, y_m, yaw_rad)
         table.run(0.5)
         found = table.tracker.estimate("hexagon", table.now_s)
         assert abs(degrees(found.yaw_rad - yaw_rad)) < 30.0

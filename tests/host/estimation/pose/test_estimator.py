@@ -107,8 +107,8 @@ def test_wheels_beside_the_parcel_tell_nothing() -> None:
 
 def test_a_row_of_wheels_leaves_what_it_cannot_tell_alone() -> None:
     row = Layout(10, 1, wheels=(WheelPlace(0.0),))
-    bottom = Rectangle(0.4445, 0.10)
-    estimator = ParcelEstimator(Surroundings(row), bottom)
+    footprint = Rectangle(0.4445, 0.10)
+    estimator = ParcelEstimator(Surroundings(row), footprint)
     estimator.start(0.0, Location(np.array([-0.2, 0.0, 0.0]), np.diag([1e-4, 1e-4, 1e-4]), 0))
     roll_on([estimator], 0.01, Speeds(np.full(10, 0.04)))
     np.testing.assert_allclose(estimator.twist, [0.04, 0.0, 0.0], atol=1e-12)

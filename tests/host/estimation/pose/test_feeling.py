@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.footprint import Bottom, Disc, Rectangle
+from mdms_host.estimation.footprint import Disc, Footprint, Rectangle
 from mdms_host.estimation.pose.feeling import move_to_feel
 from mdms_host.layout import Layout
 
@@ -24,18 +24,18 @@ def test_an_edge_passes_a_sensor_in_the_turn() -> None:
     assert passes(BOX, pose, turn)
 
 
-def passes(bottom: Bottom, pose: np.ndarray, move: np.ndarray) -> bool:
-    before = bottom.distance_m(SENSORS_M, pose) < 0
-    return bool((before != (bottom.distance_m(SENSORS_M, pose + move) < 0)).any())
+def passes(footprint: Footprint, pose: np.ndarray, move: np.ndarray) -> bool:
+    before = footprint.distance_m(SENSORS_M, pose) < 0
+    return bool((before != (footprint.distance_m(SENSORS_M, pose + move) < 0)).any())
 
 
 def test_what_no_turn_shows_is_shifted_along_where_it_is_least_sure() -> None:
     pose = np.array([0.01, 0.012, 0.0])
-    for bottom in (Disc(0.34), Rectangle(0.30, 0.25)):
-        shift = move_to_feel(bottom, SENSORS_M, ALL, pose, UNSURE_ACROSS)
+    for footprint in (Disc(0.34), Rectangle(0.30, 0.25)):
+        shift = move_to_feel(footprint, SENSORS_M, ALL, pose, UNSURE_ACROSS)
         assert shift is not None
         assert shift[0] == shift[2] == 0.0
-        assert passes(bottom, pose, shift)
+        assert passes(footprint, pose, shift)
 
 
 def test_nothing_is_felt_for_with_no_sensors_or_where_a_shift_is_not_worth_it() -> None:

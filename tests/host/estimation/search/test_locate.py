@@ -10,8 +10,8 @@ SENSORS_M = Layout(6, 3).sensor_positions_m.reshape(-1, 2)
 BOTTOM = Rectangle(0.36, 0.30)
 
 
-def covered_by(bottom: Rectangle, *pose: float) -> np.ndarray:
-    return bottom.distance_m(SENSORS_M, np.array(pose)) < 0
+def covered_by(footprint: Rectangle, *pose: float) -> np.ndarray:
+    return footprint.distance_m(SENSORS_M, np.array(pose)) < 0
 
 
 @settings(max_examples=25, deadline=None)

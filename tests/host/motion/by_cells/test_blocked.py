@@ -1,4 +1,4 @@
-from mdms_host.motion.by_cells.reports import Blocked
+from mdms_host.motion.by_cells.reports import BlockedParcel
 
 STEP_S = 0.01
 HELD = {3: {4}, 9: {10}}
@@ -6,7 +6,7 @@ HELD = {3: {4}, 9: {10}}
 
 def reported(held_at, left_at, duration_s: float = 4.0) -> list[float]:
     """When a parcel is reported that is held, and has so much left to go, at these times."""
-    blocked = Blocked()
+    blocked = BlockedParcel()
     times_s = [STEP_S * step for step in range(round(duration_s / STEP_S))]
     return [t for t in times_s if blocked.step(HELD if held_at(t) else {}, left_at(t), t)]
 
@@ -29,7 +29,7 @@ def test_one_that_is_held_for_a_moment_is_not_and_one_that_was_free_for_a_while_
 
 
 def test_the_cells_that_held_it_last_are_kept() -> None:
-    blocked = Blocked()
+    blocked = BlockedParcel()
     blocked.step(HELD, 0.2, 0.0)
     blocked.step({}, 0.2, 0.1)
     assert blocked.held == HELD

@@ -3,7 +3,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from mdms_host.estimation.footprint import Bottom, Disc, Rectangle
+from mdms_host.estimation.footprint import Disc, Footprint, Rectangle
 from mdms_host.motion.by_cells.reports import Elsewhere, Pose
 
 STEP_S = 0.01
@@ -11,12 +11,12 @@ HERE = np.array([0.1, 0.0, 0.2])
 BOX, DISC = Rectangle(0.36, 0.30), Disc(0.30)
 
 
-def found(*theirs: Pose, bottom: Bottom = BOX, here_s: float = 1.0) -> list[float]:
+def found(*theirs: Pose, footprint: Footprint = BOX, here_s: float = 1.0) -> list[float]:
     """When cells 1, 2, ... are found to be wrong that believe a parcel here, within a second.
 
     The host is sure of the place for so long.
     """
-    parcel, times_s = Elsewhere(bottom), []
+    parcel, times_s = Elsewhere(footprint), []
     for step in range(100):
         now_s = STEP_S * step
         pose = HERE if now_s < here_s else None
@@ -41,7 +41,7 @@ def test_none_is_wrong_that_is_off_by_what_host_and_cells_may_be() -> None:
 def test_a_turn_counts_by_the_way_of_a_corner_and_not_where_it_looks_the_same() -> None:
     assert found((0.1, 0.0, 0.5), (0.1, 0.0, 0.5))
     assert not found((0.1, 0.0, 0.2 + pi), (0.1, 0.0, 0.2 - pi))
-    assert not found((0.1, 0.0, 0.9), (0.1, 0.0, -1.3), bottom=DISC)
+    assert not found((0.1, 0.0, 0.9), (0.1, 0.0, -1.3), footprint=DISC)
 
 
 def test_nothing_is_wrong_while_the_host_is_not_sure() -> None:

@@ -17,7 +17,7 @@ AT_GOAL = (GOAL.x_m, GOAL.y_m, -0.8)
 
 
 def stages(parcel: Parcel = BOX) -> Stages:
-    return Stages(GOAL, Footholds(LAYOUT, parcel.bottom, (0.0, 0.0)))
+    return Stages(GOAL, Footholds(LAYOUT, parcel.footprint, (0.0, 0.0)))
 
 
 def at(*pose: float, parcel: Parcel = BOX, **others: Any) -> Belief:
@@ -107,7 +107,7 @@ def test_the_way_is_the_rest_where_cells_have_gone_on_by_themselves() -> None:
 
 def test_a_box_that_would_not_tip_on_its_way_is_not_led_around_without_room() -> None:
     goal, start = Goal(-0.19, -0.03, 1.68), at(0.16, -0.01, -1.41, parcel=SMALL)
-    footholds = Footholds(LAYOUT, SMALL.bottom, (0.0, 0.0))
+    footholds = Footholds(LAYOUT, SMALL.footprint, (0.0, 0.0))
     for room, corners in ((True, 1), (False, 0)):
         box = Stages(goal, footholds, lambda _, room=room: room)
         while not box.places:

@@ -12,7 +12,7 @@ from mdms_host.motion.trajectory.follower import Follower
 from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.path import Path, straight
 
-REACH_M = BOX.bottom.reach_m
+REACH_M = BOX.footprint.reach_m
 STRAIGHT = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.3]), REACH_M)
 CORNERED = Path(
     np.array([(-0.15, -0.03, 0.0), (0.1, -0.03, 0.2), (0.1, 0.03, 0.2), (0.0, 0.03, -0.5)]), REACH_M
@@ -21,7 +21,7 @@ CORNERED = Path(
 
 def follower_of(path: Path, grip: Grip | None = None, mass_kg: float = 2.0) -> Follower:
     traction = traction_of(speed_m_s=0.7)
-    return Follower(traction, traction.profile(path, BOX.bottom, mass_of(BOX, mass_kg)), grip)
+    return Follower(traction, traction.profile(path, BOX.footprint, mass_of(BOX, mass_kg)), grip)
 
 
 def at_m(path: Path, table: Table) -> float:
@@ -184,7 +184,7 @@ def test_wheels_that_drag_are_not_taken_for_wheels_that_slip() -> None:
     traction = traction_of(speed_m_s=0.4)
     traction.lose(cells)
     path = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0]), REACH_M)
-    follower = Follower(traction, traction.profile(path, BOX.bottom, mass_of(BOX)))
+    follower = Follower(traction, traction.profile(path, BOX.footprint, mass_of(BOX)))
     table = Table(path.start, lost=cells)
     for _ in range(250):
         table.step(follower.step)

@@ -17,7 +17,7 @@ OFF_CENTRE = Mass(2.0, 0.05, (0.05, -0.03))
 
 
 def under(poses: np.ndarray, mass: Mass) -> Pushes:
-    return pushes_at(LAYOUT, BOX.bottom, mass, poses, WEIGHT_N)
+    return pushes_at(LAYOUT, BOX.footprint, mass, poses, WEIGHT_N)
 
 
 @settings(max_examples=30, deadline=None)
@@ -25,7 +25,7 @@ def under(poses: np.ndarray, mass: Mass) -> Pushes:
 def test_wheels_carry_what_the_simulator_has_them_carry(poses: np.ndarray, mass: Mass) -> None:
     pushes = under(poses, mass)
     for sample, pose in enumerate(poses):
-        away_m = BOX.bottom.distance_m(LAYOUT.wheel_positions_m, pose)
+        away_m = BOX.footprint.distance_m(LAYOUT.wheel_positions_m, pose)
         supports = np.flatnonzero(away_m < 0)
         spots_m = LAYOUT.wheel_positions_m[supports] - pose[:2] - pushes.arm_m[sample]
         normal_n = np.zeros(len(supports))
@@ -64,6 +64,6 @@ def test_a_parcel_off_the_table_is_pushed_by_nothing() -> None:
 
 
 def test_an_even_plate_has_its_centre_of_mass_in_the_middle() -> None:
-    mass = uniform_mass(BOX.bottom, 2.0)
+    mass = uniform_mass(BOX.footprint, 2.0)
     assert mass.inertia_kg_m2 == pytest.approx(2.0 * (0.36**2 + 0.30**2) / 12)
     assert mass.centre_m == pytest.approx((0.0, 0.0))

@@ -14,7 +14,7 @@ from mdms_host.motion.trajectory.pushes import Mass, pushes_at
 from mdms_host.motion.trajectory.speed_profile import SpeedProfile
 from mdms_host.motion.trajectory.traction import PLANNED_SHARE
 
-REACH_M = BOX.bottom.reach_m
+REACH_M = BOX.footprint.reach_m
 WEIGHT_N = 2.0 * 9.81
 POSE = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.03, 0.03), st.floats(-3, 3))
 PATHS = st.lists(POSE, min_size=2, max_size=4).map(lambda poses: Path(np.array(poses), REACH_M))
@@ -22,7 +22,7 @@ MASSES = st.sampled_from([mass_of(BOX), Mass(2.0, 0.05, (0.04, -0.03))])
 
 
 def profile_of(path: Path, mass: Mass, friction: float = 0.3, speed_m_s: float = 2.0):
-    return traction_of(speed_m_s=speed_m_s, friction=friction).profile(path, BOX.bottom, mass)
+    return traction_of(speed_m_s=speed_m_s, friction=friction).profile(path, BOX.footprint, mass)
 
 
 def rates(profile: SpeedProfile) -> tuple[np.ndarray, np.ndarray]:
@@ -40,7 +40,7 @@ def test_no_wheel_is_ever_asked_for_more_than_friction_gives(path: Path, mass: M
         piece = path.piece_at((profile.s_m[number] + profile.s_m[number + 1]) / 2)
         for end in (number, number + 1):
             pose = piece.pose_at(profile.s_m[end])
-            pushes = pushes_at(LAYOUT, BOX.bottom, mass, pose[None, :], WEIGHT_N)
+            pushes = pushes_at(LAYOUT, BOX.footprint, mass, pose[None, :], WEIGHT_N)
             turning = (piece.direction[2] * speeds_m_s[end]) ** 2
             wrench = pushes.wrench(piece.direction * rate_m_s2) + pushes.turning_wrench() * turning
             assert abs(pushes.shares(wrench)).max() <= PLANNED_SHARE * 0.3 * (1 + 1e-6)
@@ -78,10 +78,10 @@ def test_little_voltage_makes_it_slower_than_friction_does() -> None:
     weak = type(drives)(
         drives.a_n_s_per_m, drives.b_n_s_per_m, 0.0, drives.stall_n / 20, drives.slope_n_s_per_m
     )
-    slow = type(usual)(LAYOUT, weak, speed_m_s=2.0).profile(path, BOX.bottom, mass_of(BOX))
+    slow = type(usual)(LAYOUT, weak, speed_m_s=2.0).profile(path, BOX.footprint, mass_of(BOX))
     speeds_m_s, between_m_s2 = rates(slow)
-    assert slow.duration_s > 1.3 * usual.profile(path, BOX.bottom, mass_of(BOX)).duration_s
-    pushes = pushes_at(LAYOUT, BOX.bottom, mass_of(BOX), path.start[None, :], WEIGHT_N)
+    assert slow.duration_s > 1.3 * usual.profile(path, BOX.footprint, mass_of(BOX)).duration_s
+    pushes = pushes_at(LAYOUT, BOX.footprint, mass_of(BOX), path.start[None, :], WEIGHT_N)
     normal_n = pushes.normal_n[0]
     for speed_m_s, rate_m_s2 in zip(speeds_m_s[1:], between_m_s2, strict=True):
         needed = pushes.shares(pushes.wrench(np.array([rate_m_s2, 0, 0])))[0] * normal_n
@@ -91,9 +91,9 @@ def test_little_voltage_makes_it_slower_than_friction_does() -> None:
 def test_wheels_of_lost_cells_push_nothing_and_drag() -> None:
     path = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.2]), REACH_M)
     traction = traction_of(speed_m_s=2.0)
-    whole = traction.profile(path, BOX.bottom, mass_of(BOX))
+    whole = traction.profile(path, BOX.footprint, mass_of(BOX))
     traction.lose({8, 9})
-    profile = traction.profile(path, BOX.bottom, mass_of(BOX))
+    profile = traction.profile(path, BOX.footprint, mass_of(BOX))
     assert profile.duration_s > 1.15 * whole.duration_s
     lost = np.isin(LAYOUT.wheel_cells, [8, 9])
     for _, pushes in profile.pushes:
@@ -120,7 +120,7 @@ def _planned_by_toppra_s(path: Path, profile: SpeedProfile) -> float:
     wheels = len(LAYOUT.wheel_positions_m)
 
     def shares(pose: np.ndarray, _: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-        pushes = pushes_at(LAYOUT, BOX.bottom, mass_of(BOX), pose[None, :], WEIGHT_N)
+        pushes = pushes_at(LAYOUT, BOX.footprint, mass_of(BOX), pose[None, :], WEIGHT_N)
         every = np.zeros(wheels)
         every[pushes.wheels] = pushes.shares(pushes.wrench(acceleration))[0]
         return every
@@ -138,10 +138,10 @@ def _planned_by_toppra_s(path: Path, profile: SpeedProfile) -> float:
 
 def test_planners_count_on_no_more_acceleration_than_a_profile_has() -> None:
     traction = traction_of(speed_m_s=0.5)
-    agility = traction.agility(BOX.bottom, mass_of(BOX))
+    agility = traction.agility(BOX.footprint, mass_of(BOX))
     poses = [(-0.15, 0.0, 0.0), (0.1, 0.02, 0.0), (0.1, -0.02, 0.0), (0.1, -0.02, 1.0)]
     path = Path(np.array(poses), REACH_M)
-    profile = traction.profile(path, BOX.bottom, mass_of(BOX))
+    profile = traction.profile(path, BOX.footprint, mass_of(BOX))
     for piece in path.pieces:
         planned_m_s2 = agility.acceleration_m_s2(piece.direction)
         within = (profile.s_m[:-1] >= piece.start_s_m) & (profile.s_m[1:] <= piece.end_s_m)

@@ -10,7 +10,7 @@ from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
-from mdms_host.programs.traffic.planning import VirtualDesk
+from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.improving import legs_of
 from mdms_protocol.neighbours import frames as wire
@@ -27,8 +27,8 @@ class Away:
     def __init__(self):
         layout, limits = Layout(7, 4), Limits()
         self.cells = CellsProgram(layout, (BOX,), {}, limits, go_on=True)
-        loads = {"box": Load(BOX.bottom, uniform_mass(BOX.bottom))}
-        self.traffic = CellsTraffic(layout, VirtualDesk(), loads, self.cells, limits)
+        loads = {"box": Load(BOX.footprint, uniform_mass(BOX.footprint))}
+        self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells, limits)
         self.traffic.on_lost_cells(frozenset({25}))
         self.now_s = 0.0
         self.sequence = 0
@@ -67,8 +67,8 @@ def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back(
 def test_a_way_for_cells_has_no_more_legs_than_they_are_given():
     disc, box = Parcel("disc", 0.30, 0.30, shape="disc"), Parcel("box", 0.40, 0.30)
     limits, cells = Limits(), CellsProgram(Layout(9, 6), (disc, box), {}, go_on=True)
-    loads = {each.name: Load(each.bottom, uniform_mass(each.bottom)) for each in (disc, box)}
-    traffic = CellsTraffic(Layout(9, 6), VirtualDesk(), loads, cells, limits)
+    loads = {each.name: Load(each.footprint, uniform_mass(each.footprint)) for each in (disc, box)}
+    traffic = CellsTraffic(Layout(9, 6), VirtualExecutor(), loads, cells, limits)
     traffic.give(Order("disc", Goal(-0.2611, -0.2303, None)))
     traffic.give(Order("box", Goal(-0.2407, 0.2310, np.pi)))
     # They pass each other, and the box turns on its way where it has room.

@@ -9,9 +9,9 @@ from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch
-from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualDesk
+from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
-from mdms_host.programs.traffic.world_state import Timetable, Whereabouts
+from mdms_host.programs.traffic.world_state import Timetable, WorldState
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
 
@@ -30,7 +30,7 @@ def test_newcomer_is_planned_with_its_own_shape_under_the_name_of_one_that_has_l
     planner = Planner(Tiles(Layout(6, 6)))
     small, large = Rectangle(0.16, 0.16), Rectangle(0.40, 0.30)
     loads = {"box": Load(small, uniform_mass(small))}
-    where = Whereabouts(loads, planner.stand)
+    where = WorldState(loads, planner.stand)
     where.places = {"box": np.zeros(3)}
     before = len(where.under()["box"])
     where.drop("box")
@@ -42,9 +42,9 @@ def test_newcomer_is_planned_with_its_own_shape_under_the_name_of_one_that_has_l
 def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there():
     planner = Planner(Tiles(Layout(15, 8)))
     loads = dict.fromkeys(("far", "near"), Load(BOX, uniform_mass(BOX)))
-    where, timetable = Whereabouts(loads, planner.stand), Timetable()
+    where, timetable = WorldState(loads, planner.stand), Timetable()
     where.places = {"far": np.array([-0.7, -0.3, 0.0]), "near": np.array([-0.5, 0.35, 0.0])}
-    dispatch = Dispatch(planner, VirtualDesk(), loads, where, timetable, over_lost=False)
+    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, timetable, over_lost=False)
     dispatch.close(WALL)
     far = Order("far", Goal(0.6, 0.06, 0.0))
     dispatch.ask({"far": far, "near": Order("near", Goal(0.0, 0.06, 0.0))}, {}, 0.0)
@@ -56,9 +56,9 @@ def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there()
 def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_beside_it():
     planner = Planner(Tiles(Layout(15, 8)))
     loads = dict.fromkeys(("out", "beside"), Load(BOX, uniform_mass(BOX)))
-    where = Whereabouts(loads, planner.stand)
+    where = WorldState(loads, planner.stand)
     north = Gate("north", (1, 1), 0.4445, -0.6, 0.6)
     where.places = {"out": np.array([0.0, 0.445, 0.0]), "beside": np.array([0.0, 0.157, 0.0])}
-    dispatch = Dispatch(planner, VirtualDesk(), loads, where, Timetable())
+    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, Timetable())
     dispatch.ask({"out": Order("out", north)}, {}, 0.0)
     assert taken(dispatch) == {"out"}

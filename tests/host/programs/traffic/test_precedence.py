@@ -10,7 +10,7 @@ from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
-from mdms_host.programs.traffic.planning import VirtualDesk
+from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_protocol.neighbours import messages
 
@@ -27,8 +27,8 @@ class Crossing:
     def __init__(self, *, go_on: bool = True) -> None:
         limits, layout = Limits(), Layout(9, 6)
         self.cells = CellsProgram(layout, BOXES, {}, limits, go_on=go_on)
-        loads = {box.name: Load(box.bottom, uniform_mass(box.bottom)) for box in BOXES}
-        self.traffic = CellsTraffic(layout, VirtualDesk(), loads, self.cells, limits)
+        loads = {box.name: Load(box.footprint, uniform_mass(box.footprint)) for box in BOXES}
+        self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells, limits)
         self.places = {**PLACES}
         self.now_s = 0.0
 

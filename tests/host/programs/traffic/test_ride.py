@@ -17,14 +17,14 @@ from mdms_host.routes.route import Route, Visits
 
 NOWHERE = Visits(*(np.zeros(0, dtype=kind) for kind in (np.intp, *[float] * 4)))
 POSES = np.array([(-0.05, 0.0, 0.0), (0.0, 0.02, 0.1)])
-LENGTH_M = Path(POSES, BOX.bottom.reach_m).length_m
+LENGTH_M = Path(POSES, BOX.footprint.reach_m).length_m
 
 
 def ride_of(length_m: float) -> Ride:
     """A ride along the poses, with their length as the route has it."""
     along_m = np.array([0.0, length_m])
-    route = Route("box", POSES, along_m, along_m[:1], along_m[1:], NOWHERE, BOX.bottom.reach_m)
-    load = Load(BOX.bottom, mass_of(BOX))
+    route = Route("box", POSES, along_m, along_m[:1], along_m[1:], NOWHERE, BOX.footprint.reach_m)
+    load = Load(BOX.footprint, mass_of(BOX))
     return Ride(Order("box", Goal(0.0, 0.02, 0.1)), route, load, traction_of())
 
 

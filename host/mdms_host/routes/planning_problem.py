@@ -1,4 +1,4 @@
-"""The errand of one parcel, and the data for its plan: its way map, the tiles that it is on."""
+"""The problem of one parcel, and the data for its plan: its way map, the tiles that it is on."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,7 +12,7 @@ from mdms_host.routes.interval_search import Found
 from mdms_host.routes.moves import LatticeMoves
 from mdms_host.routes.roadmap import Roadmap
 from mdms_host.routes.route import Pace, Route, Visits, among, merged
-from mdms_host.routes.support import Shape, Standing
+from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_model.arrays import Floats, Ints
 
 #: Poses that are this near are one [m, m, rad].
@@ -22,7 +22,7 @@ _WHOLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class RouteTask:
     """A parcel on the table, and its goal; without a goal it stays at its place.
 
     `ahead` (K, 3) are poses that it passes whatever the plan, from its present place to the place
@@ -47,7 +47,7 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Data that all errands of a table share."""
+    """Data that all problems of a table share."""
 
     tiles: Tiles
     pace: Pace
@@ -59,13 +59,13 @@ class Ground:
 
 
 @dataclass(eq=False)
-class Errand:
+class PlanningProblem:
     """A task with its way map, in yaws of its own: turned by `turned_rad` they are true."""
 
-    task: Task
+    task: RouteTask
     ground: Ground
     ways: LatticeMoves
-    standing: Standing
+    standing: ShapeSupport
     turned_rad: float
     now_s: float
     so_far: Route | None = None
@@ -118,7 +118,7 @@ class Errand:
         return self._route(ahead, self.now_s, begins_s, gone_s)
 
     def along(self, poses: Floats, begins_s: Floats) -> Route:
-        """The route along these poses, with moves that begin then, to the end of the errand."""
+        """The route along these poses, with moves that begin then, to the end of the problem."""
         route = self._route(poses, self.now_s, begins_s, np.inf)
         if not self.task.leaves:
             return route
@@ -172,21 +172,21 @@ class Errand:
             self.task.leaves and bool(len(planned_s)),
         )
 
-    def aside(self, pose: Floats) -> "Errand":
+    def aside(self, pose: Floats) -> "PlanningProblem":
         """The same parcel on its way to another place."""
         task = replace(self.task, goal=pose, leaves=False)
         return replace(self, task=task)
 
-    def staying(self) -> "Errand":
+    def staying(self) -> "PlanningProblem":
         """The same parcel where it stays as one without a goal."""
         return replace(self, task=replace(self.task, goal=None, leaves=False))
 
-    def onward(self, route: Route) -> "Errand":
-        """The same errand from the end of its planned part."""
+    def onward(self, route: Route) -> "PlanningProblem":
+        """The same problem from the end of its planned part."""
         return replace(self, task=replace(self.task, ahead=route.poses), so_far=route)
 
 
-def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
+def own_ends(task: RouteTask, turned_rad: float) -> tuple[Floats, Floats]:
     """Start and goal turned back by so much, the goal's by the shorter turn from the start's."""
     start = task.start - [0.0, 0.0, turned_rad]
     goal = start if task.goal is None else np.array(task.goal, dtype=np.float64)
@@ -196,7 +196,7 @@ def own_ends(task: Task, turned_rad: float) -> tuple[Floats, Floats]:
     return start, np.array([goal[0], goal[1], start[2] + turn_rad])
 
 
-def turned_rad(task: Task) -> float:
+def turned_rad(task: RouteTask) -> float:
     """The yaw that planning takes for 0: of a disc its own, else by turns that change nothing.
 
     By as many that the least yaw of the lattice is soon above 0, so that few lattices are needed.
