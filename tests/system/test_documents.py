@@ -73,7 +73,7 @@ class Reader:
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
         monkeypatch.setattr("mdms_array.operation.open_links", self._open_links)
-        monkeypatch.setattr("mdms_array.operation.ThreadDesk", VirtualExecutor)
+        monkeypatch.setattr("mdms_array.operation.ThreadExecutor", VirtualExecutor)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_link", self._open_link)
 
