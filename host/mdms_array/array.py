@@ -1,4 +1,4 @@
-"""What the host takes for true of the array that it runs on: the scenario's word, or a file's."""
+"""The host's belief about the array that it runs on: the scenario's word, or a file's."""
 
 from argparse import Namespace
 from collections.abc import Iterator
@@ -42,8 +42,8 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> BelievedAr
 
     A bit rate of the file, and the channel of its only bus, count where `bus`, python-can's
     options, has none; the channels of several buses are the file's, else as a served array has them
-    under the name that `bus` has. Raises ArrayFileError, `InputError` and ScenarioError for what
-    does not fit.
+    under the name that `bus` has. Raises ArrayFileError, `InputError` and ScenarioError for values
+    that do not fit.
     """
     # What a scenario lets go wrong is not what the host believes.
     scenario = replace(believed(scenario), fault=(), patch=())
@@ -128,7 +128,7 @@ def _refuse_host_id(file: ArrayFile) -> None:
 
 
 def _settings(cell: FiledCell, path: Path) -> tuple[Setting, ...]:
-    """Raises ArrayFileError for what a run itself relies on: which frames carry what."""
+    """Raises ArrayFileError for values that a run itself relies on: which frames carry what."""
     for parameter in cell.values:
         if parameter in WIRING:
             raise ArrayFileError(
@@ -150,7 +150,7 @@ def _check_margins(scenario: Scenario, file: ArrayFile) -> None:
 
 
 def _loops(scenario: Scenario, file: ArrayFile) -> Iterator[tuple[tuple[float, Observer], str]]:
-    """The speed loops that the file's settings change, and the key of one that has each."""
+    """The speed loops that the file's settings change, each with one of its keys."""
     usual = observer_for(motor_of(scenario.cell))
     for item, cell in enumerate(file.cells):
         own = {parameter.name: parameter.si(number) for parameter, number in cell.values.items()}

@@ -1,4 +1,4 @@
-"""What is refused before a run: parcels that tip, gains without a margin, buses too full."""
+"""Refusals before a run: parcels that tip, gains without a margin, buses too full."""
 
 import math
 from argparse import Namespace
@@ -44,7 +44,7 @@ _LEAST_PITCHES = 2.0
 def refuse_tipping(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that comes too near to tipping.
 
-    So too for one that is too small for cells that steer.
+    A parcel that is too small for cells that steer is refused, too.
 
     Asked of the cells alone, which carry real parcels: in the paper's fidelities a parcel may tip,
     and the physics reports it. Fields have no way that is known beforehand, so the start counts.
@@ -184,7 +184,10 @@ SYNC_PERIOD_MOST_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class _Users:
-    """What is on one bus: its cells, who steers, and what is forwarded to it at every SYNC."""
+    """The load of one bus:
+
+    its cells, the side that steers, and the frames forwarded to it at every SYNC.
+    """
 
     cells: int
     control: str = "host"
@@ -227,7 +230,7 @@ def load_of(cells: int, wire: Wire, control: str = "host") -> float:
 
 
 def warn_of_load(cells: int, wire: Wire) -> None:
-    """Say what a run with so many cells needs of a bus where they are crowded."""
+    """State the demand of a run with so many cells on a bus where they are crowded."""
     _warn(_Users(cells), wire)
 
 
@@ -286,7 +289,7 @@ def _needed(users: _Users, wire: Wire) -> str:
 
 
 def _help(users: _Users, wire: Wire) -> str:
-    """What brings the load down, as far as it does."""
+    """Ways to bring the load down, as far as they do."""
     ways = [f"{_traffic(wire, users.control).most_cells()} cells a bus"]
     slower = replace(wire, sync_period_s=SYNC_PERIOD_MOST_S)
     may_be_slower = users.control == "host" and wire.sync_period_s < SYNC_PERIOD_MOST_S

@@ -85,7 +85,7 @@ def connect(
 
     `array_file` describes the table, as of `mdms run --array`. `scenario` has the parcels and the
     speed; without it the array file names one. `interface`, `channel` and `bus_options` (such as
-    `bitrate`) are python-can's own; what is left out comes from its environment and files.
+    `bitrate`) are python-can's own; its environment and files give the rest.
 
     A thread drives the table from enter to exit, so the program may take its time. Raises
     `InputError`, `LinkError` where there is no way to the bus, and `RunError` for a table that does
@@ -169,7 +169,7 @@ class ThreadDriver:
         routine: Callable[[Table], Coroutine[Any, Any, Result]],
         limit_s: float | None,
     ) -> Result:
-        """Wait until a coroutine is done; what it returns. Raises what it raises, `RunError`."""
+        """Wait for the end of a coroutine; its result. Raises its errors and `RunError`."""
         done = Event()
         started: list[Task[Result]] = []
 
@@ -204,7 +204,7 @@ class ThreadDriver:
         )
 
     def _in_thread(self, work: Callable[[], Result]) -> Result:
-        """Do something short between two cycles; what it returns. Raises what it raises."""
+        """Do something short between two cycles, and return its result. Raises its errors."""
         done: Future[Result] = Future()
 
         def do() -> None:
@@ -229,7 +229,7 @@ class ThreadDriver:
         return told or self._coordinator.fault
 
     def _operate(self) -> None:
-        """What the thread does from beginning to end."""
+        """The work of the thread from beginning to end."""
         try:
             self._operation = operate(
                 self._coordinator, self._link, self._clock, participant=self._recorder
@@ -255,7 +255,9 @@ class ThreadDriver:
         return kind(run.reason if run.status in ENDS else "the table has stopped", run)
 
     def _look(self, _time_s: float) -> None:
-        """Start what has been asked for, and tell who waits for what is done; in the thread."""
+        """Start the coroutines that were asked for, and tell those who wait of each that is done;
+        in the thread.
+        """
         while True:
             try:
                 self._asked.get_nowait()()

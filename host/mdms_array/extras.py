@@ -1,4 +1,4 @@
-"""What is installed only on request: the distribution's extras, and what verbs need of them."""
+"""Optional dependencies: the distribution's extras, and what verbs need of them."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -15,7 +15,7 @@ class Extra:
 
     @property
     def requirement(self) -> str:
-        """What to give to pip, quoted for a shell."""
+        """The argument for pip, quoted for a shell."""
         return f"'mdms-array[{self.name}]'"
 
     @property

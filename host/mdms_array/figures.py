@@ -1,4 +1,4 @@
-"""What a run comes to: its one status and reason, and its figures, for JSON and for people."""
+"""The outcome of a run: its one status and reason, and its figures, for JSON and for people."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -45,7 +45,7 @@ def simulated_run(
     compile_s: float = 0.0,
     by_hand: bool = False,
 ) -> Run:
-    """What a simulation comes to, judged by the truth.
+    """The outcome of a simulation, judged by the truth.
 
     `wall_s` leaves out `compile_s`, which passes once per installation. A table `by_hand` has no
     program that could be late.
@@ -100,7 +100,7 @@ def believed_run(
     late: bool = False,
     interrupted: bool = False,
 ) -> Run:
-    """What a run on a real or served table comes to, as it is believed: nobody knows the truth.
+    """The outcome of a run on a real or served table, as it is believed: nobody knows the truth.
 
     `fault` is what ended it, if anything did; `late` is whether its program was to end and has not,
     and `interrupted` whether a person has ended it.
@@ -165,7 +165,7 @@ def _status(
 ) -> tuple[str, str]:
     """How a run has ended, and why if not as asked: the first of these that has a reason.
 
-    What a parcel has become comes first, then the cells, then the program.
+    The fate of a parcel comes first, then the cells, then the program.
     """
     wrong, missed = _wrong(record), missed_text(outcomes)
     reasons: list[tuple[str, str | None]] = [("lost", _tip(record))]
@@ -219,7 +219,7 @@ def _parcel_runs(
     coordinator: Coordinator | None,
     outcomes: Mapping[str, GoalOutcome],
 ) -> dict[str, ParcelRun]:
-    """What a record has of each parcel, in the order of its arrays."""
+    """The part of a record that is about each parcel, in the order of its arrays."""
     goals = {} if coordinator is None else coordinator.goals
     unknown = np.full_like(record.pose, np.nan)
     believed = unknown if record.estimate is None else record.estimate
@@ -242,7 +242,7 @@ def _goal(goal: Goal | None) -> tuple[float, float, float | None] | None:
 
 
 def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
-    """What has come and left in truth, by which exit, and whether any touched another."""
+    """Parcels that have come and left in truth, by exit, and whether any touched another."""
     left = [event for event in record.events if event.kind == "exit"]
     by_exit = dict.fromkeys((each.name for each in scenario.exit), 0)
     for event in left:
@@ -311,7 +311,7 @@ def _pose(values: Floats) -> tuple[float, float, float]:
 
 
 def _parcels(scenario: Scenario, record: Record) -> list[dict[str, Any]]:
-    """Where each parcel is in the end, and is believed to be; one that is away is nowhere."""
+    """True and believed place of each parcel in the end; a parcel that is away has none."""
     parcels = (
         {"name": parcel.name} | _truth(record, number) | _belief(record, number)
         for number, parcel in enumerate(scenario.parcel)

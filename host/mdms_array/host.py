@@ -76,7 +76,7 @@ def gains_vs_per_m(scenario: Scenario, cells: Cells) -> Floats:
 
 
 def trim(scenario: Scenario, cells: Cells) -> Floats | float:
-    """What a steered wheel's reference is multiplied with, shape (W,), for its gain is its own.
+    """The factor of a steered wheel's reference, shape (W,), for its gain is its own.
 
     1 where no cell has a gain of its own.
     """
@@ -111,7 +111,7 @@ def references_m_s(scenario: Scenario) -> Floats:
 
 
 def command_figures(scenario: Scenario, command: Command) -> dict[str, Any]:
-    """What a field asks of the wheels and what its policy makes of that, for JSON."""
+    """The wheels' references by a field and by its policy, for JSON."""
     speeds_m_s = abs(command.asked_m_s)
     moving_m_s = speeds_m_s[speeds_m_s > 0.0]
     return {
@@ -210,7 +210,7 @@ def gate_of(each: Exit, scenario: Scenario, layout: Layout) -> Gate:
 
 
 def _acceleration_m_s2(traction: Traction, loads: Mapping[str, Load]) -> float:
-    """What plans reckon with: the least that any parcel is sped up with along x or y."""
+    """The acceleration for plans: the least that any parcel is sped up with along x or y."""
     agilities = [
         traction.agility(load.footprint, load.mass) for load in dict.fromkeys(loads.values())
     ]
@@ -257,7 +257,7 @@ def has_failed(coordinator: Coordinator) -> bool:
 
 
 def waits_text(coordinator: Coordinator) -> str:
-    """What a run's program waits for, as part of a message; nothing where it does not."""
+    """Reasons why a run's program waits, as part of a message; empty where it does not."""
     program = coordinator.program
     if not isinstance(program, TableProgram):
         return ""
@@ -283,7 +283,7 @@ def coordinator_of(
 
     `cells` are those of a real or served table, and None in a simulation. `main` is a program in
     Python, in place of the scenario's tasks, field or goals. `executor` makes its plans. Raises
-    `InputError` for what does not fit the firmware.
+    `InputError` for values that do not fit the firmware.
     """
     if main is not None:
         scenario = programmed(scenario)
@@ -335,14 +335,14 @@ def coordinator_of(
 
 
 def policy_of(run: Run) -> Policy:
-    """What is done about cells that fall out of action."""
+    """The reaction to cells that fall out of action."""
     return Policy(OnLostCell(run.on_lost_cell), run.pauses, run.pause_s, run.hold_s)
 
 
 def refuse_unstoppable(scenario: Scenario) -> None:
     """Raises `InputError` for parcels that the table's emergency stop does not hold.
 
-    A scenario that does not state what it holds is not judged.
+    A scenario that does not state the limits of its stop is not judged.
     """
     stop, motion = scenario.stop, scenario.motion
     if stop is None:
@@ -410,7 +410,10 @@ def layout_of(scenario: Scenario, cells: Cells | None = None) -> Layout:
 
 
 def settings_of(cell: Cell) -> tuple[Setting, ...]:
-    """What the host relies on, whatever was saved in a cell before. Raises `InputError`."""
+    """The settings that the host relies on, whatever was saved in a cell before.
+
+    Raises `InputError`.
+    """
     counts_per_m = (
         cell.encoder_counts_per_motor_rev * cell.gear_ratio / (2 * pi * cell.wheel_radius_m)
     )
@@ -530,7 +533,7 @@ def limits_of(scenario: Scenario) -> Limits:
 
 
 def traction_of(scenario: Scenario, layout: Layout, cells: Cells | None = None) -> Traction:
-    """What friction and motors let the wheels do, as it is believed."""
+    """The limits of the wheels by friction and motors, as they are believed."""
     entry = pdo.TARGET_VELOCITY.entries[0]
     drives = wheel_drives_of(
         scenario.cell,

@@ -63,8 +63,8 @@ def operate_array(
     """Bring an array up, run its program, turn everything off; the ending, and the believed run.
 
     `options` are python-can's, `report` is given events with their times. Raises `LinkError` for a
-    bus that cannot be opened, while one that goes away later ends the run. Raises OtherHostError,
-    and `BrokenOffError` for a defect.
+    bus that cannot be opened; a bus that goes away later ends the run. Raises OtherHostError, and
+    `BrokenOffError` for a defect.
     """
     scenario = belief.scenario
     coordinator = coordinator_of(scenario, belief.cells, main=main, executor=ThreadExecutor())

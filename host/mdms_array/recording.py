@@ -1,4 +1,4 @@
-"""What hosts believe, plan and report, for the record of a run; and the folder that keeps it."""
+"""Beliefs, plans and reports of hosts, for the record of a run; and the folder that keeps it."""
 
 import shutil
 from collections.abc import Callable
@@ -32,7 +32,7 @@ MOST_PLANS = 5000
 
 
 class PlanLog:
-    """Keeps what is planned whenever that has changed; look as often as it may.
+    """Keeps a plan whenever it has changed; look as often as it may.
 
     That is when a parcel has got another goal or another way, or has come to its way's end, and now
     and then while tiles are left behind.
@@ -48,7 +48,7 @@ class PlanLog:
         self._sources: tuple[object, ...] = ()
 
     def look(self, time_s: float) -> None:
-        """Keep what is planned, if it is another than before."""
+        """Keep the plan, if it is another than before."""
         goals, ways, sources = (
             dict(self._coordinator.goals),
             self._under_way(),
@@ -105,7 +105,7 @@ def _pose(goal: Goal) -> Floats:
 class HostLog:
     """Keeps what every coordinator in its turn has planned and reported.
 
-    `present` returns the one that is there, None without one.
+    `present` returns the present host, None without one.
     """
 
     def __init__(self, scenario: Scenario, present: Callable[[], Coordinator | None]) -> None:
@@ -143,7 +143,7 @@ class HostLog:
 
 
 def coordinator_events(coordinator: Coordinator) -> list[Event]:
-    """What a coordinator has reported."""
+    """Reports of a coordinator."""
     return [Event(time_s, "coordinator", text) for time_s, text in coordinator.events]
 
 
@@ -178,7 +178,7 @@ def keep_run(
 def lasting(scenario: Scenario, duration_s: float) -> Scenario:
     """The scenario with the duration that its run has had, so that it can be run again.
 
-    One that has taken no time, or longer than a scenario may, keeps the duration it was given.
+    A run that has taken no time, or longer than a scenario may, keeps the duration it was given.
     """
     lasted = replace(scenario, run=replace(scenario.run, duration_s=duration_s))
     try:
@@ -188,7 +188,9 @@ def lasting(scenario: Scenario, duration_s: float) -> Scenario:
 
 
 def _painter(record: Record) -> SavePicture | None:
-    """What draws the picture; None where matplotlib is not installed, or one instant is all."""
+    """The drawing function of the picture; None where matplotlib is not installed, or one instant
+    is all.
+    """
     if len(record.time_s) < 2:
         return None
     if PICTURES.missing:

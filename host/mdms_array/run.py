@@ -1,4 +1,4 @@
-"""What a run leaves to its caller: one status, one reason, parcels and wheels by name."""
+"""The result of a run for its caller: one status, one reason, parcels and wheels by name."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ Pose = tuple[float, float, float]
 
 
 class RunError(Error):
-    """A run that did not end well; `run` has what it left, if it was kept."""
+    """A run that did not end well; `run` has its result, if it was kept."""
 
     def __init__(self, reason: str, run: "Run | None" = None) -> None:
         super().__init__(reason)
@@ -31,7 +31,7 @@ class RunError(Error):
 
 
 class TimeLimitError(RunError):
-    """What was asked for was not done within the time limit."""
+    """The job was not done within the time limit."""
 
 
 class FaultError(RunError):
@@ -135,10 +135,10 @@ class Run:
 
     `status` is `reached`, `time limit`, `fault`, `lost`, `stopped` or `failed`, and `reason` says
     why it is not `reached`. An `endless` job, such as sorting a stream, has no end but its time
-    limit. `incidents` are what the host found amiss, `lost_cells` the cells that it does without at
-    the end, and `pauses` is how often it has held all parcels. `violations` are what the referee of
-    a simulation has noted. `figures` are those of `mdms simulate --json`, `bus` those of the bus,
-    and `record` is all that was sampled.
+    limit. `incidents` are things that the host found amiss, `lost_cells` the cells that it does
+    without at the end. `pauses` counts how often it has held all parcels. `violations` are those
+    that the referee of a simulation has noted. `figures` are those of `mdms simulate --json`, `bus`
+    those of the bus, and `record` is all that was sampled.
     """
 
     scenario: Scenario
@@ -194,7 +194,7 @@ class Run:
     def raise_for_status(self) -> None:
         """Raise the `RunError` of the status; an endless job may end by its time limit.
 
-        Raises ViolationError where a rule was broken, whatever the status.
+        Raises ViolationError after a broken rule, whatever the status.
         """
         if self.violations:
             first = self.violations[0]

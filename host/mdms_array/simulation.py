@@ -47,7 +47,7 @@ class Compiled:
 
 @contextmanager
 def compiling_watched() -> Iterator[Compiled]:
-    """Measures what is compiled meanwhile; a long time is announced on a terminal, once.
+    """Measures the compilation meanwhile; a long one is announced on a terminal, once.
 
     Raises `Error` without the compiler.
     """
@@ -101,7 +101,8 @@ def run_scenario(
     """Run a scenario in its fidelity; `main` is a program in place of its tasks, field or goals.
 
     `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
-    Raises ScenarioError, MicropythonMissing, NodeError, and `InputError` for what does not fit.
+    Raises ScenarioError, MicropythonMissing, NodeError, and `InputError` for values that do not
+    fit.
     """
     if main is not None:
         scenario = programmed(scenario)
@@ -112,7 +113,7 @@ def run_scenario(
 
 
 def timed(prepare: Callable[[], Callable[[], Result]]) -> tuple[Result, float, float]:
-    """Prepare a run, and do it; what it returns, how long it took, and how long numba compiled."""
+    """Prepare a run and do it; its result, its duration, and the time of numba's compilation."""
     with compiling_watched() as compiled:
         work = prepare()
         before_s, clock = compiled.seconds, MonotonicClock()
@@ -184,7 +185,7 @@ def _simulated(
 
 
 def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
-    """What it says now; None where none runs."""
+    """Its present report; None where none runs."""
     if coordinator is None:
         return None
     troubles = coordinator.troubles
@@ -235,10 +236,10 @@ def simulate(
 ) -> Run:
     """Run a scenario in virtual time; it returns however the run ends.
 
-    `scenario` is a built-in name, a file, a dict, or a `Scenario`. `program` is
-    `async def program(table)`, in place of the scenario's goals and tasks. `signals` has what comes
-    to it from outside: by name, pairs of time [s] and value. `limit_s` takes the place of the
-    scenario's duration. `record` is a folder that keeps the run.
+    `scenario` is a built-in name, a file, a dict, or a `Scenario`. `program` is `async def
+    program(table)`, in place of the scenario's goals and tasks. `signals` has its values from
+    outside: by name, pairs of time [s] and value. `limit_s` takes the place of the scenario's
+    duration. `record` is a folder that keeps the run.
 
     Raises `InputError` for what cannot be run, and `Error` where an extra is not installed.
     """
@@ -352,7 +353,7 @@ class VirtualDriver:
         routine: Callable[[Table], Coroutine[Any, Any, Result]],
         limit_s: float | None,
     ) -> Result:
-        """Let time pass until a coroutine is done; what it returns. Raises what it raises."""
+        """Let time pass until a coroutine is done, and return its result. Raises its errors."""
         if self._closed:
             raise StoppedError("the table has stopped: its `with` block has ended", self.run_so_far)
         task = self.table.start(routine(self.table))

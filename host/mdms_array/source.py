@@ -61,7 +61,7 @@ def open_source(source: Source, main: Main | None = None) -> tuple[Scenario, Mai
 
 
 def check_program(main: object) -> None:
-    """Raises `InputError` for what is no program: a coroutine function that takes a table."""
+    """Raises `InputError` for any other object: a coroutine function that takes a table."""
     if not inspect.iscoroutinefunction(main):
         raise InputError(f"program: {main!r} is not `async def program(table)`")
     try:

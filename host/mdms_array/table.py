@@ -1,4 +1,4 @@
-"""A table for programs without `await`: each call returns when what it asks for is done."""
+"""A table for programs without `await`: each call returns when its order is done."""
 
 from collections.abc import Callable, Coroutine
 from typing import Any, Protocol, TypeVar
@@ -24,7 +24,7 @@ class Driver(Protocol):
         routine: Callable[[Table], Coroutine[Any, Any, Result]],
         limit_s: float | None,
     ) -> Result:
-        """Run a coroutine to its end; what it returns. Raises what it raises, and `RunError`."""
+        """Run a coroutine to its end, and return its result. Raises its errors, and `RunError`."""
 
     @property
     def run_so_far(self) -> Run:
@@ -46,7 +46,7 @@ class BlockingTable:
 
     @property
     def parcels(self) -> tuple["BlockingParcel", ...]:
-        """All parcels on the table, the one that came first first."""
+        """All parcels on the table, in the order of their coming."""
         return tuple(BlockingParcel(self._driver, one) for one in self._driver.table.parcels)
 
     @property
@@ -62,7 +62,7 @@ class BlockingTable:
     def run(self, program: Main, limit_s: float | None = None) -> None:
         """Run a program on the table, to its end or for `limit_s` at most.
 
-        Raises what the program raises, and TimeLimitError.
+        Raises the errors of the program, and TimeLimitError.
         """
         check_program(program)
         call(self._driver, program, limit_s)
@@ -98,7 +98,7 @@ class BlockingParcel:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Its name."""
         return self._parcel.name
 
     @property

@@ -1,4 +1,4 @@
-"""How the simulation drives what is on the bus besides the cells."""
+"""How the simulation drives the participants on the bus besides the cells."""
 
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -20,7 +20,7 @@ class Driver:
     """Puts a participant on its buses and polls it when it wants to be polled.
 
     A `BusesParticipant` is on all of them, any other on the first. A participant that has left is
-    not polled and receives nothing, whatever it had to send is lost.
+    not polled and receives nothing, and its pending frames are lost.
     """
 
     def __init__(
@@ -42,14 +42,14 @@ class Driver:
     def leave(self, bus: int | None = None) -> None:
         """Takes the participant off a bus, or all, until it has rejoined as often as it has left.
 
-        One that is on no bus any more is not polled.
+        A participant on no bus is not polled any more.
         """
         for number in self._numbers(bus):
             self._left[number] += 1
             self._buses[number].switch_off(self._mailboxes[number])
 
     def rejoin(self, bus: int | None = None) -> None:
-        """Puts it back, as late as it is: it is polled at once for what was due."""
+        """Puts it back, as late as it is: it is polled at once for overdue frames."""
         for number in self._numbers(bus):
             self._left[number] -= 1
             if not self._left[number]:

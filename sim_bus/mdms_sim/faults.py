@@ -1,7 +1,7 @@
 """The faults of a run, by schedule and seed: on the wire, at the nodes, in the world.
 
 Every fault is noted as an event when it begins and when it ends. Each draws from a sequence of its
-own, so that one more fault does not change what the others do.
+own, so that one more fault does not change the others.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -30,7 +30,7 @@ from mdms_sim.physics.plane.world import World
 
 
 class FaultEffect(NamedTuple):
-    """What is done when a fault begins and when it ends; each may return a word on it."""
+    """The actions when a fault begins and when it ends; each may return a word on it."""
 
     begin: Callable[[], str | None]
     end: Callable[[], str | None]
@@ -69,7 +69,7 @@ class FrameFault:
         self._effect = effect
 
     def on(self, sender: Controller, frame: Frame) -> Disturbance | None:
-        """What happens to this frame, None for nothing."""
+        """The fate of this frame, None for a normal one."""
         if self._senders is not None and sender not in self._senders:
             return None
         if self._random.random() >= self._probability:
@@ -398,7 +398,7 @@ class WorldFaults:
         return FaultEffect(begin, end)
 
     def _supply_cells(self, changed: Fault) -> None:
-        """Give the cells of a fault what the last of those at work says, or their own supply."""
+        """Give the cells of a fault the supply of the last fault at work, or their own."""
         for cell in self._cells(changed):
             supply_v, shorted = self._nominal_supply_v[cell], False
             for fault in self._supplies:
@@ -545,7 +545,7 @@ class Faults:
     def begin(self, fault: Fault) -> Ongoing:
         """Have a fault begin now, whatever its times say; `end` ends it.
 
-        The fault must be one that the scenario could have (see `check_faults`).
+        The fault must be possible in the scenario (see `check_faults`).
         """
         random = Random(f"{self._seed}/{self._begun}")
         self._begun += 1

@@ -38,7 +38,7 @@ class Kernel:
         self.now_ns = max(self.now_ns, time_ns)
 
     def nothing_until(self, time_ns: int) -> bool:
-        """Whether an action could as well do now what it would ask to have done at `time_ns`.
+        """Whether an action could as well be done now as at `time_ns`.
 
         That is so when no event comes before it ends, and nobody outside gets to act before.
         """

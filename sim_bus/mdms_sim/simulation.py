@@ -81,9 +81,9 @@ class Sampler:
         )
 
     def record(self, events: list[Event], reported: bool) -> Record:
-        """Return what was sampled so far as one `Record` with these events, ordered by time.
+        """Return the samples so far as one `Record` with these events, ordered by time.
 
-        What cells reported is in it if they have `reported` anything.
+        Reports of cells are in it if they have `reported` anything.
         """
         ordered = sorted(events, key=lambda event: event.time_s)
         columns = self._history.columns()
@@ -112,7 +112,7 @@ Progress = Callable[[float], object]
 
 @dataclass(frozen=True, slots=True)
 class BusFigures:
-    """What the buses carried: `load` is the share of time that the busiest was not idle."""
+    """The traffic of the buses: `load` is the share of time that the busiest was not idle."""
 
     frames: int
     load: float
@@ -122,7 +122,7 @@ class BusFigures:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a simulated run leaves behind."""
+    """The result of a simulated run."""
 
     record: Record
     bus: BusFigures
@@ -133,8 +133,8 @@ class Simulation:
     """A scenario with its cells, its buses and its participants, ready to run.
 
     `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
-    begin while it runs. The `referee` judges the run, unless it is not to be `judged`; it knows
-    what the host says by `host_report`, if that is given.
+    begin while it runs. The `referee` judges the run, unless it is not to be `judged`; it knows the
+    host's reports by `host_report`, if that is given.
 
     `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
     (P, 3), NaN where unknown; they are only recorded. A run without end is better not `recorded`,

@@ -59,7 +59,7 @@ Ended = tuple[Job, "Future[dict[str, Any]]"]
 
 
 def perform(job: Job) -> dict[str, Any]:
-    """Do a run. What it comes to, as columns; a run that raises has a `failure`."""
+    """Do a run. Its outcome, as columns; a run that raises has a `failure`."""
     started, clock = datetime.now(UTC), MonotonicClock()
     columns: dict[str, Any] = dict.fromkeys(("status", "reason", "failure"))
     values: dict[str, Any] = dict.fromkeys(name_of(each) for each in job.measures)

@@ -217,7 +217,7 @@ def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
 
 
 def identity_of(function: Any) -> str:
-    """What tells a measure or a program from others: a name, and a digest of its source."""
+    """The identity of a measure or a program: a name, and a digest of its source."""
     if function is None or isinstance(function, str):
         return str(function)
     if isinstance(function, FileFunction):
@@ -231,7 +231,7 @@ def identity_of(function: Any) -> str:
 
 
 def measured(run: Run, measure: Measure) -> bool | int | float | str | None:
-    """The value of a measure. Raises what a function raises, and `InputError` for other values."""
+    """The value of a measure. Raises the errors of a function, and `InputError` otherwise."""
     if isinstance(measure, str):
         value = NAMED[measure](run) if measure in NAMED else _figure(run.figures, measure)
     else:

@@ -1,8 +1,8 @@
 """The settings of an experiment: lists as a grid, distributions by samples, and seeds by a rule.
 
 A setting gives a value to each key that varies. Keys are those of a scenario, with dots between
-them, parcels by number or by name. A key of `cell` or of a parcel is both the truth and what the
-host believes, unless the scenario has a belief of its own. `belief.KEY` sets the belief alone, and
+them, parcels by number or by name. A key of `cell` or of a parcel is both the truth and the host's
+belief, unless the scenario has a belief of its own. `belief.KEY` sets the belief alone, and
 `truth.KEY` the truth alone: the host keeps the value that the scenario has.
 """
 
@@ -154,7 +154,7 @@ def _sampler(keys: int, sampling: str, seed: int) -> Callable[[int], Any]:
 
 
 def check_count(name: str, count: object) -> int:
-    """A number of runs or samples. Raises `InputError` for one that is none."""
+    """A number of runs or samples. Raises `InputError` for any other."""
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_RUNS:
         raise InputError(f"{name} is {count!r}, but must be a whole number, 1 to {MOST_RUNS:,}")
     return count

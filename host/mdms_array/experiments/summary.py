@@ -117,7 +117,7 @@ def is_numeric(values: Sequence[Any]) -> bool:
 
 
 def _classes(result: "SweepResult", name: str) -> Any:
-    """What puts a value of a parameter into its class: itself, or the middle of the class."""
+    """The class of a value of a parameter: itself, or the middle of the class."""
     values = [row[name] for row in result.rows]
     if name not in result.sampled or len({*values}) <= MOST_CLASSES:
         return lambda value: value

@@ -105,7 +105,7 @@ class SweepResult:
     def plot(
         self, path: str | Path, measure: str | None = None, over: Sequence[str] | None = None
     ) -> Any:
-        """Draw a measure over one or two parameters, or all over all; what was drawn.
+        """Draw a measure over one or two parameters, or all over all, and return the drawn figure.
 
         One parameter makes lines with bands, two make a map, more make a matrix. The figure is one
         of matplotlib, for more to be drawn on it. Raises `InputError`.
@@ -272,7 +272,7 @@ def run_design(
     on_changed: str = "refuse",
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepResult:
-    """The same of a checked design. What is done is kept and in the tables, however it ends."""
+    """The same of a checked design. Finished runs are kept and in the tables, however it ends."""
     if on_changed not in ON_CHANGED:
         choices = " or ".join(ON_CHANGED)
         raise InputError(f"on_changed is {on_changed!r}, but must be {choices}")

@@ -59,7 +59,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A setting, the mean of the objective, and the sum of what is beyond bounds.
+    """A setting, the mean of the objective, and the sum of all excess over bounds.
 
     The mean is None where a run has failed or has no value.
     """
@@ -144,7 +144,7 @@ def _base_value(base: Mapping[str, Any], key: str) -> float:
 
 
 def tune(task: Task, run: Callable[[Design], SweepResult]) -> Tuned:
-    """Try settings, and compare the best with the base. `run` does what a journal lacks.
+    """Try settings, and compare the best with the base. `run` does the runs that a journal lacks.
 
     Raises `Error` where the extra is not installed.
     """
@@ -213,7 +213,7 @@ def _once(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def _best(task: Task, trials: Sequence[Trial]) -> Trial:
-    """The best of the trials within bounds; the one that is least beyond where none is."""
+    """The best of the trials within bounds; the trial with the least excess where none is."""
     sign = -1.0 if task.maximise else 1.0
     valid = [each for each in trials if each.mean is not None] or list(trials[:1])
     return min(valid, key=lambda each: (each.excess, sign * (each.mean or 0.0)))

@@ -1,4 +1,4 @@
-"""What a process does before it runs anything; nothing of ours is imported before it.
+"""The preparation of a process before any run; nothing of ours is imported before it.
 
 Libraries read how many threads they may start when they are imported.
 """
@@ -16,7 +16,7 @@ _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL
 def prepare_worker() -> None:
     """Take one thread, leave Ctrl-C to the process that started this one, and end with it.
 
-    The simulator is imported once; what it has compiled is loaded with the first run.
+    The simulator is imported once; compiled code is loaded with the first run.
     """
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -27,7 +27,7 @@ SLOW_S = 0.2
 
 
 class Delays:
-    """Late cycles, pauses in what comes in, and late heartbeats of the last second.
+    """Late cycles, pauses in the incoming frames, and late heartbeats of the last second.
 
     Cycles are reported by one thread and arrivals by another.
     """
@@ -58,7 +58,7 @@ class Delays:
         self._heartbeats[node_id] = now_s, late_s, gap_s
 
     def reason(self, now_s: float) -> str | None:
-        """What was held up in the last second, and where; None if nothing was."""
+        """The parts that were held up in the last second; None if nothing was."""
         late_s = max(_recent(self._late, now_s), default=0.0)
         pauses = _recent(self._pauses, now_s)
         if self._arrived_s is not None and now_s - self._arrived_s >= PAUSE_S:
@@ -77,7 +77,7 @@ class Delays:
         return self.slow_reason(now_s)
 
     def slow_reason(self, now_s: float) -> str | None:
-        """What heartbeats alone show, with or without SYNC; None if they come in time."""
+        """The evidence of heartbeats alone, with or without SYNC; None if they come in time."""
         slow_s = self._usual_gap_s(now_s)
         if slow_s < SLOW_S:
             return None
@@ -109,9 +109,9 @@ _PRIORITY = 1
 def punctual(clock: Clock) -> Iterator[None]:
     """While it lasts, this thread comes first, turns are short, and garbage is soon found.
 
-    It is looked for in what is made meanwhile only: all that the modules of a run have loaded is
-    some 70,000 objects and more, and going through them takes tens of milliseconds. Where no
-    real time passes, nothing can be late, and all stays as it is.
+    The collector looks at objects of that time only: the modules of a run have loaded some 70,000
+    objects, and going through them takes tens of milliseconds. Where no real time passes, nothing
+    can be late, and all stays as it is.
     """
     if not clock.is_real:
         yield
@@ -132,7 +132,7 @@ def punctual(clock: Clock) -> Iterator[None]:
 def first_in_line() -> Iterator[None]:
     """While it lasts, this thread has the processor before other programs, if it may (Linux).
 
-    Root may, and whoever has a limit for real-time priorities. So have the threads that it starts:
+    Root may, and anyone with a limit for real-time priorities. So have the threads that it starts:
     one of the interpreter's threads that has to wait for the processor keeps all others waiting.
     """
     if not hasattr(os, "sched_setscheduler"):

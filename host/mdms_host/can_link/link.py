@@ -1,4 +1,4 @@
-"""A python-can bus as the sans-IO objects need it: frames in and out, whatever the adapter does.
+"""A python-can bus as the sans-IO objects need it: frames in and out, with any adapter.
 
 A full transmit queue is waited for, for a while. Incidents are noted with their times, and counted.
 """
@@ -60,7 +60,9 @@ _LIBRARIES: Mapping[str, str] = {
 
 
 def remedy(interface: str | None, problem: str) -> str | None:
-    """What to install so that the interface works; None if nothing is missing, or it is unknown."""
+    """The package to install so that the interface works; None if nothing is missing, or it is
+    unknown.
+    """
     if interface is None or not any(text in problem for text in _MISSING):
         return None
     if interface in _LIBRARIES:
@@ -78,7 +80,7 @@ _KEPT = 1000
 class Incidents:
     """`noted` lists incidents as (time [s], text), the first thousand.
 
-    Several may share one list; each then begins its texts with what it is `about`.
+    Several may share one list; each then begins its texts with its subject, `about`.
     """
 
     def __init__(
@@ -112,7 +114,7 @@ class LinkCounts:
     unsent: int
 
     def since(self, before: "LinkCounts") -> "LinkCounts":
-        """What has been counted since then."""
+        """The counts since then."""
         return LinkCounts(
             self.garbled - before.garbled,
             self.error_frames - before.error_frames,
@@ -121,7 +123,7 @@ class LinkCounts:
         )
 
     def __str__(self) -> str:
-        """What is not zero, as one line; empty if all is."""
+        """The counts above zero, as one line; empty without any."""
         texts = (
             (self.garbled, "garbled"),
             (self.error_frames, "error frames"),
@@ -173,7 +175,7 @@ class Transmitter:
     def send(self, message: can.Message, until_s: float) -> bool:
         """Send a frame, or give it up at `until_s`, after one attempt at least.
 
-        Raises what the device raises when it is not for want of room.
+        Raises the error of the device if it is not for want of room.
         """
         waited = False
         while not self._attempt(message):
@@ -236,7 +238,7 @@ class DeviceGoneError(LinkError):
 def open_bus(options: Namespace) -> can.BusABC:
     """The bus that python-can's own options, environment and files name.
 
-    Raises NoBusError with what is wrong and what would help.
+    Raises NoBusError with cause and cure.
     """
     try:
         return create_bus_from_namespace(options)
@@ -256,7 +258,7 @@ class Link:
 
     Frames go to `deliver(frame, now_s)` in the reader's thread, if given, else wait for `receive`.
     `garbled`, `error_frames` and `unsent` count frames; `incidents` has what else the link met, and
-    may be given where it is shared. `delays` has what was held up lately.
+    may be given where it is shared. `delays` has the parts that were held up lately.
     """
 
     def __init__(
@@ -296,7 +298,7 @@ class Link:
 
     @property
     def incidents(self) -> list[tuple[float, str]]:
-        """What has happened so far, as (time [s], text)."""
+        """Incidents so far, as (time [s], text)."""
         return self._incidents.noted
 
     @property
@@ -312,7 +314,7 @@ class Link:
         return LinkCounts(self.garbled, self.error_frames, waited, self.unsent)
 
     def send(self, frame: Frame, until_s: float | None = None) -> None:
-        """Send a frame; one that the device cannot take is counted. Raises DeviceGoneError.
+        """Send a frame; a frame that the device cannot take is counted. Raises DeviceGoneError.
 
         A full transmit queue is waited for until `until_s`, for one cycle if that is not given.
         """
@@ -333,7 +335,7 @@ class Link:
                 self._give_up(error)
 
     def send_polled(self, participant: Participant, now_s: float) -> None:
-        """Send what a participant wants to send now. Raises DeviceGoneError."""
+        """Send the frames that a participant has to send now. Raises DeviceGoneError."""
         self.send_all(participant.poll(now_s))
 
     def send_all(self, frames: Iterable[Frame]) -> None:
@@ -346,7 +348,7 @@ class Link:
             self.send(frame, until_s)
 
     def receive(self, timeout_s: float, handle: Callable[[Frame, float], object]) -> None:
-        """Hand over what has arrived; wait for the first frame at most so long.
+        """Hand over the received frames; wait for the first frame at most so long.
 
         Raises DeviceGoneError.
         """
@@ -468,9 +470,9 @@ def _own_are_marked(bus: can.BusABC) -> bool:
 def hand_over(
     arrived: SimpleQueue[tuple[*Parts]], timeout_s: float, handle: Callable[[*Parts], object]
 ) -> None:
-    """Pass on what has arrived; wait for the first at most so long.
+    """Pass on the received frames; wait for the first at most so long.
 
-    Only what is here by then, so that a full bus cannot keep the caller from its own work.
+    Only frames that are here by then, so that a full bus cannot keep the caller from its own work.
     """
     try:
         handle(*arrived.get(timeout=max(0.0, min(timeout_s, READ_TIMEOUT_S))))
@@ -481,16 +483,16 @@ def hand_over(
 
 
 class AnyDelays(Protocol):
-    """What of a link, or of several, was held up."""
+    """The parts of a link, or of several, that were held up."""
 
     def on_cycle(self, due_s: float, now_s: float) -> None:
         """Something that was due is done now."""
 
     def reason(self, now_s: float) -> str | None:
-        """What was held up in the last second, and where; None if nothing was."""
+        """The parts that were held up in the last second; None if nothing was."""
 
     def slow_reason(self, now_s: float) -> str | None:
-        """What heartbeats alone show, with or without SYNC; None if they come in time."""
+        """The evidence of heartbeats alone, with or without SYNC; None if they come in time."""
 
 
 class AnyLink(Protocol):
@@ -498,7 +500,7 @@ class AnyLink(Protocol):
 
     @property
     def incidents(self) -> list[tuple[float, str]]:
-        """What has happened so far, as (time [s], text)."""
+        """Incidents so far, as (time [s], text)."""
 
     @property
     def counts(self) -> LinkCounts:
@@ -506,16 +508,16 @@ class AnyLink(Protocol):
 
     @property
     def delays(self) -> "AnyDelays":
-        """What was held up lately."""
+        """The parts that were held up lately."""
 
     def send(self, frame: Frame) -> None:
         """Send a frame to all cells."""
 
     def send_polled(self, participant: Any, now_s: float) -> None:
-        """Send what a participant wants to send now, on which bus it wants."""
+        """Send the frames that a participant has to send now, each on its bus."""
 
     def receive(self, timeout_s: float, handle: Any) -> None:
-        """Hand over what has arrived; wait for the first frame at most so long."""
+        """Hand over the received frames; wait for the first frame at most so long."""
 
     def leave_gone(self) -> bool:
         """Go on without buses whose devices are gone; whether any other is left."""

@@ -73,7 +73,7 @@ class Links:
         self.send_all((bus, frame) for bus in range(len(self._links)))
 
     def send_polled(self, participant: BusesParticipant, now_s: float) -> None:
-        """Send what a participant wants to send now. Raises DeviceGoneError."""
+        """Send the frames that a participant has to send now. Raises DeviceGoneError."""
         self.send_all(participant.poll_buses(now_s))
 
     def send_all(self, frames: Iterable[BusFrame]) -> None:
@@ -95,7 +95,7 @@ class Links:
             raise gone
 
     def receive(self, timeout_s: float, handle: Handle) -> None:
-        """Hand over what has arrived, with its bus; wait for the first frame at most so long.
+        """Hand over the received frames with their bus; wait for the first frame at most so long.
 
         Raises DeviceGoneError.
         """
@@ -131,7 +131,10 @@ class Links:
 
 
 class _JointDelays:
-    """What was held up: the one program's cycles, or what comes in from any of the buses."""
+    """The parts that were held up:
+
+    the cycles of the one program, or the incoming frames of any of the buses.
+    """
 
     def __init__(self, names: Sequence[str], arrivals: Sequence[Delays]) -> None:
         self._cycles = Delays()
@@ -142,12 +145,12 @@ class _JointDelays:
         self._cycles.on_cycle(due_s, now_s)
 
     def reason(self, now_s: float) -> str | None:
-        """What was held up in the last second, and where; None if nothing was."""
+        """The parts that were held up in the last second; None if nothing was."""
         own = self._cycles.reason(now_s)
         reasons = ((name, delays.reason(now_s)) for name, delays in self._arrivals)
         return own or next((f"{name}: {reason}" for name, reason in reasons if reason), None)
 
     def slow_reason(self, now_s: float) -> str | None:
-        """What heartbeats alone show on the first bus where they come late."""
+        """The evidence of heartbeats alone on the first bus where they come late."""
         reasons = ((name, delays.slow_reason(now_s)) for name, delays in self._arrivals)
         return next((f"{name}: {reason}" for name, reason in reasons if reason), None)

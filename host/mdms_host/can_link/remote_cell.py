@@ -22,7 +22,7 @@ def speaks_ours(revision: int) -> bool:
 
 
 def other_protocol(revision: int) -> str | None:
-    """What there is to say of a cell that is not; None for one that is."""
+    """The complaint about a cell of another revision; None without one."""
     if speaks_ours(revision):
         return None
     return (

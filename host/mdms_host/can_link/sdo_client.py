@@ -38,8 +38,8 @@ class Read:
 class SdoClient:
     """Does transfers one after another, each again when no answer comes in time: `attempts`.
 
-    `answers` holds what was read, by (index, sub-index), as integers. `failure` is the reason
-    why it gave up, None as long as it has not.
+    `answers` holds the values that were read, by (index, sub-index), as integers. `failure` is the
+    reason why it gave up, None as long as it has not.
     """
 
     def __init__(

@@ -70,7 +70,7 @@ class SlcanPort:
             self._sent += 1
 
     def flush(self) -> None:
-        """Drop what has been received and not been read."""
+        """Drop the received bytes that nobody has read."""
         self._partial.clear()
         self._lines.clear()
 

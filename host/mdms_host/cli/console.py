@@ -1,4 +1,4 @@
-"""What people see while a verb runs: messages and progress, on stderr and on a terminal only."""
+"""Output while a verb runs: messages and progress, on stderr and on a terminal only."""
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -21,7 +21,7 @@ def show(table: Table) -> None:
 
 
 def dots() -> tuple[str, str]:
-    """How a sensor is shown on stdout that is covered, and one that is not."""
+    """The signs of a covered sensor and of a free one on stdout."""
     return ("#", ".") if Console().options.ascii_only else ("●", "○")
 
 

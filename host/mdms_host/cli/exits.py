@@ -73,7 +73,7 @@ class CommandError(Exception):
 
 
 def exit_of(error: Exception) -> Exit | None:
-    """The exit code of an error; None for one that is a defect of the program."""
+    """The exit code of an error; None for a defect of the program."""
     if isinstance(error, CommandError):
         return error.code
     names = (f"{each.__module__}.{each.__qualname__}" for each in type(error).__mro__)
@@ -81,7 +81,7 @@ def exit_of(error: Exception) -> Exit | None:
 
 
 def text_of(error: Exception) -> str:
-    """The error in one line: of a file, its name and what the system says of it."""
+    """The error in one line: of a file, its name and the message of the system."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error)
@@ -131,7 +131,7 @@ def ended_by_signals() -> Iterator[None]:
 
 @contextmanager
 def interrupted() -> Iterator[Callable[[], KeyboardInterrupt | None]]:
-    """What asks for the end by a signal, None while nothing does: no step is broken off meanwhile.
+    """The cause of an end by a signal, None while there is none: no step is broken off meanwhile.
 
     A second signal breaks it off. Where SIGHUP is ignored, as under nohup, it stays ignored.
     """
@@ -160,7 +160,10 @@ def interrupted() -> Iterator[Callable[[], KeyboardInterrupt | None]]:
 
 
 def ending_behind(error: BaseException | None) -> KeyboardInterrupt | None:
-    """What ended the command, if that led to this error: a compiler may wrap it in its own."""
+    """The interruption that ended the command, if it led to this error:
+
+    a compiler may wrap it in its own.
+    """
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error
@@ -174,8 +177,8 @@ def _numbers(*names: str) -> list[int]:
 def _ending(error: type[KeyboardInterrupt]) -> Callable[[int, FrameType | None], None]:
     """A handler that raises the error until it has arrived.
 
-    Compiled code that calls back into Python may drop an exception that is raised there. One that
-    is on its way, or kept by whoever caught it, still exists; one that was dropped does not.
+    Compiled code that calls back into Python may drop an exception that is raised there. An error
+    on its way, or kept by a handler, still exists; a dropped one does not.
     """
     raised: WeakSet[KeyboardInterrupt] = WeakSet()
 

@@ -21,7 +21,7 @@ _BAD_PLACES = frozenset(
 def writing(path: Path) -> Iterator[None]:
     """Turns an `OSError` inside into a `CommandError` that names the path.
 
-    A place where nothing can be written is bad input, one that is full or breaks is a failure.
+    A place without permission to write is bad input; a full or broken one is a failure.
     """
     try:
         yield
@@ -51,7 +51,7 @@ def check_own(path: Path, mark: bytes, force: bool) -> None:
 def replacing(path: Path, mark: bytes, force: bool) -> Iterator[Path]:
     """A file beside `path` to write, with its suffix; it takes its place at the end, or vanishes.
 
-    What is no plain file, as a terminal or a pipe, is written as it is. Raises `CommandError`.
+    A terminal or a pipe, which is no plain file, is written as it is. Raises `CommandError`.
     """
     check_own(path, mark, force)
     if path.exists() and not path.is_file():

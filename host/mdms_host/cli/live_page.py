@@ -86,7 +86,7 @@ def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = 
 def _slot_and_table(
     belief: BelievedArray, link: AnyLink, clock: Clock, main: Main | None
 ) -> tuple[RunSlot, LiveTable]:
-    """The host's place, and what a page shows of it."""
+    """The host's place, and its part of a page."""
 
     def make() -> Coordinator:
         return coordinator_of(belief.scenario, belief.cells, main=main, executor=ThreadExecutor())

@@ -17,7 +17,7 @@ class Verb:
 
     Functions are named as 'module:function', and imported when the verb is used. `late_options`
     adds options that are themselves costly to import. A verb with `actions` is followed by one.
-    `extra` is what has to be installed on request for the verb.
+    `extra` is the optional dependency of the verb.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""`mdms scenarios` and `mdms limits`: what is known of scenarios before they run."""
+"""`mdms scenarios` and `mdms limits`: knowledge about scenarios before they run."""
 
 import json
 from argparse import Namespace

@@ -13,7 +13,7 @@ from mdms_model.log import LOG
 class Output(io.TextIOWrapper):
     """Stdout that takes anything: what cannot be written is dropped, and `failure` says why.
 
-    So a verb comes to its end, and to its own exit code, though nobody reads what it prints.
+    So a verb comes to its end, and to its own exit code, though nobody reads its output.
     """
 
     failure: OSError | None = None
@@ -47,7 +47,7 @@ _SAID = _Said()
 
 
 def open_streams() -> None:
-    """Have both streams take anything; what was closed goes nowhere."""
+    """Have both streams take anything; output to a closed one goes nowhere."""
     LOG.addHandler(_SAID)
     if sys.stdout is None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - it stays open to the end

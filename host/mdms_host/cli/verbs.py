@@ -157,7 +157,7 @@ VERBS = (
 
 
 def build_parser() -> Parser:
-    """The parser of the command; what it returns has the verb's function under `run`."""
+    """The parser of the command; its result has the verb's function under `run`."""
     parser = Parser(prog="mdms", description=DESCRIPTION, epilog=EPILOG)
     parser.add_argument(
         "--version", action=ShowVersion, nargs=0, help="print versions and revision"

@@ -1,1 +1,1 @@
-"""Cells without a run: who is on the bus, node ids, settings, states, and everything off."""
+"""Cells without a run: participants on the bus, node ids, settings, states, and everything off."""

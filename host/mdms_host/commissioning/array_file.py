@@ -31,7 +31,7 @@ _BUSES_MOST = 1000
 
 
 class ArrayFileError(InputError):
-    """A file that cannot be read, or lacks what it should have; the message has the place."""
+    """A file that cannot be read, or lacks a necessary key; the message has the place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,9 @@ class FiledCell:
 
 @dataclass(frozen=True, slots=True)
 class ArrayFile:
-    """All that a file says; `stop` is what the table's emergency stop holds, None if not stated."""
+    """The content of a file; `stop` has the limits of the table's emergency stop, None if not
+    stated.
+    """
 
     path: Path
     table: FiledTable
@@ -287,16 +289,16 @@ def _check_buses(table: FiledTable, cells: tuple[FiledCell, ...]) -> None:
 
 
 def without_places(cell: FiledCell) -> FiledCell:
-    """The cell without what a table says of it."""
+    """The cell without the statements of a table about it."""
     values = {each: number for each, number in cell.values.items() if not is_place(each.place)}
     return replace(cell, values=values)
 
 
 def placed_cells(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ...]:
-    """The cells on the bus of that channel, with where they stand, who is next and what is on them.
+    """The cells on the bus of that channel, with their places, their neighbours and their parts.
 
     Places, neighbours and turns to take over SYNC are the table's, whatever a cell's own settings
-    say; where wheels and sensors are comes from the table, unless a cell has its own. A file whose
+    say. Places of wheels and sensors come from the table, unless a cell has its own. A file whose
     table has no columns and rows leaves the cells as they are. Raises ArrayFileError.
     """
     table = file.table

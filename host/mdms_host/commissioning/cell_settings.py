@@ -25,14 +25,14 @@ class NotTakenError(CommissioningError):
 
 @dataclass(frozen=True, slots=True)
 class CellSettings:
-    """A cell and what it is set to, in the integers of the wire."""
+    """A cell and its settings, in the integers of the wire."""
 
     node_id: int
     serial: int
     values: Mapping[Parameter, int]
 
     def changes(self, wanted: Mapping[Parameter, int]) -> "list[Change]":
-        """What has to be written so that the cell has what is wanted.
+        """The settings to write so that the cell has the wanted ones.
 
         Gains fall before and rise after all else, so that a loop has its margin on the way too.
         """

@@ -1,7 +1,7 @@
 """The steps that make an array of a bag of boards; each may be done again at any time.
 
-Cells are told apart by their serial numbers alone, and what a step needs is read from them, not
-remembered: one that is broken off leaves cells that the next run takes as it finds them.
+Cells are told apart by their serial numbers alone. A step reads its data from them and remembers
+none: an interrupted run leaves cells that the next run takes as it finds them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -68,7 +68,7 @@ def refuse_unlisted(roll: FoundCells, file: ArrayFile, listed: Sequence[FiledCel
 
 
 def plan_ids(roll: FoundCells, wanted: Mapping[int, int]) -> list[Assignment]:
-    """Who gets another node id, by the serial numbers of all cells that are to have one.
+    """The cells that get another node id, by the serial numbers of all cells that are to have one.
 
     Raises NodeIdError for an id that no cell may have, or that a stranger has.
     """
@@ -120,12 +120,12 @@ def tell_place(commissioning: Commissioning, node_id: int, spot: tuple[int, int]
 
 
 def nudge_wheels(commissioning: Commissioning, node_id: int) -> list[Direction]:
-    """What each wheel of a cell shows of its motor and encoder."""
+    """The motor and the encoder of each wheel of a cell, as they show."""
     return [nudge(commissioning, node_id, axis) for axis in range(1, AXES + 1)]
 
 
 def wiring_fault(axis: int, direction: Direction) -> str | None:
-    """What is wrong with a wheel that was nudged, and what helps; None if nothing is."""
+    """The fault of a wheel that was nudged, with its cure; None without one."""
     match direction:
         case Direction.OPPOSED:
             return (
@@ -141,7 +141,7 @@ def wiring_fault(axis: int, direction: Direction) -> str | None:
 
 
 def write_settings(commissioning: Commissioning, cell: FiledCell) -> Done:
-    """Write what a cell is to have, read it back, store it, and see that a restart keeps it.
+    """Write the settings of a cell, read them back, store them, and see that a restart keeps them.
 
     Raises CommissioningError.
     """

@@ -36,7 +36,7 @@ _NMT_NAMES: dict[int | None, str] = {
 
 
 class JogPhase(Enum):
-    """What a jog is about."""
+    """The subject of a jog."""
 
     ENABLING = "enabling"
     TURNING = "turning"
@@ -48,12 +48,12 @@ class Jog:
     """Turns a wheel with this speed for so long; `steer` changes both on the way.
 
     Axes count from 1; the other axis stays off. With `limit_mv` the cell applies no larger voltage
-    until it is off again (0x2010), whatever the loop makes of it. A fault that stands at the start
-    is reset with `resets` only.
-    `foreign_stops` may be those of a listener that was there before: one of them ends it too.
-    `failure` is why it ended early, None if it did not; `stopped` is whether another host, or a
-    restart, has ended it. When it is over the cell is 'pre-operational', where no motor runs.
-    `speeds_m_s` are the speeds that the cell has reported, one every `period_s` or so.
+    until it is off again (0x2010), whatever voltage the loop asks for. A fault that stands at the
+    start is reset with `resets` only. `foreign_stops` may be those of a listener that was there
+    before: one of them ends it too. `failure` is why it ended early, None if it did not; `stopped`
+    is whether another host, or a restart, has ended it. When it is over the cell is
+    'pre-operational', where no motor runs. `speeds_m_s` are the speeds that the cell has reported,
+    one every `period_s` or so.
     """
 
     period_s = _SETPOINT_S
@@ -173,7 +173,9 @@ class Jog:
             yield from self._step(state, now_s)
 
     def _step(self, state: int | None, now_s: float) -> Iterator[Frame]:
-        """What takes the drive one step nearer to 'operation enabled'; its limit comes before."""
+        """The request that takes the drive one step nearer to 'operation enabled'; its limit comes
+        before.
+        """
         word = _TOWARDS_ENABLED.get(state, cia402.SHUTDOWN)
         if word == cia402.FAULT_RESET:
             # The reset is an edge of its bit, so the bit must have been low.
@@ -233,6 +235,6 @@ class Jog:
 
 
 def _limits(axis: int, limit_mv: int | None) -> tuple[Setting, ...]:
-    """What sets the voltage limit of an axis for the next time that it is enabled."""
+    """The request that sets the voltage limit of an axis for the next time that it is enabled."""
     index = indices.TRIAL_VOLTAGE_LIMIT + (axis - 1) * indices.AXIS_OFFSET
     return () if limit_mv is None else (Setting(index, 0, limit_mv),)

@@ -90,7 +90,7 @@ class Identity:
 
     @property
     def other_protocol(self) -> str | None:
-        """What there is to say of a cell that speaks another revision of the protocol."""
+        """The complaint about a cell that speaks another revision of the protocol."""
         return other_protocol(self.revision)
 
 

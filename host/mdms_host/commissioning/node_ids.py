@@ -20,8 +20,8 @@ from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
 class FoundCells:
     """All cells of a bus: identities by node id, addresses of blank ones, and hidden ones.
 
-    `hidden` has the node id that each would have, by its serial number; `strangers` are node ids
-    of what is no cell.
+    `hidden` has the node id that each would have, by its serial number. `strangers` are node ids of
+    participants that are no cells.
     """
 
     present: Mapping[int, Identity]
@@ -179,8 +179,8 @@ def carry_out(
 
     Returns those whose board stores no settings: they are blank again after a loss of power.
 
-    Cells that have another id become blank first, so that ids can be swapped; what they keep
-    changes only with the new one. Raises NodeIdError before anything, LssError, SilentError.
+    Cells that have another id become blank first, so that ids can be swapped. The stored id changes
+    only with the new one. Raises NodeIdError before anything, LssError, SilentError.
     """
     running = [move.before for move in moves if _runs(commissioning, move.before)]
     if running:

@@ -67,7 +67,7 @@ class Parameter:
     def parse(self, text: str) -> int:
         """The number of the wire for a value in SI units; its unit may follow it.
 
-        Raises ParameterError for what is no number, or out of the table's limits.
+        Raises ParameterError for a value that is no number, or out of the table's limits.
         """
         bare = text.strip().removesuffix(self.unit).strip()
         try:
@@ -147,7 +147,7 @@ def find_parameters(name: str) -> tuple[Parameter, ...]:
 
 
 def parse_assignments(texts: Iterable[str]) -> dict[Parameter, int]:
-    """What `KEY=VALUE` texts ask for, by setting, as the wire has it. Raises ParameterError."""
+    """The settings in `KEY=VALUE` texts, in the integers of the wire. Raises ParameterError."""
     wanted: dict[Parameter, int] = {}
     for text in texts:
         name, equals, value = text.partition("=")

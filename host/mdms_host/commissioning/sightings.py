@@ -23,11 +23,11 @@ _SIGHTS_MIN = 2
 
 
 class SightingError(ValueError):
-    """What was seen fits no grid; the message has which cells, and what to look for."""
+    """The sightings fit no grid; the message has the cells, and advice."""
 
 
 class Sightings:
-    """What cells, by any key, have seen together; `on_presence` takes in a report of one."""
+    """Sightings of cells, by any key; `on_presence` takes in a report of one."""
 
     def __init__(self, sensor_offsets_m: Sequence[tuple[float, float]]) -> None:
         self._offsets_m = np.array(sensor_offsets_m, np.float64)

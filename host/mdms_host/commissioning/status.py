@@ -100,10 +100,10 @@ _M_PER_UM = pdo.ACTUAL_VELOCITY.entries[0].unit.factor
 
 @dataclass(frozen=True, slots=True)
 class CellStatus:
-    """One row: what the cell reported last; None where it has not.
+    """One row: the last report of the cell; None without one.
 
     `emergency` is the code of its last error that stands, `errors` are all that stand, in words.
-    `suspected_by` are the node ids of neighbours whom it contradicts.
+    `suspected_by` are the node ids of neighbours that it contradicts.
     """
 
     node_id: int
@@ -126,8 +126,8 @@ class StatusModel:
     """A participant that keeps the last state of every node on the bus.
 
     It sends little: the statuswords, presence bits and suspect of a node are read when it appears,
-    and when it is pre-operational again. A node that is operational reports changes by itself, and
-    one that is being flashed must not be disturbed.
+    and when it is pre-operational again. An operational node reports changes by itself, and a node
+    that is being flashed must not be disturbed.
     """
 
     def __init__(self) -> None:
@@ -194,7 +194,7 @@ class StatusModel:
 def status_table(rows: list[CellStatus], dots: tuple[str, str] = ("●", "○")) -> Table:
     """The rows as a table of 80 columns; presence as the centre sensor and the four around.
 
-    `dots` are how a sensor is shown that is covered, and one that is not.
+    `dots` are the signs of a covered sensor and of a free one.
     """
     table = Table(box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
     for name in ("node", "state", "drives", "parcel", "speeds mm/s"):

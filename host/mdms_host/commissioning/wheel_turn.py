@@ -84,7 +84,7 @@ def turn_wheel(
 ) -> Turn:
     """Turn a wheel to the jog's end, and measure; `over` is called often on the way.
 
-    Whatever ends it early, the cell is sent to 'pre-operational', where no motor runs. A fault that
+    However it ends early, the cell is sent to 'pre-operational', where no motor runs. A fault that
     stands is not reset, unless `jog.resets`, or it says only that an earlier host fell silent.
     Raises WheelError, StoppedError, SilentError, DeviceGoneError.
     """
@@ -158,7 +158,7 @@ _MOVED_M = 0.0005
 
 
 class Direction(Enum):
-    """What an encoder shows of a wheel that its motor pushes forward."""
+    """An encoder's report of a wheel that its motor pushes forward."""
 
     AGREES = "agrees"
     OPPOSED = "opposed"

@@ -110,7 +110,7 @@ _feed()
 
 
 class BoardError(Exception):
-    """A board did not do what it was asked; the message says what, and the way out."""
+    """A board did not obey; the message has the order, and the way out."""
 
 
 class NoBoardError(BoardError):
@@ -146,7 +146,7 @@ class BoardLink:
         self.close()
 
     def run(self, code: str) -> str:
-        """What a piece of MicroPython prints. Raises BoardError, NoBoardError."""
+        """The output of a piece of MicroPython. Raises BoardError, NoBoardError."""
         try:
             printed, failure = self._transport.exec_raw(code, timeout=_RUN_S)
         except _troubles() as error:
@@ -193,7 +193,7 @@ class BoardLink:
             self._connect()
 
     def restart(self) -> None:
-        """Reset the board, which then runs what lies on it."""
+        """Reset the board, which then runs its own program."""
         with suppress(*_troubles()):
             self._transport.exec_raw_no_follow("import machine; machine.reset()")
 
@@ -240,7 +240,7 @@ class BoardLink:
         self._hold()
 
     def _hold(self) -> None:
-        """Give the watchdog patience; what the board was asked before is answered then."""
+        """Give the watchdog patience; answers to earlier questions come then."""
         self._holds += 1
         mark = f"held {self._holds}"
         self._transport.serial.write(f"{_GUARD}print({mark!r})\n".encode() + _RESET)
@@ -249,7 +249,7 @@ class BoardLink:
             raise TimeoutError(_said(printed + failure))
 
     def _await(self, *endings: bytes, limit_s: float | None = None) -> bytes:
-        """What comes until one of the endings. Raises TimeoutError."""
+        """The bytes up to one of the endings. Raises TimeoutError."""
         end_s = self._clock.now_s() + (_ANSWER_S if limit_s is None else limit_s)
         told = b""
         while not told.endswith(endings):
@@ -286,7 +286,7 @@ def _open(device: str) -> Any:
 
 
 def _troubles() -> tuple[type[Exception], ...]:
-    """What mpremote raises when a board does not talk as it should, or is gone."""
+    """The errors of mpremote for a board that does not talk as it should, or is gone."""
     from mpremote.transport import TransportError
 
     return TransportError, OSError, struct.error

@@ -110,7 +110,7 @@ _PROBE = dedent("""\
 
 
 def teach(link: BoardLink) -> None:
-    """Define on the board what it is asked for after this; a reset takes it away."""
+    """Define the functions of the questions on the board; a reset takes them away."""
     link.run(_PROBE)
 
 
@@ -136,11 +136,12 @@ _UNKNOWN = "unknown"
 
 @dataclass(frozen=True, slots=True)
 class BoardInfo:
-    """What a board says it is; `board` is None for one that there is no firmware for.
+    """A board's statement about itself; `board` is None where there is no firmware for it.
 
-    `mpy` is what `sys.implementation` has of that name, `heap` the free bytes of its heap after a
-    reset, `frozen` the version of the firmware that is frozen into its MicroPython, `rom_size` the
-    bytes of its ROMFS partition, 0 without one, and `rom_names` what lies in the root of that.
+    `mpy` is that entry of `sys.implementation`, `heap` the free bytes of its heap after a reset,
+    and `frozen` the version of the firmware that is frozen into its MicroPython. `rom_size` is the
+    size of its ROMFS partition [bytes], 0 without one, and `rom_names` are the files in the root of
+    that.
     """
 
     machine: str
@@ -200,7 +201,7 @@ def hashes_of(firmware: Firmware) -> dict[str, bytes]:
 
 
 def identify(link: BoardLink) -> BoardInfo:
-    """What is at the other end, which is ready for all other questions then. Raises BoardError."""
+    """The board at the other end, then ready for all other questions. Raises BoardError."""
     link.run("import gc")
     heap = link.ask("(gc.collect(), gc.mem_free())[1]")
     teach(link)
@@ -255,7 +256,7 @@ def _is_ours(path: str) -> bool:
 
 
 def _root_of(path: str) -> str:
-    """The first part of a path without any suffix: what it is imported as."""
+    """The first part of a path without any suffix: its name for an import."""
     return path.partition("/")[0].partition(".")[0]
 
 

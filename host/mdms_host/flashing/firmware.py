@@ -115,7 +115,7 @@ class FirmwareError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """What a board gets: files of its writable file system by path, and an image of its ROMFS.
+    """The files of a board: files of its writable file system by path, and an image of its ROMFS.
 
     `rom` is None where the file system has all of it.
     """
@@ -148,7 +148,7 @@ def compiled_firmware(architecture: str) -> Firmware:
 
 
 def start_alone() -> Firmware:
-    """What a board needs whose MicroPython has the modules frozen in."""
+    """The files of a board with the modules frozen into its MicroPython."""
     return Firmware({START: sources()[START].read_bytes()})
 
 

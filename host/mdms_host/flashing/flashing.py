@@ -130,7 +130,7 @@ _SYNC = "os.sync() if hasattr(os, 'sync') else None"
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What has to be removed from a board and written to it, by path, in bytes together.
+    """Files to remove from a board and files to write to it, by path, in bytes together.
 
     `rom` is the image for its ROMFS, None where that stays as it is.
     """
@@ -142,7 +142,7 @@ class Plan:
 
 
 def plan_flash(found: Survey, firmware: Firmware, *, force: bool = False) -> Plan:
-    """What brings a board from what it has to the firmware; all of it when forced."""
+    """The changes that bring a board to the firmware; all of it when forced."""
     wanted = hashes_of(firmware)
     if found.has(firmware) and not force:
         return Plan()

@@ -1,1 +1,1 @@
-"""The live page: the table as a browser shows it, and what a person may do to it there."""
+"""The live page: the table in a browser, and the commands of a person there."""

@@ -1,4 +1,7 @@
-"""What the frames on a table's buses show: cells, setpoints, promises, how busy the wires are."""
+"""The state of a table by the frames on its buses:
+
+cells, setpoints, promises, how busy the wires are.
+"""
 
 from collections.abc import Callable, Sequence
 from enum import IntEnum
@@ -59,7 +62,7 @@ _FAULTS = frozenset((cia402.FAULT, cia402.FAULT_REACTION))
 
 
 class CellState(IntEnum):
-    """What the page calls a cell, by what its frames show."""
+    """The name of a cell's state on the page, by its frames."""
 
     OFF = 0
     SILENT = 1
@@ -140,9 +143,9 @@ class BusWatch:
             handler(frame, now_s)
 
     def speeds_m_s(self, now_s: float) -> Floats:
-        """The speeds that cells reported last, shape (W,); NaN for one that has not, or is silent.
+        """The last reported speeds, shape (W,); NaN for a cell without one, or a silent one.
 
-        What a cell that is silent does now is not known.
+        The present action of a silent cell is not known.
         """
         speeds = np.full((len(self.cells), self._axes), np.nan)
         for cell, row in zip(self.cells, speeds, strict=True):

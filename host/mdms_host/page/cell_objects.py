@@ -22,7 +22,7 @@ _SHARE = "1"
 
 
 def name_of(entry: Entry) -> str:
-    """What an entry is called, with its object where that says more."""
+    """The name of an entry, with its object where that says more."""
     group = GROUPS[entry.index]
     return entry.name if group in entry.name else f"{group}: {entry.name}"
 
@@ -106,7 +106,7 @@ _ROWS = 32
 
 
 class ObjectReader:
-    """Reads what can be read of a cell in one frame each; `wake_s` is when to poll next [s]."""
+    """Reads entries of a cell in one frame each; `wake_s` is when to poll next [s]."""
 
     def __init__(self, cell: int, node_id: int, bus: int) -> None:
         self.cell = cell
@@ -152,7 +152,7 @@ class ObjectReader:
         self._client = SdoClient(self._node_id, (Read(entry.index, entry.sub),))
 
     def _settle(self, now_s: float) -> None:
-        """Note what has been read, or why it has not; and when to go on."""
+        """Note the value of an entry, or why there is none; and when to go on."""
         client, entry = self._client, self._entry
         assert client is not None
         value = client.answers.get((entry.index, entry.sub))
@@ -169,7 +169,10 @@ class ObjectReader:
 
 
 def _readable() -> Iterator[Entry]:
-    """What is worth a frame: no constants of the protocol's own, no texts, nothing write-only."""
+    """Entries that are worth a frame:
+
+    no constants of the protocol's own, no texts, nothing write-only.
+    """
     for entry in ENTRIES.values():
         if entry.type.size and entry.access != WRITE and "sub-index" not in entry.name:
             yield entry

@@ -40,9 +40,10 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """What is unknown is taken for a parcel of this name and outline; a disc has its diameter as
+    """An unknown thing is taken for a parcel of this name and outline; a disc has its diameter as
     length and width. `spread_m` is how exact that is on either side: of a size that is to be
-    learned as edges pass sensors, as the `size` of the message `table` is, some millimetres."""
+    learned as edges pass sensors, as the `size` of the message `table` is, some millimetres.
+    """
 
     parcel: str
     name: str
@@ -117,7 +118,7 @@ class Resume:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """So much time passes, then it stands still."""
+    """After that time it stands still."""
 
     duration_s: float = field(default=0.01, metadata=Limit(above=0.0, at_most=60.0))
 
@@ -138,7 +139,7 @@ class Seek:
 
 @dataclass(frozen=True, slots=True)
 class TakeControl:
-    """This client is in control from now on, and whoever was only watches."""
+    """This client is in control from now on, and the former one only watches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +189,7 @@ OF_THE_SERVER = ("take_control", "release_control")
 
 
 def command_from(message: Any) -> Command:
-    """The command of a message that has come. Raises `RefusedError` with what is wrong in it."""
+    """The command of a message that has come. Raises `RefusedError` with its fault."""
     if not isinstance(message, dict):
         raise RefusedError("a command is one JSON object")
     name = message.get("command")
@@ -269,17 +270,17 @@ def _list_schema(kinds: tuple[Any, ...], limit: Any) -> dict[str, Any]:
 
 
 class ShownTable(Protocol):
-    """Shows itself, and does what it is asked; called by one thread only, the one that drives it.
+    """Shows itself, and obeys commands; called by one thread only, the one that drives it.
 
     `offers` are the names of the commands that it takes. `version` counts the changes of what
-    `description` returns. What `take_messages` returns goes to every client as it is.
+    `description` returns. The result of `take_messages` goes to every client as it is.
     """
 
     offers: tuple[str, ...]
     version: int
 
     def description(self) -> dict[str, Any]:
-        """What does not change from snapshot to snapshot: places, names, signals."""
+        """The constants of all snapshots: places, names, signals."""
         ...
 
     def snapshot(self, sequence: int) -> bytes:
@@ -287,7 +288,7 @@ class ShownTable(Protocol):
         ...
 
     def history(self) -> bytes:
-        """Snapshots of a whole recorded run, one behind the other; nothing of one that goes on."""
+        """Snapshots of a whole recorded run, one behind the other; empty for a run that goes on."""
         ...
 
     def take_messages(self) -> list[dict[str, Any]]:
@@ -303,5 +304,5 @@ class ShownTable(Protocol):
         ...
 
     def abandon(self) -> None:
-        """Whoever was in control is gone: end what needs a hand on it."""
+        """The client in control is gone: end what needs a hand on it."""
         ...

@@ -25,7 +25,7 @@ _STEP_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """A parcel, or what may be one: its corners in its own frame [m].
+    """A parcel, or a thing that may be one: its corners in its own frame [m].
 
     `size` is how large something unknown is, as far as its outline shows a rectangle.
     """
@@ -142,7 +142,7 @@ class SnapshotSignals:
         return [asdict(signal) for signal in self._signals]
 
     def pack(self, version: int, sequence: int, values: Mapping[str, Any]) -> bytes:
-        """A snapshot of these values by name; one that is not given is not known.
+        """A snapshot of these values by name; a missing one is not known.
 
         Raises ValueError for a value of another shape.
         """
@@ -246,7 +246,7 @@ _FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
 
 
 def believed_signals(names: Iterable[str], coordinator: Coordinator) -> dict[str, Any]:
-    """Pose, spread, goal and state of what has these names, in their order, and the phase."""
+    """Pose, spread, goal and state of things with these names, in their order, and the phase."""
     names, goals = list(names), coordinator.goals
     believed, goal = np.full((2, len(names), 3), np.nan)
     spread, state = np.full((len(names), 4), np.nan), np.zeros(len(names), np.uint8)

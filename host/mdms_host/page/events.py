@@ -1,4 +1,4 @@
-"""Events as the page lists them, in the order of their times, with what can be done about each."""
+"""Events as the page lists them, in the order of their times, each with a remedy."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -32,7 +32,7 @@ _ADVICE = (
 
 
 def advice_for(text: str) -> str | None:
-    """What to do about an event; None where there is nothing to do."""
+    """The remedy for an event; None without one."""
     return next((advice for says, advice in _ADVICE if says in text), None)
 
 
@@ -41,7 +41,7 @@ KEPT = 300
 
 
 def events_of(events: Iterable[Event]) -> list[dict[str, Any]]:
-    """What a run has recorded, as the page has it."""
+    """A recorded run as the page shows it."""
     return sorted(map(_shown, events), key=_time_s)
 
 
@@ -67,7 +67,7 @@ def event_of(
 
 
 class EventList:
-    """What has happened so far: all of it once, and the last of it for whoever comes late."""
+    """The story so far: all of it once, and the last of it for clients that come late."""
 
     def __init__(self) -> None:
         self._kept: deque[dict[str, Any]] = deque(maxlen=KEPT)

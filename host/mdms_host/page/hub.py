@@ -19,9 +19,9 @@ class LeaveError(Exception):
 
 
 class Client:
-    """What is on its way to one client: all messages in order, of snapshots the newest only.
+    """Messages on their way to one client: all messages in order, of snapshots the newest only.
 
-    It gets a snapshot when it has confirmed an earlier one (`seen`), so that one that is slow, or
+    It gets a snapshot when it has confirmed an earlier one (`seen`). So a slow client, or one that
     does not look, costs nothing and holds nobody up.
     """
 
@@ -39,7 +39,7 @@ class Client:
         self.send_text(json.dumps(message))
 
     def send_text(self, text: str) -> None:
-        """The same of one that is JSON already."""
+        """The same for a message that is JSON already."""
         if len(self._messages) == MOST_WAITING:
             # It has missed messages: what it shows is not so any more.
             self.send_away("too slow; come again")
@@ -71,7 +71,7 @@ class Client:
             self._ready.set()
 
     async def next(self) -> str | bytes:
-        """What is to be sent next; waits for it. Raises `LeaveError`."""
+        """The next message to send; waits for it. Raises `LeaveError`."""
         while True:
             if self._leave is not None:
                 raise LeaveError(self._leave)
@@ -115,8 +115,8 @@ class Hub:
     def come(self, client: Client) -> None:
         """A client has come; the first that may is in control.
 
-        One with the token finds room: who is not in control leaves, those without it first. Raises
-        `RefusedError` for any other where there is no room.
+        One with the token finds room: clients without control leave, those without a token first.
+        Raises `RefusedError` for any other where there is no room.
         """
         if self.full:
             if not client.may_control:
@@ -129,7 +129,7 @@ class Hub:
         self._tell()
 
     def leave(self, client: Client) -> None:
-        """A client has gone; one that was sent away has been taken off before."""
+        """A client has gone; a client that was sent away has been taken off before."""
         if client not in self.clients:
             return
         self.clients.remove(client)

@@ -1,4 +1,4 @@
-"""A table with a host that steers it, as the page sees it, and what a person asks of its parcels.
+"""A table with a host that steers it, for the page, and a person's orders for its parcels.
 
 A person gives parcels goals and names. A parcel follows a goal that is dragged only as long as
 there is a hand on it.
@@ -52,7 +52,7 @@ class ParcelsByHand:
     def set_goal(self, coordinator: Coordinator, command: commands.Goal) -> None:
         """Steer a parcel there from now on. Raises `RefusedError`.
 
-        What is dragged to where it cannot go is held at the goal before.
+        A parcel that is dragged beyond its reach is held at its goal before.
         """
         self._leave_others(coordinator)
         if command.held and command.parcel in self._held:
@@ -86,7 +86,7 @@ class ParcelsByHand:
             self._holder = coordinator
 
     def name(self, coordinator: Coordinator, command: commands.Name) -> None:
-        """Take what is unknown for a parcel. Raises `RefusedError`."""
+        """Take an unknown thing for a parcel. Raises `RefusedError`."""
         parcel = Parcel(
             command.name,
             command.length_m,
@@ -114,7 +114,7 @@ def _not_steered(coordinator: Coordinator, name: str) -> str:
 
 
 def _goal_of(coordinator: Coordinator, command: commands.Goal) -> Goal:
-    """The goal, as exact as the one that the parcel has; a disc's turn is seen by no sensor."""
+    """The goal, as exact as the parcel's own; a disc's turn is seen by no sensor."""
     before = coordinator.goals.get(command.parcel, Goal(0.0, 0.0))
     parcel = coordinator.tracker.parcels.get(command.parcel)
     turned = parcel is None or parcel.shape != "disc"
@@ -143,7 +143,7 @@ _AGAIN_S = 1.0
 
 
 class LiveTable:
-    """Composed of what is on the buses (`watch`) and of whoever runs in the host's `slot`.
+    """Composed of the traffic on the buses (`watch`) and the run in the host's `slot`.
 
     `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
     are those that the host is given. `report(time_s, text)` is called for events.
@@ -263,7 +263,7 @@ class LiveTable:
         return counted
 
     def history(self) -> bytes:
-        """See `Table`: what has been is with those who have looked."""
+        """See `Table`: past messages are with the clients of that time."""
         return b""
 
     # What has happened

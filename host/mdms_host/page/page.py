@@ -35,7 +35,7 @@ Work = tuple[Callable[[], Any], "Future[Any]", bool]
 
 
 class _Connection(H11Protocol):
-    """A connection before it is a WebSocket; one that is new closes the oldest of too many."""
+    """A connection before it is a WebSocket; a new one closes the oldest of too many."""
 
     _since_s = 0.0
 
@@ -55,7 +55,7 @@ class PageError(OSError):
 class Page:
     """Serves a table to browsers; close it when done.
 
-    Whoever drives the table calls `attend` as often as it can: everything is asked of the table
+    The driver of the table calls `attend` as often as it can: everything is asked of the table
     there, in that thread. `port` 0 takes a free one. Raises `PageError`.
     """
 
@@ -112,7 +112,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """What to open, with the token."""
+        """The address to open, with the token."""
         return self.gate.address
 
     def close(self) -> None:
@@ -124,7 +124,7 @@ class Page:
     # In the thread that drives the table ---------------------------------------------------------
 
     def attend(self) -> None:
-        """Carry out what has been asked for, and show what is due; takes no time else."""
+        """Carry out commands, and show snapshots that are due; takes no time else."""
         self._stop_first()
         while self._do_one():
             self._stop_first()
@@ -217,7 +217,8 @@ class Page:
     async def _asked(
         self, ask: Callable[[], Any], *, is_command: bool = False, has_token: bool = True
     ) -> Any:
-        """Have the thread of the table do something; what is too late for its answer is not done.
+        """Have the thread of the table do something; a command that is too late for its answer is
+        not done.
 
         Raises `RefusedError` where it cannot.
         """
@@ -233,7 +234,7 @@ class Page:
 
 
 def _settle(ask: Callable[[], Any], answer: "Future[Any]") -> None:
-    """Do what is asked for, unless nobody waits for its answer any more."""
+    """Carry out a command, unless nobody waits for its answer any more."""
     if answer.set_running_or_notify_cancel():
         try:
             answer.set_result(ask())

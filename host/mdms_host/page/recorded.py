@@ -165,7 +165,7 @@ class RecordedTable:
 
 
 class _BusHistory:
-    """What a bus log shows at given times; nothing where there is none."""
+    """The buses at given times by a bus log; empty without one."""
 
     def __init__(self, log: Path, layout: Layout, times_s: Floats) -> None:
         instants, cells = len(times_s), layout.cells

@@ -123,11 +123,11 @@ class RunSlot:
             self.coordinator.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
-        """What to send now, where there is one bus."""
+        """The frames to send now, where there is one bus."""
         return [frame for _, frame in self.poll_buses(now_s)]
 
     def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
-        """What to send now, each frame with its bus."""
+        """The frames to send now, each with its bus."""
         self._looked_s = now_s
         frames = self._off()
         if self.coordinator is not None:
@@ -143,7 +143,7 @@ class RunSlot:
         return frames
 
     def _off(self) -> list[tuple[int, Frame]]:
-        """What takes all cells out of 'operational', where no motor may run."""
+        """The frames that take all cells out of 'operational', where no motor may run."""
         if not self._all_off:
             return []
         self._all_off -= 1

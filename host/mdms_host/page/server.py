@@ -39,7 +39,7 @@ _HTTP_PORT = 80
 
 @dataclass(frozen=True, slots=True)
 class AccessGate:
-    """The port and the address that a page is open at, and the token of whoever may move something.
+    """The port and the address of an open page, and the token of those who may move something.
 
     A browser that a foreign site has send it here names that site as `Origin`, or, where the
     site's name leads to this machine, as `Host`. An address in numbers leads nowhere else.
@@ -51,7 +51,7 @@ class AccessGate:
 
     @property
     def address(self) -> str:
-        """What to open; the token is in its fragment, which browsers send to nobody."""
+        """The address to open; the token is in its fragment, which browsers send to nobody."""
         name = socket.gethostname() if self.host in _ALL else _bracketed(self.host)
         return f"http://{name}:{self.port}/#token={self.token}"
 
@@ -145,7 +145,7 @@ Story = Callable[[bool], Awaitable[list[dict[str, Any]]]]
 
 
 class PageApp:
-    """The ASGI application; `story` returns what a new client needs, its description first."""
+    """The ASGI application; `story` returns messages for a new client, its description first."""
 
     def __init__(
         self,
@@ -268,7 +268,7 @@ class PageApp:
             await socket.close(1008, "too much that is no command")
 
     async def _obey(self, client: Client, message: Any) -> bool:
-        """Do what a message asks for, and answer; returns whether it was a command."""
+        """Obey a message, and answer; returns whether it was a command."""
         number = message.get("id") if isinstance(message, dict) else None
         number = number if isinstance(number, int) else None
         try:
@@ -343,7 +343,7 @@ class _Guarded:
 
 
 async def _message(socket: WebSocket) -> Any:
-    """The next message; what is no JSON text, as any bytes are not, is None."""
+    """The next message; None for a text that is no JSON, and for bytes."""
     received = await socket.receive()
     if received["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(received.get("code", 1006))

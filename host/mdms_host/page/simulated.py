@@ -81,7 +81,7 @@ class FaultsByHand:
         self._on_change()
 
     def let_go(self) -> None:
-        """Set down what is lifted, where it was."""
+        """Set down a lifted parcel at its place before."""
         for number, begun in list(self._begun.items()):
             if begun.ongoing.fault.kind == "lift":
                 self.end(EndFault(number))
@@ -118,7 +118,7 @@ class FaultsByHand:
 
 
 def _chosen(fault: Fault) -> dict[str, Any]:
-    """What of a fault differs from what it comes with."""
+    """The keys of a fault that differ from its defaults."""
     usual = plain(Fault(fault.kind))
     values = plain(fault).items()
     return {"kind": fault.kind} | {key: value for key, value in values if usual.get(key) != value}

@@ -48,7 +48,7 @@ def read_key(path: Path) -> bytes:
 
 
 def make_key(path: Path) -> bytes:
-    """A new key in a new file. Raises OSError, FileExistsError for one that is there."""
+    """A new key in a new file. Raises OSError, and FileExistsError for an existing file."""
     key = secrets.token_bytes(KEY_SIZE)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, stat.S_IRUSR | stat.S_IWUSR)
     with open(descriptor, "w", encoding="ascii") as file:
@@ -90,7 +90,7 @@ class Bundle:
 
     @property
     def identification(self) -> int:
-        """What a cell that runs it reports (0x1F56)."""
+        """The report of a cell that runs it (0x1F56)."""
         return int.from_bytes(self.head.digest[:4], "little")
 
     def fits(self, board: int, bytecode: int) -> bool:
@@ -134,7 +134,7 @@ def sign(
     version: str = VERSION,
     older: bool = False,
 ) -> Bundle:
-    """A bundle of what goes into a slot: the same arguments give the same bytes."""
+    """A bundle of the files for a slot: the same arguments give the same bytes."""
     head = bundle.Head(
         bundle.OLDER_ALLOWED if older else 0,
         bytecode,

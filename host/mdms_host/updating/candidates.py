@@ -1,4 +1,7 @@
-"""What cells say before they are updated: what they run, what they take, and why some take none."""
+"""The cells' statements before they are updated:
+
+their firmware, the bundles that they take, and why some take none.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -57,7 +60,7 @@ def read_candidates(
 
 
 def read_candidate(commissioning: Commissioning, node_id: int, identity: Identity) -> Candidate:
-    """What a cell says of its firmware. Raises CommissioningError."""
+    """The statement of a cell about its firmware. Raises CommissioningError."""
     try:
         board = commissioning.read(node_id, indices.UPDATE, 3)
         room = commissioning.read(node_id, indices.UPDATE, 5)

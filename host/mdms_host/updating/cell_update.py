@@ -92,7 +92,7 @@ class BlockDownload:
             yield from self._ask(now_s)
 
     def on_response(self, data: bytes) -> None:
-        """Take in what the cell answers; what answers nothing of this is left alone."""
+        """Take in an answer of the cell; other frames are left alone."""
         if len(data) != 8 or self.done or self.failure:
             return
         if data[0] == sdo.ABORT:
@@ -231,7 +231,7 @@ class Waiting:
 class CellUpdate:
     """Brings a bundle into a cell, and once `may_start` has it started, tested and confirmed.
 
-    `stage` is what it does now, `share` how much of the bundle has arrived; `loaded`, `finished`
+    `stage` is the present step, `share` how much of the bundle has arrived; `loaded`, `finished`
     and `failure` are how it stands. Without IO: `on_frame`, `poll`, `wake_s`.
     """
 
@@ -338,7 +338,7 @@ class CellUpdate:
         raise UpdateError(f"{task.failure}, {_ATTEMPTS} times")
 
     def _verify(self) -> Generator[UpdateTask, None, None]:
-        """What has come back is what was sent."""
+        """The answer repeats the request."""
         found = yield from self._read(indices.PROGRAM_IDENTIFICATION, 1)
         if found != self.bundle.identification:
             reason = yield from self._reason()
@@ -347,7 +347,7 @@ class CellUpdate:
     def _attempt(self, command: int) -> Generator[UpdateTask, None, str | None]:
         """Why a command was refused, None if it was not.
 
-        Who has done it and was not understood refuses it when it comes again.
+        A cell that has done it, and whose answer was lost, refuses it when it comes again.
         """
         write = Setting(indices.PROGRAM_CONTROL, 1, command)
         task = SdoClient(self.node_id, [write], answer_within_s=_FLASH_S)
@@ -364,7 +364,7 @@ class CellUpdate:
         return task.answers[index, sub]
 
     def _reason(self) -> Generator[UpdateTask, None, str | None]:
-        """What the cell says of its refusal, None if it says nothing."""
+        """The cell's reason for its refusal, None without one."""
         task = SdoClient(self.node_id, [Read(indices.FLASH_STATUS, 1)], answer_within_s=_FLASH_S)
         yield task
         status = task.answers.get((indices.FLASH_STATUS, 1))

@@ -23,7 +23,7 @@ _SHARE = 4
 class Updater:
     """A `Participant` that brings each of `updates` to its end, at the pace of the bus.
 
-    `frames` and `bits` count what was on the bus meanwhile, each frame as long as it can get.
+    `frames` and `bits` count the traffic meanwhile, each frame as long as it can get.
     """
 
     def __init__(self, updates: Sequence[CellUpdate], bitrate: int) -> None:
@@ -95,7 +95,7 @@ class Updater:
                     each.give_up(f"node {begun[0].node_id}, which went ahead, has failed")
 
     def _wanted(self, now_s: float) -> Iterator[Frame]:
-        """Frames of the cells in turns; what is not asked for stays with its cell."""
+        """Frames of the cells in turns; frames that nobody asked for stay with their cell."""
         idle = 0
         while idle < len(self.updates):
             self._turn = (self._turn + 1) % len(self.updates)

@@ -1,4 +1,4 @@
-"""The CAN bus in simulated time: what is on it, what it carried, what disturbs it."""
+"""The CAN bus in simulated time: its nodes, its traffic, its disturbances."""
 
 from collections.abc import Callable, Collection, Container
 from itertools import count
@@ -62,14 +62,14 @@ class Bus:
         controller.drop_queue()
 
     def set_filter(self, controller: Controller, accept: Container[int] | None) -> None:
-        """Changes what a controller lets through, from the next end of a frame on."""
+        """Changes the filter of a controller, from the next end of a frame on."""
         controller.accept = accept
         if isinstance(accept, Acceptance):
             accept.on_change(self._reconsider)
         controller.segment.reconsider()
 
     def set_listen_only(self, controller: Controller, listen_only: bool) -> None:
-        """Has the node receive without acknowledging or sending; what it has to send waits."""
+        """Has the node receive without acknowledging or sending; its frames wait."""
         if listen_only:
             controller.segment.silence((controller,))
         controller.listen_only = listen_only

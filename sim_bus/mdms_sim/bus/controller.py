@@ -47,7 +47,7 @@ class Confinement:
 
     @property
     def state(self) -> ErrorState:
-        """What the counters make of the node."""
+        """The state of the node by its counters."""
         if self.transmit >= BUS_OFF_LIMIT:
             return ErrorState.BUS_OFF
         if max(self.transmit, self.receive) >= PASSIVE_LIMIT:
@@ -104,7 +104,7 @@ TRANSMIT_QUEUE = 4096
 
 
 class Station(Protocol):
-    """What listens behind a controller."""
+    """The listener behind a controller."""
 
     def on_frame(self, frame: Frame, now_ns: int) -> object:
         """A frame that passed the filter has ended at `now_ns`."""
@@ -217,7 +217,7 @@ class Controller:
         self.take = self.station.on_frame
 
     def hold(self) -> None:
-        """The node takes no frames from its FIFO until `release`; what does not fit is lost."""
+        """The node takes no frames from its FIFO until `release`; a full FIFO loses frames."""
         self.take = self._keep
 
     def _keep(self, frame: Frame, now_ns: int) -> None:
@@ -243,7 +243,7 @@ class Requests(list[Request]):
     """
 
     def drop(self, controller: Controller, frame: Frame | None = None) -> None:
-        """Drops what a controller wants to send, or that frame of it."""
+        """Drops all pending frames of a controller, or that frame of it."""
         kept = [each for each in self if each[2] is not controller or frame not in (None, each[3])]
         if len(kept) < len(self):
             self[:] = kept
@@ -356,7 +356,7 @@ class Recovery:
             self._await(controller)
 
     def postpone(self, free_ns: int) -> None:
-        """What is on the wire ends at another time than was announced."""
+        """The frame on the wire ends at another time than was announced."""
         for controller in self._left:
             self._since_ns[controller] = free_ns
             self._await(controller)

@@ -1,4 +1,4 @@
-"""One node's controller, bit by bit: what it drives next after what it has seen (ISO 11898-1).
+"""One node's controller, bit by bit: its next bit, after the bits that it has seen (ISO 11898-1).
 
 A receiver checks stuffing, length and CRC. Each phase is a generator that yields the level to
 drive, is sent the level seen at that bit, and returns the phase that follows. A counter that makes
@@ -66,7 +66,7 @@ class Reader:
 
     @property
     def frame(self) -> Frame:
-        """What a whole frame says."""
+        """The content of a whole frame."""
         bits = self._bits
         header, remote, size = _shape(bits)
         if bits[_IDE]:
@@ -220,7 +220,7 @@ class Node:
         return self._intermission
 
     def _contradicted(self, frame: Frame, seen: int) -> Phase:
-        """What is on the wire is not what was sent."""
+        """The bit on the wire is not the bit that was sent."""
         reader = self._reader
         extended = frame.can_id & EXTENDED
         arbitration = EXTENDED_ARBITRATION_BITS if extended else STANDARD_ARBITRATION_BITS
@@ -328,7 +328,7 @@ class Node:
         return (yield from self._delimiter())
 
     def _delimiter(self) -> Generator[int, int, Phase]:
-        """What is left of a delimiter after its first bit."""
+        """The rest of a delimiter after its first bit."""
         for left in range(DELIMITER_BITS - 1, 0, -1):
             if not (yield RECESSIVE):
                 return self._overload if left == 1 else self._error()

@@ -1,4 +1,4 @@
-"""Who is on a wire when a frame begins, by what makes them differ, and what disturbs them."""
+"""The nodes on a wire when a frame begins, by their differences, and the disturbances of them."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,7 @@ MOST_OVERLOADS = 2
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What happens to one transmission.
+    """The fate of one transmission.
 
     `bit`, counted from start of frame with the stuff bits and on into the inter-frame space, is
     seen the wrong way round by the nodes in `seen_by`, by everybody if that is None. The nodes in

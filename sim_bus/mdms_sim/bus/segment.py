@@ -1,4 +1,4 @@
-"""One piece of wire: who is on it, and what becomes of a frame when somebody comes or goes."""
+"""One piece of wire: its nodes, and the fate of a frame when somebody comes or goes."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING
@@ -31,7 +31,7 @@ class Segment:
         self._take_in(controller)
 
     def remove(self, controllers: Collection[Controller]) -> None:
-        """Takes them off at once; what they are sending ends there."""
+        """Takes them off at once; frames that they are sending end there."""
         self.silence(controllers)
         for controller in controllers:
             self.controllers.remove(controller)
@@ -39,13 +39,13 @@ class Segment:
         self.reconsider()
 
     def silence(self, controllers: Collection[Controller]) -> None:
-        """They drive nothing more, do not receive what is on the wire, and want to send nothing."""
+        """They drive nothing more, do not receive the present frame, and want to send nothing."""
         self._go_on_without(controllers)
         for controller in controllers:
             self._traffic.requests.drop(controller)
 
     def move(self, controllers: Collection[Controller], other: "Segment") -> None:
-        """Puts them on another wire, each in the midst of what it is doing."""
+        """Puts them on another wire, each in the midst of its frame."""
         busy = self._traffic.busy or other._traffic.busy
         if busy:
             there = other._traffic.progress(lambda each: True)

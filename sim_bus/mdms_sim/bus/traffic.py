@@ -65,7 +65,7 @@ class Outcome:
 
 
 class Exchange:
-    """What the nodes on one wire do from `start_ns` on; bit `flip` is seen wrong by some."""
+    """The acts of the nodes on one wire from `start_ns` on; bit `flip` is seen wrong by some."""
 
     def __init__(self, start_ns: int, parties: Sequence[Party], flip: int | None = None) -> None:
         self.start_ns = start_ns
@@ -211,7 +211,7 @@ class Traffic:
 
     @property
     def busy(self) -> bool:
-        """Whether a frame is on the wire, or what has become of it."""
+        """Whether a frame is on the wire, or its outcome."""
         return self._sending is not None or self._exchange is not None
 
     def request(self, controller: Controller, frame: Frame) -> None:
@@ -307,7 +307,7 @@ class Traffic:
             self._recovery.on_frame(start_ns, self.free_ns)
 
     def _wake(self) -> None:
-        """Somebody who had to let others go first need not wait any longer."""
+        """A node that had to let others go first need not wait any longer."""
         if self.requests and not self._arbitrating:
             self._schedule_arbitration()
 
@@ -365,7 +365,7 @@ class Traffic:
         return Exchange(self._start_ns, everybody).after(bits if frames else 0, stays)
 
     def resume(self, those: Sequence[Party]) -> None:
-        """Goes on from the next bit with those who are there now."""
+        """Goes on from the next bit with the present nodes."""
         now_ns, flip = self._next_bit_ns(), None
         if self._exchange is not None and self._exchange[0].flip is not None:
             flip = self._exchange[0].flip - (now_ns - self._start_ns) // self._bit_ns

@@ -34,7 +34,7 @@ STUFF_RUN = 5
 
 @lru_cache(maxsize=4096)
 def arbitration_field(can_id: int) -> int:
-    """What stations compare bit by bit, as one number of 32 bits: the lowest wins the bus."""
+    """The bits that stations compare, as one number of 32 bits: the lowest wins the bus."""
     remote = 1 if can_id & REMOTE else 0
     if not can_id & EXTENDED:
         return (can_id & STANDARD_MASK) << 21 | remote << 20

@@ -22,7 +22,7 @@ class MicropythonMissing(NodeError):  # noqa: N818 - it says what is wrong
 
 
 class NodeDied(NodeError):  # noqa: N818 - it says what is wrong
-    """The process of a cell has ended or reported an exception; `text` is what it said."""
+    """The process of a cell has ended or reported an exception; `text` is its output."""
 
     def __init__(self, node_id: int, text: str) -> None:
         super().__init__(f"cell {node_id} has died: {text.strip() or 'it said nothing'}")
@@ -31,7 +31,7 @@ class NodeDied(NodeError):  # noqa: N818 - it says what is wrong
 
 
 class NodeHangs(NodeError):  # noqa: N818 - it says what is wrong
-    """The process of a cell gives no answer, and was ended; `text` is what it said."""
+    """The process of a cell gives no answer, and was ended; `text` is its output."""
 
     def __init__(self, node_id: int, limit_s: float, text: str) -> None:
         said = f": {text.strip()}" if text.strip() else ""
@@ -52,7 +52,7 @@ class CellBank(Protocol):
         """The frame has reached the cell."""
 
     def collect(self, cell: int) -> list[Frame]:
-        """What the cell has queued to send since the last collection."""
+        """The frames that the cell has queued since the last collection."""
 
     def collect_all(self) -> list[tuple[int, list[Frame]]]:
         """The same of all cells that have something to send, in order."""
@@ -135,8 +135,8 @@ class Conditions:
         """Which cells make a control period in this step, and the time their clocks show then [ms].
 
         The first item has those that make one at least, the second those that make another, and so
-        on. A clock that is slow by 100 ppm leaves out one step in 10,000; one that is as fast makes
-        two periods in one.
+        on. A clock that is slow by 100 ppm leaves out one step in 10,000. A fast one makes two
+        periods in one.
         """
         if self.plain:
             return [dict.fromkeys(range(len(self._since)), self.ticks)]
@@ -182,7 +182,7 @@ PRIORITY = 5
 
 
 class Boards(Protocol):
-    """What has the controllers: a bank of cells, a gateway."""
+    """The owner of the controllers: a bank of cells, a gateway."""
 
     def set_bus_off(self, cell: int, off: bool) -> None:
         """That controller, numbered from 0, has gone bus off, or has come back."""

@@ -1,16 +1,16 @@
-"""What a cell's process and the simulation say to each other, on CPython and MicroPython alike.
+"""The protocol between a cell's process and the simulation, on CPython and MicroPython alike.
 
-They take turns at a block of memory that both see. The simulation writes into it what has reached
-the cell, and one byte into a pipe, which says what to do; the process does it, writes what came of
-it into the block, and answers by one byte through another pipe, which says whether there is
-anything in its outbox. The end of a pipe means that the other is gone.
+They take turns at a block of memory that both see. The simulation writes its input for the cell
+into it, and one byte into a pipe: the command. The process obeys, writes the result into the block,
+and answers by one byte through another pipe: whether there is anything in its outbox. The end of a
+pipe means that the other is gone.
 
 A block is `WORDS` 32-bit numbers, the registers of the speed loop, an inbox and an outbox of
-frames: identifier, size, data. What is in the inbox is taken in before anything else is done.
-Frames stay in the outbox until a request says that they were `TAKEN`. Two identifiers that no frame
-has come first, when they have changed: under `LISTENS` stand the identifiers that the cell wants to
-take from now on, under `SILENT` those that it sends nothing about before its next tick, so that
-they may lie in the inbox until then.
+frames: identifier, size, data. The inbox is taken in before anything else is done. Frames stay in
+the outbox until a request says that they were `TAKEN`. Two identifiers that no frame has come
+first, when they have changed: under `LISTENS` stand the identifiers that the cell wants to take
+from now on, under `SILENT` those that it sends nothing about before its next tick, so that they may
+lie in the inbox until then.
 """
 
 # Requests

@@ -109,7 +109,7 @@ class MicropythonBank:
             process.check()
 
     def _ask(self, cells: Iterable[int], request: int) -> None:
-        """Has the cells begin with what is asked, all at the same time."""
+        """Has the cells begin with a command, all at the same time."""
         for cell in cells:
             self._processes[cell].ask(request | self._taken[cell])
             self._taken[cell] = 0

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 
 def launch(library: str, memory_fd: str, offset: str, *command: str) -> int:
-    """Returns what the program returns."""
+    """Returns the result of the program."""
     sys.path.append(library)
     from micropython_run import run_main  # type: ignore[import-not-found]
 

@@ -86,7 +86,7 @@ class Node:
             rejoin_bus(self.cell, self.board)
 
     def report(self):
-        """Write what is queued into the outbox; returns its size."""
+        """Write the queued frames into the outbox; returns its size."""
         board = self.board
         at = 0
         if board.identifiers is not None:

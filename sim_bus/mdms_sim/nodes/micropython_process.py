@@ -32,7 +32,7 @@ _FRAME_HEAD = struct.Struct("<HB")
 class Blocks:
     """Blocks of so many cells, in a file without a name, which is gone when nobody has it open.
 
-    What concerns every tick are columns over all cells: `counts`, `currents_ma` and `voltages_uv`
+    The values of every tick are columns over all cells: `counts`, `currents_ma` and `voltages_uv`
     of shape (n, 2), the others of shape (n,). Raises OSError when there is no room.
     """
 
@@ -63,7 +63,7 @@ class Blocks:
 
     @property
     def descriptor(self) -> int:
-        """What a process opens the memory by."""
+        """The name by which a process opens the memory."""
         return self._file.fileno()
 
     def put(self, cell: int, can_id: int, data: bytes) -> bool:
@@ -83,11 +83,11 @@ class Blocks:
         self._words[cell * _BLOCK_WORDS + lockstep.INBOX_SIZE] = 0
 
     def rename(self, cell: int, node_id: int) -> None:
-        """What the cell is called when it starts again."""
+        """The cell's name when it starts again."""
         self._words[cell * _BLOCK_WORDS + lockstep.NODE_ID] = node_id
 
     def outbox(self, cell: int) -> list[tuple[int, bytes]]:
-        """What the cell has queued, as identifiers and data."""
+        """The queued frames of the cell, as identifiers and data."""
         at = cell * lockstep.BLOCK + lockstep.OUTBOX
         end = at + self._words[cell * _BLOCK_WORDS + lockstep.OUTBOX_SIZE]
         queued = []

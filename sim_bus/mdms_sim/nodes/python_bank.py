@@ -49,7 +49,7 @@ def _tick_all(registers: Any, counts: Any, currents_ma: Any, presence: Any, seen
 
 
 class _Board(VirtualBoard):
-    """Sets the filter itself to what the cell wants to receive."""
+    """Sets the filter itself to the identifiers that the cell wants."""
 
     def __init__(
         self, registers: memoryview, serial: int, settings: VirtualFlash, acceptance: Acceptance

@@ -24,8 +24,8 @@ class VirtualBoard:
 
     `identifiers` are the frames that the cell wants to receive; who takes the list sets it to None.
     `settings` outlives the cell. `blinking` is whether its LEDs show that this is the cell meant.
-    `slots` take the bundles that boards with a Cortex-M7 take; whatever is in them, what runs is
-    the same code. Who finds it `restarting` starts it anew.
+    `slots` take the bundles for boards with a Cortex-M7; with any bundle in them the same code
+    runs. The simulation starts a `restarting` board anew.
     """
 
     number = codes.VIRTUAL
@@ -118,14 +118,14 @@ class VirtualFlash:
         self._banks[bank] = bytearray()
 
     def write(self, bank: int, offset: int, data: bytes) -> None:
-        """Write at the end of what the bank holds; raises OSError anywhere else."""
+        """Write at the end of the bank's content; raises OSError anywhere else."""
         if len(self._banks[bank]) != offset:
             raise OSError("settings are written from their beginning on")
         self._banks[bank] += data
 
 
 class VirtualFiles:
-    """Files as `mdms_boot.slots` wants them, in memory; one that is written has it at once."""
+    """Files for `mdms_boot.slots`, in memory; a written file is stored at once."""
 
     def __init__(self) -> None:
         self._files: dict[str, bytearray] = {}
@@ -144,7 +144,7 @@ class VirtualFiles:
         return bytes(self._content(path))
 
     def unpack(self, path: str) -> bytearray:
-        """Return what is in a file as it is, for nothing is started from it; raises OSError."""
+        """Return the content of a file as it is, for nothing is started from it; raises OSError."""
         return self._content(path)
 
     def check(self, path: str, hash_: Any) -> None:
@@ -161,7 +161,7 @@ class VirtualFiles:
         self._files[path] = bytearray(data)
 
     def remove(self, path: str) -> None:
-        """Remove a file; one that is not there is no error."""
+        """Remove a file; a missing one is no error."""
         self._files.pop(path, None)
 
 
@@ -180,7 +180,7 @@ class VirtualFile:
 
 
 def leave_bus(cell: object, board: VirtualBoard) -> None:
-    """Do what a board does when its controller goes bus off."""
+    """Do as a board does when its controller goes bus off."""
     board.registers[speed_loop.CUT] = 1
     board.motors_off()
     board.frames.clear()
@@ -188,6 +188,6 @@ def leave_bus(cell: object, board: VirtualBoard) -> None:
 
 
 def rejoin_bus(cell: object, board: VirtualBoard) -> None:
-    """Do what a board does when its controller is back on the bus."""
+    """Do as a board does when its controller is back on the bus."""
     cell.recover()  # type: ignore[attr-defined]
     board.registers[speed_loop.CUT] = 0

@@ -1,4 +1,4 @@
-"""Each cell's own motor: what it is built of, and how its wheel answers to a held voltage."""
+"""Each cell's own motor: its parameters, and the answer of its wheel to a held voltage."""
 
 import math
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ def _spread(cell: Cell, off: Sequence[float]) -> Cell:
 
 @compiled
 def applied_voltage(voltage_v: float, supply_v: float, pwm_steps: int) -> float:
-    """What the bridge makes of a wanted voltage: within the supply, in whole PWM steps [V]."""
+    """The bridge's voltage for a wanted one: within the supply, in whole PWM steps [V]."""
     if supply_v <= 0.0:
         return 0.0
     duty = min(max(voltage_v / supply_v, -1.0), 1.0)

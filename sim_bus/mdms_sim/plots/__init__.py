@@ -35,7 +35,7 @@ def is_row(scenario: "Scenario") -> bool:
 def check_name(path: Path, *, wheels: bool = False) -> None:
     """Raise PictureFormatError for a name of which no picture of a run, or its wheels, is drawn.
 
-    Also EncoderMissingError where nothing is installed that writes what it says.
+    Also EncoderMissingError without an encoder for its format.
     """
     if form_of(path, FORMATS if wheels else (*FORMATS, *FORMS)) == MP4:
         find_encoder()

@@ -1,6 +1,6 @@
 """A run as an animation: a GIF, or an MP4 by ffmpeg.
 
-ffmpeg is the system's, or the one that comes with `imageio-ffmpeg`.
+ffmpeg is the system's, or that of `imageio-ffmpeg`.
 """
 
 import shutil
@@ -134,7 +134,7 @@ def _instants(record: Record, rate_hz: float, least: int, most: int) -> tuple[li
 
 
 def _in_palette(pictures: list[Image.Image]) -> list[Image.Image]:
-    """The pictures in one palette, so that what does not move is the same in each."""
+    """The pictures in one palette, so that standing parts are the same in each."""
     width, height = pictures[0].size
     chosen = [pictures[0], pictures[len(pictures) // 2], pictures[-1]]
     together = Image.new("RGB", (width, height * len(chosen)))

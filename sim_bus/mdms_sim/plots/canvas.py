@@ -119,7 +119,7 @@ def usual_limits(values: Floats, least: float = 0.0) -> tuple[float, float]:
 def usual_most(values: Floats, least: float = 0.0) -> float:
     """The greatest size, but for a few far out; 1 where all is nought or unknown.
 
-    What is nought, or smaller than `least`, is not counted among the others.
+    A value of nought, or below `least`, is not counted among the others.
     """
     sizes = abs(values[np.isfinite(values)])
     return max(usual_limits(sizes[sizes > least])[1], least) or 1.0
@@ -183,7 +183,7 @@ def shown_until_s(record: Record) -> float:
 
 
 def label_time(axes: Axes, record: Record) -> None:
-    """Name the axis of time, and what it leaves out."""
+    """Name the axis of time, and the part that it leaves out."""
     until_s, end_s = shown_until_s(record), float(record.time_s[-1])
     rest = "" if until_s >= end_s else f"; at rest until {end_s:g} s"
     axes.set_xlabel(f"time [s]{rest}", color=INK, fontsize=9)

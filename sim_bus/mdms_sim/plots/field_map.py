@@ -77,7 +77,7 @@ def shade(axes: Axes, along: Floats, free: NDArray[np.bool_]) -> None:
 
 
 def add_legend(figure: Figure, field: FieldMap) -> None:
-    """What the marks mean, below a map."""
+    """The meaning of the marks, below a map."""
     handles: list[Artist] = [
         Line2D([], [], ls="", marker=marker, mfc=face, mec=edge, mew=1.8, ms=9, label=name)
         for kind, (marker, face, edge, name) in MARKS.items()

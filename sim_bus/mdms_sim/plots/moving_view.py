@@ -214,7 +214,7 @@ class MovingView:
         return pixels[..., :3].copy()
 
     def _show_tiles(self, plan: Plan | None) -> None:
-        """Tiles in the colour of who is next on them."""
+        """Tiles in the colour of the parcel that is next on them."""
         if plan is self._plan or plan is None:
             return
         self._plan = plan
@@ -226,7 +226,7 @@ class MovingView:
         self.tiles.set_facecolor([paints[self._numbers[tile.parcels[0]]] for tile in tiles])
 
     def _told(self, instant: int) -> str:
-        """What is told below the title."""
+        """The text below the title."""
         if self._scenario.stream:
             time_s = self._record.time_s[instant] + 1e-9
             left = sum(e.kind == "exit" and e.time_s <= time_s for e in self._record.events)

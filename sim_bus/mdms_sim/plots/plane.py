@@ -65,7 +65,7 @@ Error: TypeAlias = Callable[[int], Floats]
 
 
 def panels_of(scenario: Scenario, record: Record) -> list[Panel]:
-    """What there is to be seen of a run over time."""
+    """The views of a run over time."""
     panels = []
     if scenario.stream:
         if any(event.kind == "exit" for event in record.events):
@@ -367,7 +367,7 @@ def _add_titles(figure: Figure, scenario: Scenario, record: Record) -> None:
 
 
 def _story(scenario: Scenario, record: Record, number: int) -> str:
-    """What became of a parcel, in one clause."""
+    """The fate of a parcel, in one clause."""
     parcel, pose = scenario.parcel[number], record.pose[:, number]
     shift_m = hypot(*(pose[-1, :2] - pose[0, :2]))
     turn_deg = degrees(pose[-1, 2] - pose[0, 2])

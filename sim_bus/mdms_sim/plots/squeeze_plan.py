@@ -74,7 +74,7 @@ def _halved(parcel: Parcel, yaw_rad: float, across: Floats) -> Floats:
 
 
 def _area_below(corners_m: Floats, across: Floats, height_m: float) -> float:
-    """Area of what lies below a height, seen along `across`."""
+    """Area of the part below a height, seen along `across`."""
     kept: list[Floats] = []
     for start, end in zip(corners_m, np.roll(corners_m, -1, axis=0), strict=True):
         low, high = float(start @ across) - height_m, float(end @ across) - height_m
@@ -225,7 +225,7 @@ def _draw_function(axes: Axes, plan: SqueezePlan) -> None:
 
 
 def _draw_ranges(axes: Axes, plan: SqueezePlan) -> None:
-    """What may go into each step, and what does: it keeps away from the ends."""
+    """Possible and actual angles of each step: it keeps away from the ends."""
     base_rad, period_rad = plan.function.unstable_rad[0], plan.function.period_rad
     before: Squeeze | None = None
     for row, step in enumerate(plan.steps):

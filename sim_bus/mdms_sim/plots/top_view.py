@@ -33,7 +33,7 @@ _DARK = 0.7
 
 
 def tint(colour: str, share: float) -> str:
-    """So much of a colour on white; nothing shines through it."""
+    """A share of a colour on white; nothing shines through it."""
     red, green, blue = (1 - share * (1 - part) for part in to_rgb(colour))
     return to_hex((red, green, blue))
 
@@ -64,7 +64,7 @@ class HeldCells:
 
 
 def held_legend() -> list[Artist]:
-    """What the squares mean, in grey."""
+    """The meaning of the squares, in grey."""
     looks = {"under it": wire.UNDER, "promised to it": wire.PROMISED, "near it": wire.NEAR}
     return [
         Patch(facecolor=face, edgecolor=edge, linewidth=width, label=f"cell {name}")
@@ -98,7 +98,7 @@ _HALO = [withStroke(linewidth=2.2, foreground="white")]
 def draw_way(axes: Axes, parcel: Parcel, time_s: Floats, pose: Floats, colour: str) -> None:
     """Footprints that grow stronger from start to end, with their times, and the centre's path.
 
-    One that comes and goes has no start and no end: its paths, and where it is at last.
+    A parcel that comes and goes has no start and no end: its paths, and where it is at last.
     """
     if not np.isfinite(pose).all():
         axes.plot(pose[:, 0], pose[:, 1], color=colour, lw=0.9, alpha=0.6, zorder=6)
@@ -267,7 +267,7 @@ def add_wheels(axes: Axes, scenario: Scenario, width: float) -> LineCollection:
 
 
 def draw_slip_scale(figure: Figure, box: tuple[float, float, float, float]) -> None:
-    """What the wheels' colours mean, in a box (left, bottom, width, height) of the figure."""
+    """The meaning of the wheels' colours, in a box (left, bottom, width, height) of the figure."""
     axes = figure.add_axes(box)
     axes.imshow(np.linspace(0, 1, 128)[None, :], cmap=SLIP_COLOURS, aspect="auto")
     axes.set_axis_off()

@@ -1,8 +1,8 @@
 """One program on the served bus: a socket or pseudo-terminal, its codec, its controller.
 
-Nothing here waits: what a client does not read in time is dropped and counted, and what the bus
-does not take yet is left in the client's socket. Packets are for python-can, lines of a serial
-adapter for all else.
+Nothing here waits: frames that a client does not read in time are dropped and counted, and frames
+that the bus does not take yet are left in the client's socket. Packets are for python-can, lines of
+a serial adapter for all else.
 """
 
 import os
@@ -33,10 +33,10 @@ class Codec(Protocol):
         """Lines or packets that made no sense."""
 
     def encode(self, frame: Frame, sim_ns: int) -> bytes:
-        """What to send the client of a frame on the bus; may be nothing."""
+        """The bytes for the client about a frame on the bus; may be empty."""
 
     def feed(self, data: bytes) -> bytes:
-        """Take in what the client wrote, hand its frames over; return what to answer.
+        """Take in the bytes of the client, hand its frames over; return the answer.
 
         Raises GoneError for a client that is none.
         """
@@ -181,7 +181,7 @@ class Client:
         return bool(self._backlog)
 
     def may_read(self, now_ns: int) -> bool:
-        """Whether the bus has room for what the client wants to send, and it is not too fast."""
+        """Whether the bus has room for the client's frames, and it is not too fast."""
         return self._read_from_ns <= now_ns and self._controller.pending < PENDING_FRAMES
 
     def on_frame(self, frame: Frame, now_ns: int) -> None:
@@ -194,7 +194,7 @@ class Client:
         self.on_frame(Frame(ERROR, bytes(8)), now_ns)
 
     def read(self, now_ns: int) -> None:
-        """Take what the client has written. Raises GoneError."""
+        """Take the bytes of the client. Raises GoneError."""
         try:
             data = os.read(self.descriptor, _READ_BYTES)
         except BlockingIOError:
@@ -207,9 +207,10 @@ class Client:
         self._keep(self._codec.feed(data))
 
     def write(self) -> None:
-        """Give the client what it takes now.
+        """Give the client as many bytes as it takes now.
 
-        One that takes no more may have sent frames that are still to be read; `read` sees its end.
+        A client that takes no more may have sent frames that are still to be read; `read` sees its
+        end.
         """
         try:
             while self._backlog:
@@ -220,7 +221,7 @@ class Client:
             self.hear_no_more()
 
     def hear_no_more(self) -> None:
-        """Send the client nothing more; what it has sent still goes out."""
+        """Send the client nothing more; its own frames still go out."""
         self._deaf = True
         self._backlog.clear()
 

@@ -19,8 +19,8 @@ def epoch_now_s() -> float:
 class RealTime:
     """Simulated time that passes with the machine's, `speed` times as fast; at 0 it stands still.
 
-    What a slow machine cannot catch up with is given up after `patience_ns`; `late_ns` adds it up.
-    `settling_ns` adds up how long the machine took to carry what is on a terminal's line.
+    Time that a slow machine cannot make up is given up after `patience_ns`; `late_ns` adds it up.
+    `settling_ns` adds up how long the machine took to carry the bytes on a terminal's line.
     """
 
     def __init__(self, speed: float = 1.0, patience_ns: int = PATIENCE_NS) -> None:
@@ -43,7 +43,7 @@ class RealTime:
         return time.monotonic_ns() - self._began_ns
 
     def sim_ns(self, reached_ns: int) -> int:
-        """What time it should be in the simulation, which has reached `reached_ns`."""
+        """The time that it should be in the simulation, which has reached `reached_ns`."""
         passed_ns = round((time.monotonic_ns() - self._started_ns) * self.speed)
         due_ns = self._base_ns + passed_ns - self.late_ns
         behind_ns = due_ns - reached_ns - self._patience_ns

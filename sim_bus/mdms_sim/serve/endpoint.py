@@ -130,7 +130,7 @@ def listen_tcp(port: int) -> socket.socket:
 
 
 class Terminal:
-    """A pseudo-terminal in raw mode: `name` is what a client opens like a serial port."""
+    """A pseudo-terminal in raw mode: `name` is the path that a client opens like a serial port."""
 
     def __init__(self) -> None:
         self.descriptor, self._client_end = os.openpty()
@@ -175,7 +175,7 @@ class Acceptor:
     def accept(self, listener: socket.socket) -> socket.socket | None:
         """The next connection, None when there is none.
 
-        Raises FullError for one that had to be turned away.
+        Raises FullError for a client that had to be turned away.
         """
         try:
             connection, _ = listener.accept()

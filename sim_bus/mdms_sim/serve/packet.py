@@ -1,4 +1,4 @@
-"""What a served bus and the python-can interface say to each other over a Unix socket.
+"""The protocol between a served bus and the python-can interface, over a Unix socket.
 
 Both sides begin with `HELLO`; then packets of fixed size follow, one a frame. The identifier
 carries the flags of `mdms_sim.bus.wire` above it.

@@ -42,7 +42,7 @@ MakeCodec = Callable[[Callable[..., bool]], Codec]
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """What a client has to name: python-can's channel, a serial device, a TCP port if open."""
+    """The name for a client: python-can's channel, a serial device, a TCP port if open."""
 
     channel: str
     device: str
@@ -202,7 +202,7 @@ class Server:
         self._selector.register(listener, selectors.EVENT_READ, welcome)
 
     def _accept(self, listener: socket.socket) -> socket.socket | None:
-        """The next connection, if any. Raises FullError for one that was refused."""
+        """The next connection, if any. Raises FullError for a client that was refused."""
         connection = self._acceptor.accept(listener)
         # One that has left with frames still to be sent is on the bus as well.
         if connection and len(self._connections) + len(self._leaving) >= CONNECTIONS_MAX:
@@ -238,7 +238,7 @@ class Server:
         self._selector.register(descriptor, selectors.EVENT_READ, ready)
 
     def _watch(self, descriptor: int, client: Client) -> None:
-        """Listen only for what can be served: a bus that is full does not read on."""
+        """Listen only for as many clients as can be served: a bus that is full does not read on."""
         if descriptor not in self._clients:
             return
         wanted = selectors.EVENT_READ if client.may_read(self.simulation.kernel.now_ns) else 0

@@ -1,4 +1,7 @@
-"""`mdms scan`, `mdms status` and `mdms stop`: what is on the bus, its state, and everything off."""
+"""`mdms scan`, `mdms status` and `mdms stop`:
+
+participants on the bus, the state of each, and everything off.
+"""
 
 import json
 import sys
@@ -74,7 +77,7 @@ def stop(arguments: Namespace) -> Exit:
 
 
 def _show_link(link: Link) -> None:
-    """What the link met besides frames, on stderr."""
+    """Incidents of the link besides frames, on stderr."""
     for time_s, text in link.incidents:
         say(f"{time_s:8.3f} s  {text}")
     if counts := str(link.counts):

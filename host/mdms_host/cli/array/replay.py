@@ -14,7 +14,7 @@ from mdms_model.run.folder import BUS_LOG
 
 
 def run(arguments: Namespace) -> Exit:
-    """Send the log again, and report what came of it; or show the run."""
+    """Send the log again, and report the result; or show the run."""
     if arguments.page is not None:
         return _show(arguments)
     if arguments.nodes is None:

@@ -54,8 +54,8 @@ def ask_places(
 ) -> dict[int, Spot]:
     """Column and row of each cell by its serial number; each is stored as soon as it is given.
 
-    A cell that has a place of its own already keeps it, unless `again`. Raises `CommandError`
-    when the person ends it; what has been answered is kept for the next time.
+    A cell that has a place of its own already keeps it, unless `again`. Raises `CommandError` when
+    the person ends it; the answers so far are kept for the next time.
     """
     spots = {} if again else _stored(commissioning, roll, grid)
     if spots:
@@ -112,7 +112,7 @@ def pressed_keys(without: str) -> Iterator[Callable[[], str]]:
 
 
 class AtTerminal:
-    """Who does with their hands what they are asked, and says so by Enter; `pressed()` has keys."""
+    """A person whose hands do as asked, and who says so by Enter; `pressed()` has keys."""
 
     def __init__(self, pressed: Callable[[], str]) -> None:
         self._pressed = pressed

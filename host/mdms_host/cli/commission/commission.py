@@ -79,14 +79,14 @@ _BOOT_S = 0.3
 
 @dataclass(slots=True)
 class _Job:
-    """What one run of the verb works on."""
+    """The objects of one run of the verb."""
 
     commissioning: Commissioning
     arguments: Namespace
     failed: dict[str, str]
 
     def report(self, text: str) -> None:
-        """A line about what has been done, unless the result is to be JSON."""
+        """A line about a step that is done, unless the result is to be JSON."""
         if not self.arguments.json:
             print(text, flush=True)
 
@@ -195,7 +195,7 @@ def _array(arguments: Namespace, grid: Spot, spots: Mapping[int, Spot]) -> Array
 def _checked(job: _Job, roll: FoundCells, file: ArrayFile, *, whole: bool) -> list[FiledCell]:
     """The cells with all that their places imply, and with `whole` the defaults of all else.
 
-    What a file says is the whole of it; a cell that was placed otherwise keeps what it has.
+    A file gives all places; a cell that was placed otherwise keeps its own.
     """
     channel = getattr(job.arguments, "channel", None)
     steps.refuse_unlisted(roll, file, cells_on(file, channel))
@@ -204,7 +204,7 @@ def _checked(job: _Job, roll: FoundCells, file: ArrayFile, *, whole: bool) -> li
 
 
 def _give_ids(job: _Job, roll: FoundCells, wanted: Mapping[int, int]) -> FoundCells:
-    """Cells get their node ids, and keep them; who is there then."""
+    """Cells get their node ids, and keep them; returns the present nodes."""
     moves = steps.plan_ids(roll, wanted)
     if not moves:
         return roll

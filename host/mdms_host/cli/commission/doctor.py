@@ -1,4 +1,4 @@
-"""`mdms doctor`: what is wrong with an array, why, and what helps."""
+"""`mdms doctor`: faults of an array, with cause and cure."""
 
 import json
 from argparse import Namespace
@@ -26,7 +26,7 @@ from mdms_model.scenario.file import load_scenario
 
 
 def run(arguments: Namespace) -> Exit:
-    """Examine the bus and its cells, and print what was found; exit code 5 if any is serious."""
+    """Examine the bus and its cells, and print the findings; exit code 5 if any is serious."""
     if arguments.stop:
         return _stop(arguments)
     listed = None if arguments.array is None else _listed(arguments)
@@ -99,7 +99,7 @@ def _row(finding: Finding) -> dict[str, object]:
 
 
 def _stop(arguments: Namespace) -> Exit:
-    """Test the emergency stop with a person, and print what was found; exit code 1 for anything."""
+    """Test the emergency stop with a person, and print the findings; exit code 1 for anything."""
     form, wanted = SHORT, nodes_of(arguments.nodes)
     if arguments.array is not None:
         stop = read_array(arguments.array).stop

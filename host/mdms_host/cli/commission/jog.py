@@ -51,7 +51,7 @@ def run(arguments: Namespace) -> Exit:
 
 
 class ByKeys:
-    """Turns a wheel while a key is pressed again and again, as one that is held down is.
+    """Turns a wheel while a key is pressed again and again, as by holding it down.
 
     `pressed()` returns the keys since it was called last.
     """
@@ -66,7 +66,7 @@ class ByKeys:
         self._until_s = 0.0
 
     def look(self) -> None:
-        """Do what the keys say; any other key, and none for a while, stops the wheel."""
+        """Obey the keys; any other key, and none for a while, stops the wheel."""
         now_s = self._clock.now_s()
         for key in self._pressed():
             if key in LEAVE:

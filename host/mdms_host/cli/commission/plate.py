@@ -53,8 +53,8 @@ def watch_plate(
 ) -> tuple[int, int, dict[int, Spot]]:
     """Columns, rows and the place of each cell, once all have been seen and fill a grid.
 
-    Motors stay off: the cells are operational only to report what they see. Raises `CommandError`
-    when time is over, or what was seen fits no grid.
+    Motors stay off: the cells are operational only to report their sensors. Raises `CommandError`
+    when time is over, or the sightings fit no grid.
     """
     keys = {node_id: identity.serial for node_id, identity in roll.present.items()}
     _refuse_covered(commissioning, keys)
@@ -125,7 +125,7 @@ def _watch(
 
 
 class _Settling:
-    """Waits until all cells fill a grid, the one that was named if one was, and go on to do so."""
+    """Waits until all cells fill a grid, or the named grid, and go on to do so."""
 
     def __init__(
         self, sightings: Sightings, cells: int, named: tuple[int | None, int | None]

@@ -1,4 +1,4 @@
-"""What the actions of `mdms configure` share: the cells on the bus, consent, changes in words."""
+"""Shared parts of the actions of `mdms configure`: cells on the bus, consent, changes in words."""
 
 import sys
 from argparse import Namespace

@@ -106,7 +106,7 @@ def _table(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> Ta
 
 
 def _limits(parameter: Parameter) -> str:
-    """The limits; what is alike to both sides is written once, which 80 columns have room for."""
+    """The limits; a common part of both sides is written once, so that it fits 80 columns."""
     entry = parameter.entry
     low, high = (parameter.text(bound, unit=False) for bound in (entry.low, entry.high))
     return f"+-{high}" if low == f"-{high}" else f"{low} to {high}"
@@ -128,7 +128,7 @@ def _changed(parameter: Parameter, cell: CellSettings) -> bool:
 
 
 def _differ(parameter: Parameter, cells: Sequence[CellSettings]) -> bool:
-    """Whether cells differ from each other, not counting what comes from their node ids."""
+    """Whether cells differ from each other, apart from the effects of their node ids."""
     offsets = {cell.values[parameter] - parameter.default(cell.node_id) for cell in cells}
     return len(offsets) > 1
 
@@ -212,7 +212,7 @@ def _check_loops(scenario: str, loops: set[tuple[int, ...]]) -> None:
 
 
 def to_read(wanted: Mapping[Parameter, int]) -> list[Parameter]:
-    """What is to be changed, and what the margin of its speed loop depends on besides."""
+    """The changes, and the other values that the margin of its speed loop depends on."""
     needed = dict.fromkeys(wanted)
     for names in LOOPS:
         if any(BY_NAME[name] in wanted for name in names):
@@ -236,7 +236,7 @@ def _verdict(changes: Sequence[Change], node_ids: Sequence[int], *, saved: bool)
 
 
 def restore_defaults(arguments: Namespace) -> Exit:
-    """Show what is not at its default; when that is agreed, restore, restart, and verify."""
+    """Show all settings off their defaults; when that is agreed, restore, restart, and verify."""
     every = (*PARAMETERS, *WIRING)
     with open_commissioning(arguments) as commissioning:
         cells = read_cells(commissioning, arguments, every, to_write=not arguments.dry_run)

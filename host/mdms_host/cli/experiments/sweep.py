@@ -30,7 +30,7 @@ PICTURE = "picture.png"
 
 
 def run(arguments: Namespace) -> Exit:
-    """Run what is missing, write the tables and pictures, and print a summary."""
+    """Do the missing runs, write the tables and pictures, and print a summary."""
     design, plots = read_sweep(arguments.file)
     folder = arguments.out or Path("runs") / arguments.file.stem
     if arguments.again is not None:
@@ -52,7 +52,7 @@ def run(arguments: Namespace) -> Exit:
 
 @contextmanager
 def running(folder: Path, arguments: Namespace) -> Iterator[Callable[[Design], SweepResult]]:
-    """Runs what is missing of designs, with progress; Ctrl-C says how to go on."""
+    """Does the missing runs of designs, with progress; Ctrl-C says how to go on."""
     latest = Progress(0)
 
     def note(state: Progress) -> None:

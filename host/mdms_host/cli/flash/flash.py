@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a board: versions of its firmware before and after, or what went wrong."""
+    """The result of a board: versions of its firmware before and after, or what went wrong."""
 
     port: BoardPort
     info: BoardInfo | None = None
@@ -48,7 +48,7 @@ class Outcome:
         return f"{self.before} ({_compared(self.before)})"
 
     def line(self) -> str:
-        """What people are told of a board that went well."""
+        """The message about a board that went well."""
         if self.info is None or self.plan is None:
             return self.port.device
         head = f"{self.port.device}: {self.info.board or self.info.machine}"
@@ -128,7 +128,7 @@ def _flash_files(job: Job, link: BoardLink, info: BoardInfo, outcome: Outcome) -
 
 
 def _check_known(info: BoardInfo, told: str | None) -> None:
-    """Raises BoardError unless there is firmware for what the board says it is, or the user."""
+    """Raises BoardError without firmware for the board, by its own report or by the user's."""
     if info.board and told not in (None, info.board):
         raise BoardError(f"it says that it is {info.machine}, not {told}")
     if info.board is None and told is None:
@@ -237,7 +237,7 @@ def _chosen(arguments: Namespace) -> "list[BoardPort]":
 
 
 def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]":
-    """What became of the boards, in the order of the ports."""
+    """The results of the boards, in the order of the ports."""
     from concurrent.futures import ThreadPoolExecutor, as_completed
 
     from mdms_host.flashing.firmware import compiler

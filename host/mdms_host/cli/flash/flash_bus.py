@@ -49,7 +49,7 @@ def refuse_options(arguments: Namespace) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What becomes of a cell: the bundle that it is to have, or why it gets none."""
+    """The result of a cell: the bundle that it is to have, or why it gets none."""
 
     cell: "Candidate"
     bundle: "Bundle | None" = None

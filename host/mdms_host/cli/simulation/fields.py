@@ -104,7 +104,7 @@ HALF_TURN_DEG = 179.9
 
 
 def plan_squeeze(arguments: Namespace) -> Exit:
-    """Plan, try the plan on the array, and print and draw what came of it."""
+    """Plan, try the plan on the array, and print and draw the result."""
     scenario = load_scenario(arguments.scenario, [*arguments.overrides, *ALONE])
     if arguments.out is not None:
         form_of(arguments.out)

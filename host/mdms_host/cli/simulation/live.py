@@ -45,7 +45,7 @@ def slot_of(scenario: Scenario, main: Main | None = None) -> RunSlot:
 def table_of(
     scenario: Scenario, slot: RunSlot, simulation: Simulation, time: RealTime
 ) -> SimulatedTable:
-    """What a page shows of a simulation, and does to it."""
+    """The page of a simulation: its view and its commands."""
     told = believed(scenario)
     parcels = {parcel.name: parcel for parcel in (*parcels_of(scenario), *parcels_of(told))}
     return SimulatedTable(
@@ -67,7 +67,7 @@ def attended(
     arguments: Namespace,
     over: Callable[[], object],
 ) -> Iterator[Callable[[], object]]:
-    """The page of a served table; what is to be asked instead of `over` looks after it."""
+    """The page of a served table; a hook in place of `over` looks after it."""
     table = table_of(scenario, slot, server.simulation, server.time)
     with opened_page(table, arguments) as page:
 

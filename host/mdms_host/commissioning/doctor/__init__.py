@@ -1,1 +1,1 @@
-"""What is wrong with an array, why, and what helps."""
+"""Faults of an array, with cause and cure."""

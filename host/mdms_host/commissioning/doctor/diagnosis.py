@@ -1,4 +1,4 @@
-"""What is wrong with an array, by what was measured of it: each rule makes findings of one kind."""
+"""Faults of an array, by measurements of it: each rule makes findings of one kind."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -161,7 +161,7 @@ def _of_supplies(cells: Mapping[int, Examined]) -> Iterator[Finding]:
 
 
 def _of_neighbours(cells: Mapping[int, Examined]) -> Iterator[Finding]:
-    """Who is east of one has it in the west; no two have one place."""
+    """The neighbour in the east has this cell in the west; no two cells have one place."""
     spots = Counter(_spot(cell) for cell in cells.values() if cell[indices.PLACE, 2])
     for node_id, cell in cells.items():
         if not cell[indices.PLACE, 2]:

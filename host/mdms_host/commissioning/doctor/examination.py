@@ -60,7 +60,7 @@ _OF_UPDATE = ((indices.FLASH_STATUS, 1), (indices.UPDATE, 8))
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """A cell: who it is, its objects by index and sub-index, past errors, and its clock.
+    """A cell: its identity, its objects by index and sub-index, past errors, and its clock.
 
     `period_s` is the median time from a heartbeat to the next, None if too few came.
     """
@@ -79,7 +79,7 @@ class Examined:
 class Examination:
     """All that was measured; node ids where nothing else is known.
 
-    `serials` are those of all cells that have said who they are.
+    `serials` are those of all cells that have answered.
     """
 
     cells: dict[int, Examined] = field(default_factory=dict)
@@ -121,7 +121,7 @@ class _Heartbeats:
 
 
 def examine(commissioning: Commissioning, clock: Clock, listen_s: float = LISTEN_S) -> Examination:
-    """Listen, ask who is there, and read what each cell says of itself. Raises DeviceGoneError."""
+    """Listen, ask for all nodes, and read the statements of each cell. Raises DeviceGoneError."""
     examined = Examination()
     found = commissioning.find()
     # Questions to all nodes at once may find the transmit queue full, which is no fault.
@@ -198,7 +198,7 @@ _SCALE_LOW, _SCALE_HIGH = 0.6, 1.7
 def examine_wheels(
     commissioning: Commissioning, node_id: int, motor: WheelMotor
 ) -> Iterator[Finding]:
-    """What the wheels of a cell with such motors have.
+    """The parameters of the wheels of a cell with such motors.
 
     Raises StoppedError, SilentError, DeviceGoneError.
     """

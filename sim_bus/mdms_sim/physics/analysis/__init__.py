@@ -1,1 +1,1 @@
-"""What fields do to parcels: forces, equilibria, reduced laws."""
+"""Effects of fields on parcels: forces, equilibria, reduced laws."""

@@ -67,7 +67,7 @@ def running_wheels_of(scenario: Scenario, reference_m_s: Floats, law: Law) -> Ru
 
 @compiled
 def wheel_push_n(table: RunningWheels, i: int, normal_n: float) -> float:
-    """Force of wheel `i` along its direction on what does not move."""
+    """Force of wheel `i` along its direction on a body at rest."""
     stall_n: float = table.push_n[i]
     limit_n: float = table.friction[i] * normal_n
     grip: float = table.viscous_s_per_m[i] * normal_n
@@ -152,7 +152,7 @@ NEUTRAL_SHARE = 0.02
 
 
 class Stability(Enum):
-    """What becomes of a parcel that is put beside an equilibrium."""
+    """The way of a parcel that is put beside an equilibrium."""
 
     STABLE = "stable"
     SPIRAL = "spiral"

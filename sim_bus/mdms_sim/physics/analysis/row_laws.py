@@ -42,7 +42,7 @@ class RollingLaw:
 
     @property
     def speed_m_s(self) -> float:
-        """What the parcel tends to: the mean of the free wheels' speeds."""
+        """The goal of the parcel's motion: the mean of the free wheels' speeds."""
         return self.offset_n / self.damping_ns_per_m
 
 

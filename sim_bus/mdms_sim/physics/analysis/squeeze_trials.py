@@ -180,7 +180,7 @@ def _outcome(plan: SqueezePlan, trials: Trials, step: int) -> StepOutcome:
 
 
 def _against(wanted_rad: Floats, turned_rad: Floats) -> NDArray[np.bool_]:
-    """Who has turned away from where it was to turn, by more than is taken for as predicted."""
+    """Parcels that have turned to another angle than predicted, beyond a tolerance."""
     away = wanted_rad * turned_rad < 0.0
     return np.asarray(away & (np.abs(turned_rad) > AS_PREDICTED_RAD))
 

@@ -1,4 +1,6 @@
-"""What each wheel does to the parcel on it, as a clipped line, and what that does to the wheel."""
+"""The effect of each wheel on the parcel on it, as a clipped line, and the effect of that on the
+wheel.
+"""
 
 from typing import NamedTuple
 
@@ -100,7 +102,7 @@ def objective(
 
 @compiled
 def push(line: Floats, jacobian: Floats, twist: Vector) -> float:
-    """What one wheel, by its `line` (3,), does to a parcel of this twist [N along the wheel]."""
+    """The push of one wheel, by its `line` (3,), on a parcel of this twist [N along the wheel]."""
     speed = jacobian[0] * twist[0] + jacobian[1] * twist[1] + jacobian[2] * twist[2]
     return float(min(max(line[0] - line[1] * speed, -line[2]), line[2]))
 

@@ -29,7 +29,10 @@ ROUNDING_S = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class SenseState:
-    """What the sensors go on from: their random numbers, and readings that are still to come."""
+    """The state that the sensors go on from:
+
+    their random numbers, and readings that are still to come.
+    """
 
     chance: Mapping[str, Any]
     seen: tuple[tuple[float, Bits], ...] = ()
@@ -58,7 +61,7 @@ class SensorPlaces(NamedTuple):
 class PresenceSensors:
     """Binary sensors under the table's surface, late and at times wrong, as the scenario says.
 
-    One that is stuck both ways reads covered.
+    A sensor that is stuck both ways reads covered.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -88,7 +91,7 @@ class PresenceSensors:
         return self._hold(self._disturb(self._late(bits, now_s)))
 
     def state(self) -> SenseState:
-        """What the next readings depend on."""
+        """The state that the next readings depend on."""
         return SenseState(self._chance.bit_generator.state, tuple(self._seen))
 
     def restore(self, state: SenseState) -> None:
@@ -127,11 +130,11 @@ class LoadCells:
         self._chance = np.random.default_rng([scenario.run.seed, LOAD_STREAM])
 
     def read(self, normal_n: Floats) -> Floats:
-        """What the load cells read of these normal forces (W,) [N]."""
+        """The readings of the load cells under these normal forces (W,) [N]."""
         return normal_n + self._chance.normal(0.0, self._noise_n, normal_n.shape)
 
     def state(self) -> SenseState:
-        """What the next readings depend on."""
+        """The state that the next readings depend on."""
         return SenseState(self._chance.bit_generator.state)
 
     def restore(self, state: SenseState) -> None:
@@ -171,7 +174,7 @@ Registers = NDArray[np.int32]
 
 
 class Sampled(NamedTuple):
-    """What cells have sampled, of shape (cells, 2); 0 where a cell has no such wheel."""
+    """The samples of cells, of shape (cells, 2); 0 where a cell has no such wheel."""
 
     counts_per_m: float
     counts: Registers
@@ -197,7 +200,7 @@ class Bridges(NamedTuple):
 def step_cells(
     scene: Scene, voltage_uv: Registers, bridges: Bridges, step_s: float, sampled: Sampled
 ) -> int:
-    """Move on under voltages (cells, 2) held over the step; returns what there is to report."""
+    """Move on under voltages (cells, 2) held over the step; returns the events to report."""
     first, wheels = scene.model.first, scene.state.wheels
     voltage_v = np.empty(wheels.size)
     for cell in range(first.size - 1):

@@ -81,7 +81,10 @@ _EDGE_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class StreamsState:
-    """What streams go on from: random numbers, how many came, when the next is due, and which."""
+    """The state that streams go on from:
+
+    random numbers, how many came, when the next is due, and which.
+    """
 
     streams: tuple[tuple[Any, int, float, int | None], ...]
 
@@ -100,7 +103,7 @@ class Streams:
         ]
 
     def state(self) -> StreamsState:
-        """What the next parcels depend on."""
+        """The state that the next parcels depend on."""
         return StreamsState(
             tuple((one.random.getstate(), one.count, one.due_s, one.next) for one in self._streams)
         )

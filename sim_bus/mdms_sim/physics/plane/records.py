@@ -144,7 +144,7 @@ class Model(NamedTuple):
 
 
 class State(NamedTuple):
-    """What a step starts from."""
+    """The start of a step."""
 
     wheels: Records
     parcels: Records
@@ -159,7 +159,7 @@ class State(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """What a step works with.
+    """The workspace of a step.
 
     The lists hold the supports of all parcels, one parcel after the other: each one's wheel, place
     from the centre of mass and normal force (W,); and their lines (2 W,), for each parcel first

@@ -12,7 +12,7 @@ from mdms_sim.physics.plane.records import NOBODY, Scene, halfway
 def rest_parcels(scene: Scene, step_s: float) -> bool:
     """Find where each parcel rests half a step ahead; True when one begins to tip.
 
-    One that is lifted rests on nothing, and does not tip.
+    A lifted parcel rests on nothing, and does not tip.
     """
     for w in range(scene.state.wheels.size):
         scene.scratch.wheels[w].parcel = NOBODY

@@ -34,7 +34,7 @@ TIPPING, TOUCHING, LIMITED = 1, 2, 4
 
 @compiled
 def step_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> int:
-    """Massless wheels under the continuous proportional law (eq 9); returns what it reports.
+    """Massless wheels under the continuous proportional law (eq 9); returns the events to report.
 
     The implicit midpoint rule: the work of the pushes is the change of kinetic energy, to rounding.
     """
@@ -53,7 +53,7 @@ def step_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> int:
 
 @compiled
 def step_voltage(scene: Scene, voltage_v: Floats, step_s: float) -> int:
-    """Wheels with inertia under voltages held over the step; returns what it reports.
+    """Wheels with inertia under voltages held over the step; returns the events to report.
 
     A rolling wheel has the parcel's speed at the end of the step; between, it moves exactly.
     """
@@ -92,7 +92,7 @@ def limited(scene: Scene) -> bool:
 
 @compiled
 def observe_ideal(scene: Scene, reference_m_s: Floats) -> int:
-    """Set what the wheels do at this very instant under the ideal law; nothing moves."""
+    """Set the speeds of the wheels at this very instant under the ideal law; nothing moves."""
     tipping = rest_parcels(scene, 0.0)
     draw_ideal_lines(scene, reference_m_s)
     for p in range(scene.model.parcels.size):

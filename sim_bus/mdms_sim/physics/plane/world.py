@@ -56,13 +56,13 @@ class WorldState:
 
 
 class World:
-    """Wheels, parcels, friction and what the cells can sense of them.
+    """Wheels, parcels, friction and the senses of the cells.
 
     Wheels (W,) are ordered by cell, then axis; poses and twists (P, 3) are those of the parcels'
-    origins in the table frame. Forces and contacts are those of the step just made. What happened
-    is in `events`: parcels that touch or tip, and limits of the solver ('solver'), each when a step
-    reaches it and the one before did not. What is wrong with wheels, sensors and bridges is part of
-    the state; `handling` has what hands do to parcels. Raises `ScenarioError` for impossible
+    origins in the table frame. Forces and contacts are those of the step just made. The past is in
+    `events`: parcels that touch or tip, and limits of the solver ('solver'), each when a step
+    reaches it and the one before did not. Faults of wheels, sensors and bridges are part of the
+    state; `handling` has the acts of hands on parcels. Raises `ScenarioError` for impossible
     outlines.
     """
 
@@ -101,7 +101,7 @@ class World:
     def restore(self, state: WorldState) -> None:
         """Go back: the same steps and readings as then give the same bytes.
 
-        The arrays stay where they are, so that who has a part of the world still has it.
+        The arrays stay at their places, so that the owner of a part of the world still has it.
         """
         self.time_s, self._limits = state.time_s, state.limits
         self.events[:] = state.events
@@ -144,7 +144,7 @@ class World:
         return for_types_of(step_cells, *types)
 
     def pass_time(self, step_s: float, report: int) -> None:
-        """Advance the clock after the scene has moved, and note what it has reported."""
+        """Advance the clock after the scene has moved, and note its events."""
         self.time_s += step_s
         if report & step.TIPPING:
             self._note_tips()
@@ -229,7 +229,7 @@ class World:
 
     @property
     def force_n(self) -> Floats:
-        """What the wheels push the parcels with, along their directions (W,)."""
+        """The pushes of the wheels on the parcels, along their directions (W,)."""
         return self._wheel("force_n")
 
     @property
@@ -245,7 +245,9 @@ class World:
 
     @property
     def motor_current_a(self) -> Floats:
-        """What the motors draw at the end of a step under voltage (W,), signed as the voltage."""
+        """The currents of the motors at the end of a step under voltage (W,), signed as the
+        voltage.
+        """
         return self._wheel("current_a")
 
     def _wheel(self, name: str) -> Floats:

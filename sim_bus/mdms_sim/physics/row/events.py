@@ -62,7 +62,7 @@ def carried(row: RowParcel, k: int) -> bool:
 
 @compiled
 def footing(row: RowParcel, k: int, x_m: float, speed: float) -> Footing:
-    """What carries in stretch `k`; each wheel rolls where friction can hold it (eq 12)."""
+    """The carrying wheels in stretch `k`; each wheel rolls where friction can hold it (eq 12)."""
     wheels = len(row.wheel_x_m)
     load, mode = np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8)
     first, last = row.first[k], row.last[k]
@@ -193,7 +193,7 @@ def mode_margin(row: RowParcel, foot: Footing, phase: MotionPhase, i: int, side:
 
 @compiled
 def most_change(row: RowParcel, foot: Footing, margin: Margin, within_s: float) -> float:
-    """What a margin cannot change by more than: friction bounds speed, the stretch bounds place."""
+    """A bound on the change of a margin: friction bounds speed, the stretch bounds place."""
     span_m: float = row.edge_m[foot.k + 1] - row.edge_m[foot.k]
     return abs(margin.by_x) * span_m + abs(margin.by_v) * row.most_pull_m_s2 * within_s
 

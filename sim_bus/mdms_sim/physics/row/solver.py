@@ -137,7 +137,7 @@ def solve_row(scenario: Scenario, reference_m_s: Floats) -> Record:
 
 
 def check_row(scenario: Scenario) -> None:
-    """Refuse what the paper's row does not have. Raises `ScenarioError`."""
+    """Refuse scenarios beyond the paper's row. Raises `ScenarioError`."""
     _refuse("array.rows", scenario.array.rows, 1)
     wheels, cells = build_wheels(scenario), true_cells(scenario)
     _refuse("number of wheels in a cell", max(len(cell.wheel) for cell in cells), 1)

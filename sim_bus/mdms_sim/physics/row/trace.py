@@ -133,7 +133,8 @@ def coast(phase: MotionPhase, after_s: float) -> tuple[RowState, float]:
 
 @compiled
 def start(row: RowParcel, x_m: float) -> tuple[Footing, int]:
-    """On what a parcel at rest at `x_m` sets off; on an edge, the pushes on both sides decide.
+    """The stretch on which a parcel at rest at `x_m` sets off; on an edge, the pushes on both sides
+    decide.
 
     Where they push it apart, it stays as well: both its ends are on wheels, and a row that is the
     same on both sides moves it to neither.
@@ -237,7 +238,7 @@ def row_parcel(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Row
 
 
 def events_of(journey: Journey) -> Iterator[Event]:
-    """What happened on the way, in order of time."""
+    """The events on the way, in order of time."""
     for at in range(len(journey.trace.phases)):
         cause = journey.trace.whys[at, 0]
         if cause == REVERSAL:
