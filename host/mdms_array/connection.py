@@ -255,9 +255,7 @@ class ThreadDriver:
         return kind(run.reason if run.status in ENDS else "the table has stopped", run)
 
     def _look(self, _time_s: float) -> None:
-        """Start the coroutines that were asked for, and tell those who wait of each that is done;
-        in the thread.
-        """
+        """Start the requested coroutines, and report each that is done; in the thread."""
         while True:
             try:
                 self._asked.get_nowait()()

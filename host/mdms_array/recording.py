@@ -188,9 +188,7 @@ def lasting(scenario: Scenario, duration_s: float) -> Scenario:
 
 
 def _painter(record: Record) -> SavePicture | None:
-    """The drawing function of the picture; None where matplotlib is not installed, or one instant
-    is all.
-    """
+    """The drawing function of the picture; None without matplotlib, or for a single instant."""
     if len(record.time_s) < 2:
         return None
     if PICTURES.missing:

@@ -1,6 +1,4 @@
-"""Errors that a user can mend: every such error is one line with the value, the limit and the way
-out.
-"""
+"""Errors that a user can mend: each is one line with the value, the limit and the way out."""
 
 
 class Error(Exception):

@@ -1,6 +1,4 @@
-"""Participants, driven by simulation and real time alike: anything on the bus that decides by
-frames and time.
-"""
+"""Participants on a bus: they decide by frames and time, simulated or real."""
 
 from collections.abc import Iterable
 from typing import Protocol, runtime_checkable

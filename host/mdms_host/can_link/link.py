@@ -60,9 +60,7 @@ _LIBRARIES: Mapping[str, str] = {
 
 
 def remedy(interface: str | None, problem: str) -> str | None:
-    """The package to install so that the interface works; None if nothing is missing, or it is
-    unknown.
-    """
+    """The package that the interface lacks; None if nothing is missing, or it is unknown."""
     if interface is None or not any(text in problem for text in _MISSING):
         return None
     if interface in _LIBRARIES:

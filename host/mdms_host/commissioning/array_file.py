@@ -75,9 +75,7 @@ class FiledCell:
 
 @dataclass(frozen=True, slots=True)
 class ArrayFile:
-    """The content of a file; `stop` has the limits of the table's emergency stop, None if not
-    stated.
-    """
+    """The content of a file; `stop` has the limits of the emergency stop, None if not stated."""
 
     path: Path
     table: FiledTable

@@ -173,9 +173,7 @@ class Jog:
             yield from self._step(state, now_s)
 
     def _step(self, state: int | None, now_s: float) -> Iterator[Frame]:
-        """The request that takes the drive one step nearer to 'operation enabled'; its limit comes
-        before.
-        """
+        """The request for one step nearer to 'operation enabled'; its limit comes before."""
         word = _TOWARDS_ENABLED.get(state, cia402.SHUTDOWN)
         if word == cia402.FAULT_RESET:
             # The reset is an edge of its bit, so the bit must have been low.

@@ -40,9 +40,10 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """An unknown thing is taken for a parcel of this name and outline; a disc has its diameter as
-    length and width. `spread_m` is how exact that is on either side: of a size that is to be
-    learned as edges pass sensors, as the `size` of the message `table` is, some millimetres.
+    """An unknown thing is taken for a parcel of this name and outline.
+
+    A disc has its diameter as length and width. `spread_m` is how exact that is on either side. It
+    is some millimetres for a size that is to be learned as edges pass sensors.
     """
 
     parcel: str
@@ -118,7 +119,7 @@ class Resume:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """After that time it stands still."""
+    """Time passes for so long, and then stands still."""
 
     duration_s: float = field(default=0.01, metadata=Limit(above=0.0, at_most=60.0))
 

@@ -81,8 +81,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Motion(Part):
-    """The motion of the wheels: a field of references, goals to steer parcels to, or a program's
-    tasks.
+    """The motion of the wheels: by a field, by goals of parcels, or by a program's tasks.
 
     Goals are steered to under the `control` of the host, or of the cells by themselves; these
     `go_on` without the host, or stop.

@@ -336,8 +336,9 @@ PUSHED_MOST_M_S = 10.0
 
 
 def check_faults(scenario: Scenario) -> None:
-    """Refuse faults of missing cells, axes, sensors and parcels. Raises `ScenarioError` with the
-    key's full path.
+    """Refuse faults of missing cells, axes, sensors and parcels.
+
+    Raises `ScenarioError` with the key's full path.
     """
     for number, fault in enumerate(scenario.fault):
         key = f"fault.{number}"

@@ -107,8 +107,9 @@ def _near(wheel_m: Floats, poses: Floats, reach_m: float) -> Floats:
 
 @compiled
 def _supports(wheel_m: Floats, body: _Body, pose: Floats, supports_m: Floats) -> int:
-    """How many wheels lie under an outline; the first `supports_m` are they, from its centre of
-    mass [table frame].
+    """How many wheels lie under an outline.
+
+    These are the first of `supports_m`, from its centre of mass [table frame].
     """
     cosine, sine = cos(pose[2]), sin(pose[2])
     edges, radius_m, centre_m = body

@@ -156,9 +156,7 @@ class Watched(NamedTuple):
 
 
 class Truths(NamedTuple):
-    """The truth: the place of each node; by place the parcel there and since when, bridges and
-    wheels.
-    """
+    """The truth by node and by place: the parcel there and since when, bridges and wheels."""
 
     places: NDArray[np.intp]
     parcel: Ints

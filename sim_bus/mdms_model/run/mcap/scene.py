@@ -178,8 +178,7 @@ class TableSurface:
 
 
 class Wheels:
-    """Wheels as blocks: grey at rest, blue ahead, violet back, the faster the stronger; red ones
-    slip."""
+    """Wheels as blocks: grey at rest, blue ahead, violet back, stronger if faster; red slips."""
 
     topic, rate_hz = "/scene/wheels", 10.0
 

@@ -1,6 +1,4 @@
-"""The effect of each wheel on the parcel on it, as a clipped line, and the effect of that on the
-wheel.
-"""
+"""The effect of each wheel on its parcel, as a clipped line, and of the parcel on the wheel."""
 
 from typing import NamedTuple
 

@@ -245,9 +245,7 @@ class World:
 
     @property
     def motor_current_a(self) -> Floats:
-        """The currents of the motors at the end of a step under voltage (W,), signed as the
-        voltage.
-        """
+        """The motor currents at the end of a step under voltage (W,), signed as the voltage."""
         return self._wheel("current_a")
 
     def _wheel(self, name: str) -> Floats:

@@ -133,8 +133,9 @@ def coast(phase: MotionPhase, after_s: float) -> tuple[RowState, float]:
 
 @compiled
 def start(row: RowParcel, x_m: float) -> tuple[Footing, int]:
-    """The stretch on which a parcel at rest at `x_m` sets off; on an edge, the pushes on both sides
-    decide.
+    """The stretch on which a parcel at rest at `x_m` sets off.
+
+    On an edge, the pushes on both sides decide.
 
     Where they push it apart, it stays as well: both its ends are on wheels, and a row that is the
     same on both sides moves it to neither.
