@@ -45,7 +45,7 @@ def believe(scenario: Scenario, path: Path | None, bus: Namespace) -> BelievedAr
     under the name that `bus` has. Raises ArrayFileError, `InputError` and ScenarioError for values
     that do not fit.
     """
-    # What a scenario lets go wrong is not what the host believes.
+    # Faults of a scenario are no belief of the host.
     scenario = replace(believed(scenario), fault=(), patch=())
     channel = getattr(bus, "channel", None)
     if path is None:

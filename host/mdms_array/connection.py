@@ -37,7 +37,7 @@ Result = TypeVar("Result")
 FOUND_S = 30.0
 #: How often a waiting call looks whether the thread still lives [s].
 LOOK_S = 0.1
-#: What ends a table by hand, and not one call alone.
+#: The errors that end a table by hand, and not one call alone.
 ENDS = ("fault", "lost", "stopped", "failed")
 
 
@@ -224,7 +224,7 @@ class ThreadDriver:
         """Why the table cannot go on."""
         if self._error is not None:
             return str(self._error) or type(self._error).__name__
-        # How the run ended names what was held up, too.
+        # The ending names the parts that were held up, too.
         told = None if self._operation is None else self._operation.fault
         return told or self._coordinator.fault
 

@@ -111,7 +111,7 @@ def believed_run(
         for parcel in scenario.parcel
         if parcel.name in goals
     ]
-    # Off the wheels a parcel may roll on a little; what has ended well has.
+    # Off the wheels a parcel may roll on a little; that undoes no good end.
     judged = () if coordinator.finished and not late else outcomes
     status, reason = _status(record, coordinator, fault, judged, late=late)
     if interrupted and status == "time limit":
@@ -295,7 +295,7 @@ def slipping_share(record: Record) -> float:
 def _there_s(record: Record, number: int, goal: Goal) -> float | None:
     """Since when the parcel has been at its goal [s]; None if it is not there at the end."""
     x_m, y_m, yaw_rad = record.pose[:, number].T
-    # What is nowhere is not there.
+    # A parcel without a place is not there.
     away = ~(np.hypot(x_m - goal.x_m, y_m - goal.y_m) <= REACHED_M)
     if goal.yaw_rad is not None:
         away |= ~(abs((yaw_rad - goal.yaw_rad + pi) % (2 * pi) - pi) <= REACHED_RAD)

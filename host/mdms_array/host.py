@@ -318,7 +318,7 @@ def coordinator_of(
     coordinator = Coordinator(
         layout,
         program,
-        # What is in stock is announced when it may come.
+        # A parcel in stock is announced when it may come.
         parcels=tuple(parcel for parcel in parcels if parcel.name not in stock),
         settings=settings_of(scenario.cell),
         own_settings=cells.settings,

@@ -25,7 +25,7 @@ from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 from mdms_protocol.generators.generate import data_sheet
 
-#: While parcels are on ways over tiles, what is left of these is kept so often [s].
+#: While parcels are on ways over tiles, the rest of these is kept so often [s].
 AGAIN_S = 0.5
 #: A run of any length is kept with the last of so many plans.
 MOST_PLANS = 5000
@@ -44,7 +44,7 @@ class PlanLog:
         self._goals: dict[str, Goal] = {}
         self._ways: tuple[str, ...] = ()
         self._again_s = 0.0
-        #: What the ways were made from: as long as these are the same objects, so are the ways.
+        #: The sources of the ways: as long as these are the same objects, so are the ways.
         self._sources: tuple[object, ...] = ()
 
     def look(self, time_s: float) -> None:

@@ -16,7 +16,7 @@ SUSPICION = 0xFF01
 #: The code of a motors' supply below its limit: an emergency stop, a fuse, a battery.
 LOW_SUPPLY = 0x3220
 
-#: What each code means.
+#: The meaning of each code.
 CODES: Mapping[int, str] = {
     0x2310: "over-current, or the bridge has shut off",
     LOW_SUPPLY: "supply below the undervoltage limit",
@@ -32,7 +32,7 @@ CODES: Mapping[int, str] = {
     0x8611: "speed off its reference for too long",
     SUSPICION: "a neighbour contradicts, and is left out",
 }
-#: What an emergency comes from, by its source byte, where the code does not say it.
+#: The source of an emergency, by its source byte, where the code does not say it.
 _SOURCES: Mapping[int, str] = {1: "axis 1", 2: "axis 2"}
 
 

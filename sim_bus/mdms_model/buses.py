@@ -12,7 +12,8 @@ from mdms_protocol import pdo
 from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours.frames import LENGTH
 
-#: Start of frame to the data length, and the CRC: what is stuffed besides the data (11-bit ids).
+#: Start of frame to the data length, and the CRC: the part that is stuffed besides the data (11-bit
+#: ids).
 STUFFED_BITS = 34
 #: Delimiters, acknowledge slot, end of frame and inter-frame space.
 PLAIN_BITS = 13

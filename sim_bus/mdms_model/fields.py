@@ -229,7 +229,7 @@ def _extent(wheels: Wheels) -> str:
     return f"wheels stand from x {left:g} to {right:g} m and y {low:g} to {high:g} m"
 
 
-#: So much above the limit of eq (15) a wheel is set by a clamp: on the wire are micrometres/s.
+#: A clamp sets a wheel so much above the limit of eq (15): on the wire are micrometres/s.
 CLEAR = 1e-3
 
 

@@ -36,7 +36,7 @@ class FaultEffect(NamedTuple):
     end: Callable[[], str | None]
 
 
-#: Sets up one fault of a kind; what it draws is drawn from the sequence given.
+#: Sets up one fault of a kind; its numbers are drawn from the sequence given.
 FaultSetup = Callable[[Fault, Random], FaultEffect]
 
 
@@ -48,7 +48,7 @@ def cells_with(fault: Fault, cells: int) -> Sequence[int]:
 #: A wrong bit may be any of a frame and the first two after it, where nobody sends yet.
 BITS_AFTER = INTERFRAME_BITS - 1
 
-#: What a fault does to a frame.
+#: The effect of a fault on a frame.
 Effect = Callable[[Frame], Disturbance]
 
 

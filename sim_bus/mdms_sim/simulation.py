@@ -65,7 +65,7 @@ class Sampler:
             return
         world = self._world
         pose, twist = world.motion
-        # What the world returns is made anew each time; the rest belongs to the caller.
+        # The world's results are made anew each time; the rest belongs to the caller.
         self._history.append(
             now_s,
             pose=pose,
@@ -176,7 +176,7 @@ class Simulation:
         self._step_s = TICK_NS / NS_PER_S / self._substeps
         self._cells = scenario.array.columns * scenario.array.rows
         self._axes = len(scenario.cell.wheel)
-        # A cell has two axes, of which the array may use one.
+        # A cell has two axes; the array may use only one.
         self._voltage_uv = np.zeros((self._cells, 2), np.int32)
         self._mailboxes = [
             self.buses[bus].attach(_CellStation(self._deliver, cell), bank.accepts(cell))

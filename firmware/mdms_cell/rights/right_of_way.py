@@ -228,7 +228,7 @@ class RightOfWay:
         if not _stays_under(registers, said, over):
             self._change(over, occupied, here)
             if registers[STATE] >= PROMISED:
-                # From now on the cell knows whom it lets come.
+                # From now on the cell knows the parcel that it lets come.
                 self.unsure = False
         _clear_the_wheels(registers, said, wants)
 

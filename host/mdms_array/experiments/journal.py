@@ -18,7 +18,7 @@ from mdms_model.errors import Error, InputError
 
 FORMAT_VERSION = 1
 JOURNAL, CSV, PARQUET = "journal.sqlite", "table.csv", "table.parquet"
-#: Columns that say when, where and how fast a run was, and not what it came to.
+#: Columns about the time, the place and the speed of a run, and not about its result.
 WALL_CLOCK = ("started", "wall_s", "worker")
 _TABLES = """
 CREATE TABLE IF NOT EXISTS scenarios (digest TEXT PRIMARY KEY, tree TEXT NOT NULL);

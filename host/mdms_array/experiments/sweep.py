@@ -41,7 +41,7 @@ from mdms_model.scenario.file import load_scenario, scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 
-#: What becomes of runs of another revision of the code.
+#: The treatment of runs of another revision of the code.
 ON_CHANGED = ("refuse", "mark")
 #: Columns of a table before and after those of parameters and measures.
 FIRST = ("row", "key", "replication", "seed", "status", "reason", "failure")

@@ -12,7 +12,7 @@ from mdms_model.run.folder import START_S, interface_of
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 
-#: What the host alone sends: to all, to each node, and its heartbeat.
+#: Identifiers of the host alone: to all, to each node, and its heartbeat.
 _TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
 _TO_NODES = (*cob.RPDO_BASES, cob.SDO_REQUEST_BASE)
 

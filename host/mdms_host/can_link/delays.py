@@ -13,7 +13,7 @@ from statistics import median
 
 from mdms_host.clock import Clock
 
-#: What is older has nothing to do with a fault [s].
+#: An older delay has nothing to do with a fault [s].
 _WINDOW_S = 1.0
 #: A setpoint that is a cycle late may be held up again on its way, and cells wait for 50 ms.
 LATE_S = 0.01

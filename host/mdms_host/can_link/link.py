@@ -203,8 +203,8 @@ class Transmitter:
 Parts = TypeVarTuple("Parts")
 
 _DEVICE_ERRORS = (can.CanOperationError, OSError)
-#: What python-can and its plug-ins raise where a bus cannot be opened; some fail of a library that
-#: is not there, or of a channel's kind.
+#: Errors of python-can and its plug-ins for a bus that cannot be opened; some come of a missing
+#: library, or of a channel of the wrong kind.
 _NO_BUS = (ArgumentError, can.CanError, OSError, ValueError, ImportError, NameError, TypeError)
 #: A device that fails this many times in a row, so far apart, is taken to be gone.
 _DEVICE_ATTEMPTS = 5
@@ -408,7 +408,7 @@ class Link:
             self.error_frames += 1
             self._incidents.note_repeated("there are error frames on the bus")
         elif not message.is_rx and self._own_are_marked:
-            # Some drivers (gs_usb) return what was sent.
+            # Some drivers (gs_usb) return sent frames.
             return
         elif message.is_extended_id or message.is_remote_frame or message.is_fd:
             self.garbled += 1
@@ -532,7 +532,7 @@ def drive(participant: Any, link: AnyLink, clock: Clock, over: Callable[[], bool
     while not over():
         now_s, wake_s = clock.now_s(), participant.wake_s
         if wake_s <= now_s:
-            # One that is due at once may say so by any time in the past.
+            # A participant that is due at once may say so by any time in the past.
             link.delays.on_cycle(max(wake_s, polled_s), now_s)
             polled_s = now_s
             link.send_polled(participant, now_s)

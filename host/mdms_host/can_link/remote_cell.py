@@ -117,7 +117,7 @@ class RemoteCell:
             self.garbage += 1
             return
         if state == nmt.INITIALISING:
-            # It has restarted, and reports anew what is wrong.
+            # It has restarted, and reports its faults anew.
             self.errors.clear()
             self.suspect = 0
             self._voltage = True
@@ -153,7 +153,7 @@ class RemoteCell:
             self.garbage += 1
             return
         code, source = int.from_bytes(data[:2], "little"), data[3]
-        # One that changes becomes the last.
+        # A changed one becomes the last.
         if SUSPICION in (self.errors.pop(source, None), code):
             self.suspect = data[4] if code == SUSPICION else 0
         if code:

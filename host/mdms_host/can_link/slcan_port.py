@@ -17,7 +17,7 @@ from can.interfaces.slcan import slcanBus
 _READ_BYTES = 1 << 16
 _END = b"\r"
 _REFUSED = b"\a"
-#: More than any line of SLCAN has, FD's included: what is longer is noise.
+#: More than any line of SLCAN has, FD's included: a longer line is noise.
 _LINE_MAX = 160
 
 
@@ -34,7 +34,7 @@ class SlcanPort:
     def __init__(self, bus: slcanBus) -> None:
         self.refused = 0
         self._port = bus.serialPortOrig
-        # Whatever python-can has read itself while it opened the channel.
+        # Bytes that python-can has read itself while it opened the channel.
         self._partial = bytearray(bus._buffer)
         self._lines: deque[bytes] = deque()
         self._sending = Lock()
@@ -127,7 +127,7 @@ class SlcanPort:
 
 
 _HEADS = (b"t", b"T", b"r", b"R")
-#: Our own adapter (`firmware/mdms_adapter`) reports what it had no room for.
+#: Our own adapter (`firmware/mdms_adapter`) reports frames without room.
 _LOST = re.compile(rb"x([0-9A-F]{4})")
 #: And that its bus went off.
 _CUT = b"y"

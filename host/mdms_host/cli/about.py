@@ -45,7 +45,7 @@ def _complete_files(action: Action) -> None:
         action.complete = shtab.FILE  # type: ignore[attr-defined]
 
 
-#: Documents by topic: where they are in the project, and what they are about.
+#: Documents by topic: their places in the project, and their subjects.
 TOPICS = {
     "start": ("README.md", "the project in short, and the first steps"),
     "newcomer": ("docs/newcomer.md", "from parts to the first moving parcel"),

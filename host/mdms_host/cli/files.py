@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mdms_host.cli.exits import CommandError, Exit
 
-#: What is wrong with a path that was given, and not with the device behind it.
+#: Faults of a given path, and not of the device behind it.
 _BAD_PLACES = frozenset(
     (
         *(errno.ENOENT, errno.EEXIST, errno.ENOTDIR, errno.EISDIR),

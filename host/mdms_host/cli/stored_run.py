@@ -8,7 +8,7 @@ from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import check_own, replacing, writing
 from mdms_model.run.folder import CELLS_HEADER, PARCELS_HEADER, export_csv, read_run
 
-#: What stands at the top of each table.
+#: The heading of each table.
 TABLES = {"parcels.csv": PARCELS_HEADER, "cells.csv": CELLS_HEADER}
 
 

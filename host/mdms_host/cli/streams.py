@@ -53,7 +53,7 @@ def open_streams() -> None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - it stays open to the end
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
-    # One that somebody else has put there, as a test does, is left to them.
+    # A stream of somebody else, as of a test, is left to them.
     if type(sys.stdout) is io.TextIOWrapper and sys.stdout is sys.__stdout__:
         encoding, by_line = sys.stdout.encoding, sys.stdout.line_buffering
         sys.stdout = Output(sys.stdout.detach(), encoding, "replace", line_buffering=by_line)

@@ -347,7 +347,7 @@ def _parameters(values: dict[Place, int]) -> dict[Parameter, int]:
     return {BY_PLACE[place]: number for place, number in values.items()}
 
 
-#: The first line of every such file, by which it is known for one that may be written over.
+#: The first line of every such file, by which a file is known that may be written over.
 MARK = "# Array, commissioned by `mdms commission`."
 _FILE_HEAD = f"""{MARK} It takes the same file again: --from FILE.
 # `mdms run --array` and `mdms configure load` read it too. Cells stand in the order of their

@@ -101,7 +101,7 @@ class Commissioning:
     """
 
     def __init__(self, bus: can.BusABC, clock: Clock) -> None:
-        # canopen logs what it also raises.
+        # canopen logs the errors that it also raises.
         logging.getLogger("canopen").setLevel(logging.CRITICAL)
         self.states: dict[int, int] = {}
         self.foreign_stops = ForeignStops()
@@ -126,7 +126,7 @@ class Commissioning:
 
         The host's own is among them if a node answers there: a cell that has it.
         """
-        # Who has another id by now, or is gone, counts no more.
+        # A node that has another id by now, or is gone, counts no more.
         self._network.scanner.nodes.clear()
         self._network.scanner.search(cob.NODE_MAX)
         self._clock.sleep(listen_s)

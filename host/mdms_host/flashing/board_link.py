@@ -86,8 +86,8 @@ _PROMPT = b">>> "
 _BANNER = b"raw REPL; CTRL-B to exit\r\n"
 _REBOOT = b"soft reboot\r\n"
 _END = b"\x04"
-#: A board that is being reset loses what it is sent, and until `main.py` runs, Ctrl-C ends nothing.
-#: So it is asked again, but not sooner: that would cut the farewell of its firmware short.
+#: A board that is being reset loses its input, and until `main.py` runs, Ctrl-C ends nothing. So it
+#: is asked again, but not sooner: that would cut the farewell of its firmware short.
 _ASK_S = 2.0
 #: It may be reset meanwhile, by a watchdog that was faster than we were, and start anew.
 _PATIENCE_S = 20.0

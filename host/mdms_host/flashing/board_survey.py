@@ -121,14 +121,14 @@ MACHINES = {
     "PYBv1.1": "pybv11",
     "G474": "nucleo_g474re",
 }
-#: Where MicroPython looks for what is frozen into it.
+#: The place where MicroPython looks for its frozen modules.
 FROZEN = ".frozen"
 #: As `sys.implementation._mpy` numbers them, and mpy-cross calls them.
 ARCHITECTURES = (
     *(None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp"),
     *("xtensa", "xtensawin", "rv32imc", "rv64imc"),
 )
-#: What firmware of any version has put into the root of the file system.
+#: Files that firmware of any version has put into the root of the file system.
 _OURS = ("main", "boards", "binascii")
 _OUR_PREFIX = "mdms"
 _UNKNOWN = "unknown"

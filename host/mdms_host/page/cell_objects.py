@@ -162,7 +162,7 @@ class ObjectReader:
         if client.failure is None or _NOTHING_THERE not in client.failure:
             self._rows.append(_row(entry, value, client.failure))
         if client.failure and "no answer" in client.failure:
-            # One that does not answer once does not answer again.
+            # A cell that does not answer once does not answer again.
             self._waiting.clear()
         self._client = None
         self.wake_s = now_s + PACE_S

@@ -185,7 +185,7 @@ COMMANDS: dict[str, type[Command]] = {
     "take_control": TakeControl,
     "release_control": ReleaseControl,
 }
-#: What every table takes, since the server does it by itself.
+#: Commands for every table, since the server does them by itself.
 OF_THE_SERVER = ("take_control", "release_control")
 
 

@@ -198,11 +198,11 @@ def planned(ways: Mapping[str, Floats], reserved: Sequence[Reserved]) -> dict[st
     }
 
 
-#: What is so while another program drives the cells.
+#: The phase while another program drives the cells.
 OTHER_HOST = "another host drives"
 #: The phases by the numbers that snapshots have; 0 is no program.
 PHASES = ("no program", *(phase.value for phase in Phase), OTHER_HOST)
-#: What is known of a parcel, by the numbers that snapshots have.
+#: The knowledge of a parcel, by the numbers that snapshots have.
 PARCEL_STATES = ("not found", "found", "doubtful", "arrived", "unknown")
 
 

@@ -131,7 +131,7 @@ def _stay(coordinator: Coordinator, name: str) -> bool:
     try:
         coordinator.set_goal(name, _goal_of(coordinator, here))
     except (KeyError, ValueError):
-        # What cannot be given a goal does not go on to the one that it has.
+        # A parcel that cannot be given a goal does not go on to its present one.
         coordinator.stop()
     return True
 

@@ -19,8 +19,8 @@ from mdms_host.page.server import LOOPBACK, AccessGate, PageApp
 FRAMES_PER_S = 60.0
 #: Events and the like are passed on this often where nobody looks [s].
 _NEWS_S = 0.1
-#: Commands that may wait for the table; of more, the sender is told so. What anybody may ask for
-#: takes half of the room.
+#: Commands that may wait for the table; of more, the sender is told so. Commands open to anybody
+#: take half of the room.
 MOST_COMMANDS = 64
 #: A table that does not answer within this has more to do than it can [s].
 ANSWER_LIMIT_S = 5.0

@@ -66,7 +66,7 @@ class RecordedTable:
         if self._at_s >= self.duration_s:
             self._at_s, self._paused = self.duration_s, True
 
-    # What is shown -------------------------------------------------------------------------------
+    # Shown ----------------------------------------------------------------------------------------
 
     def description(self) -> dict[str, Any]:
         """See `Table`."""
@@ -139,7 +139,7 @@ class RecordedTable:
         tiles = [(tile.x_m, tile.y_m, tile.side_m, tile.parcels) for tile in plan.tiles]
         return planned(plan.ways, tiles)
 
-    # What is done --------------------------------------------------------------------------------
+    # Done -----------------------------------------------------------------------------------------
 
     def do(self, command: Command) -> str | None:
         """See `Table`."""
@@ -233,7 +233,7 @@ def _phases(events: list[Event], times_s: Floats) -> NDArray[np.uint8]:
 def _arrived(record: Record, names: list[str], times_s: Floats) -> NDArray[np.uint8]:
     """Whether each parcel has come to the goal that it has at each time, shape (T, P)."""
     arrived = np.zeros((len(times_s), len(names)), np.uint8)
-    # One that has come to its goal, and is given another at that instant, is on its way again.
+    # A parcel that has come to its goal, and is given another at that instant, is on its way again.
     changes = [
         (event.time_s, 0, name)
         for event in record.events

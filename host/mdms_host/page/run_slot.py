@@ -17,7 +17,7 @@ from mdms_protocol.codecs.frame import Frame
 IDLE_S = 0.01
 #: A broadcast is not confirmed, so it is repeated.
 _REPEATS = 3
-#: Whoever reads or writes objects asks for the next within this [s].
+#: A reader or writer of objects asks for the next within this [s].
 _ASKS_S = 0.2
 _CLAIM = sdo.read_request(indices.IDENTITY, 4)[:4]
 

@@ -133,8 +133,8 @@ MOST_BAD = 50
 MOST_PER_S = 200
 #: A client's first message comes within this [s].
 HELLO_LIMIT_S = 5.0
-#: Clients that have not said hello; of more, the one that came first is sent away. A client that
-#: has the token says hello at once.
+#: Clients that have not said hello; of more, the first one is sent away. A client that has the
+#: token says hello at once.
 MOST_AT_THE_DOOR = 32
 
 #: Has a command carried out by whoever drives the table; returns its answer.
@@ -282,14 +282,14 @@ class PageApp:
         except RefusedError as refusal:
             client.send({"kind": "answer", "id": number, "ok": False, "text": str(refusal)})
         except Exception as error:
-            # A defect, or what no command can know beforehand: who has asked is told, and stays.
+            # A defect, or what no command can know beforehand: the client is told, and stays.
             text = f"it has failed: {type(error).__name__}: {error}"
             client.send({"kind": "answer", "id": number, "ok": False, "text": text})
             traceback.print_exception(error)
         return True
 
     async def _carry_out(self, client: Client, command: Command) -> str | None:
-        # Whoever sees that something goes wrong may stop it: a stop moves nothing.
+        # Anybody who sees something go wrong may stop it: a stop moves nothing.
         if isinstance(command, commands.StopAll):
             return await self._ask(command)
         if not client.may_control:

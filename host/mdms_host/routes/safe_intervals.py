@@ -8,7 +8,7 @@ from mdms_host.routes.moves import Met
 from mdms_model.arrays import Floats, Ints
 from mdms_model.compiled import compiled
 
-#: A tile that is free only up to an instant is left this much before, and one that is free from an
+#: A tile that is free up to an instant is left this much before. A tile that is free from an
 #: instant on is entered this much after it [s].
 INSTANT_S = 1e-9
 _ROOM = 8

@@ -61,7 +61,7 @@ def key_id(key: bytes) -> bytes:
     return hmac.digest(key, _ID, "sha256")[:4]
 
 
-#: What chooses between slots is never replaced over the bus.
+#: The code that chooses between slots is never replaced over the bus.
 BOOT = (START, "mdms_boot/")
 #: Of boards that have no room for a second firmware.
 _ELSEWHERE = ("boards/pybv11", "boards/nucleo_g474re", "boards/sectors")

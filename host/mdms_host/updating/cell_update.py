@@ -167,7 +167,7 @@ _FLASH_S = 2.0
 _BOOT_S = 20.0
 #: A cell on trial runs for a while before it is confirmed, so that it may fail.
 _TEST_S = 0.5
-#: What a transfer may have met on its way, and may be tried again for.
+#: Errors of a transfer on its way, for which it may be tried again.
 _PASSING = frozenset(
     (sdo.TIMED_OUT, sdo.CRC_ERROR, sdo.UNKNOWN_COMMAND, sdo.INVALID_SEQUENCE, sdo.WRONG_STATE)
 )

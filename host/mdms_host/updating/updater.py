@@ -71,7 +71,7 @@ class Updater:
         for frame in frames:
             self._count(frame)
         self._let_start()
-        # What was not used is not saved up: a burst would wait in the adapter.
+        # Unused time is not saved up: a burst would wait in the adapter.
         self._free_s = max(self._free_s, now_s - _BURST * self._frame_s)
         self._free_s += len(frames) * self._frame_s
         self.ended_s = now_s

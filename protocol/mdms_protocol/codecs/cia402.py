@@ -48,7 +48,7 @@ FAULT_RESET = 0x80
 
 MODE_PROFILE_VELOCITY = 3
 
-#: What to command in a state to come one step nearer to 'operation enabled'.
+#: The command of each state that leads one step nearer to 'operation enabled'.
 TOWARDS_ENABLED = {
     FAULT: FAULT_RESET,
     SWITCH_ON_DISABLED: SHUTDOWN,

@@ -20,7 +20,7 @@ NODE_MIN = 1
 NODE_MAX = 127
 HOST_NODE = 127
 CELL_NODE_MAX = 126
-#: TPDO 3 and 4: what a cell believes, and the motion program that it hands on.
+#: TPDO 3 and 4: the belief of a cell, and the motion program that it hands on.
 ESTIMATE_BASE = TPDO_BASES[2]
 PROGRAM_BASE = TPDO_BASES[3]
 #: RPDO 3 at the host's node id: motion programs, from the host to all cells.

@@ -27,7 +27,7 @@ End = namedtuple("End", "identity sequence")
 #: `precedence.PLACES` of them. `number` as in `precedence`.
 Precedence = namedtuple("Precedence", "number column row identities")
 
-#: Any page of a program, and what comes among them.
+#: Any page of a program, and the frames among them.
 Page = Parcel | Place | Goal | End | Precedence
 
 _PAGES = (Parcel, Place, Goal, End)

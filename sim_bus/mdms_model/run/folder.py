@@ -93,7 +93,7 @@ BUS_LOG = "bus.log"
 #: When a run begins, as far as its bus log is concerned: 2000-01-01 00:00 UTC [s since 1970]. Tools
 #: take second 0 for no time at all; another date than a fixed one would make equal runs differ.
 START_S = 946_684_800
-#: What the log calls the bus.
+#: The name of the bus in the log.
 INTERFACE = "mdms"
 
 
@@ -115,7 +115,7 @@ FILES = (
 )
 
 
-#: What is wrong with a device, and not with a path.
+#: Faults of a device, and not of a path.
 _DEVICE = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 SavePicture = Callable[[Path, Scenario, Record], object]

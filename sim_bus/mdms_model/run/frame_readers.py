@@ -14,7 +14,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import steps_per_unit
 from mdms_protocol.neighbours import frames as wire
 
-#: A cell at a parcel reports at every beat; one that has been silent for so long [s] is at none.
+#: A cell at a parcel reports at every beat; after so long a silence it is at none [s].
 SILENT_S = 0.05
 _NEVER_S = -np.inf
 #: What `CellReports.sample` returns, by the names that it has in a `Record`.

@@ -6,7 +6,7 @@ from typing import Any
 from mdms_model.scenario.scenario import Cell, Parcel, Scenario, ScenarioError
 from mdms_model.scenario.tree import build_values
 
-#: What a parcel is called and where it is to go is no belief.
+#: A parcel's name and its goal are no belief.
 _GIVEN = ("name", "goal")
 
 

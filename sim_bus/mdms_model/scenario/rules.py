@@ -68,12 +68,12 @@ def _check_forwarding(array: Array) -> None:
         raise ScenarioError(f"array.forwarded: {error}; put fewer cells on it") from None
 
 
-#: What the neighbour layer of a cell is made for: two axes, five sensors, a beat of 10 ms.
+#: The limits of the neighbour layer of a cell: two axes, five sensors, a beat of 10 ms.
 AXES = 2
 SENSORS = 5
 BEAT_S = 0.01
 FORWARDED = frozenset((1, 2, 3, 4))
-#: What fits the frames of a motion program.
+#: The limits of the frames of a motion program.
 SHAPES = ("rectangle", "disc")
 MOST_PARCELS = 63
 LONGEST_M = 1.02

@@ -151,7 +151,7 @@ def _side(start: Point, end: Point, point: Point) -> float:
     return along * (point[1] - start[1]) - across * (point[0] - start[0])
 
 
-#: What each kind of task needs, and what it may have besides.
+#: The necessary and the optional keys of each kind of task.
 NEEDED: Mapping[str, tuple[str, ...]] = {
     "transport": ("parcel", "x_m", "y_m"),
     "name": ("parcel", "x_m", "y_m"),

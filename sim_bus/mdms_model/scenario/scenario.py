@@ -411,7 +411,7 @@ class Scenario:
     """What comes to the program from outside."""
     stop: Stop | None = None
     """What the emergency stop holds; none: nothing is refused for it."""
-    #: What the host takes for true where it is not; see `belief`.
+    #: The host's beliefs where they are not true; see `belief`.
     belief: dict[str, Any] = field(default_factory=dict, hash=False)
     """What the host takes for true: keys of `cell`, and tables of parcels by name."""
 

@@ -262,7 +262,7 @@ class Requests(list[Request]):
 REMEMBERED = 4096
 
 FrameObserver = Callable[[Frame, int], object]
-#: An observer and what it wants to see, None for everything.
+#: An observer and its filter, None for everything.
 Observation = tuple[FrameObserver, Container[int] | None]
 Recipients = tuple[tuple[FrameObserver, ...], tuple[Controller, ...]]
 

@@ -202,7 +202,7 @@ class Traffic:
         self._recovery = recovery
         self._ended = ended
         self._arbitrating = False
-        # What is on the wire: a frame that all is well with, or an exchange and how it will end.
+        # The frame on the wire: a frame that all is well with, or an exchange and how it will end.
         self._sending: tuple[Controller, Frame] | None = None
         self._exchange: tuple[Exchange, Outcome] | None = None
         self._lost_by: Collection[Controller] = ()

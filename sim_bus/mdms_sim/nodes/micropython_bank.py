@@ -38,7 +38,7 @@ class MicropythonBank:
         self._asked: list[int] = []
         #: Frames that nobody has collected yet, of the cells that have some.
         self._outbox: dict[int, list[Frame]] = {}
-        #: What to add to the next request.
+        #: The addition to the next request.
         self._taken = [0] * len(node_ids)
         self._processes: list[MicropythonProcess] = []
         with ExitStack() as stack:

@@ -15,7 +15,7 @@ from mdms_protocol.update import codes
 TRANSMIT_QUEUE = 64
 #: An image for a slot takes no more [bytes].
 SLOT_MAX = 256 * 1024
-#: What the motors are fed with until somebody says otherwise [uV].
+#: The motors' supply until somebody says otherwise [uV].
 SUPPLY_UV = 24_000_000
 
 

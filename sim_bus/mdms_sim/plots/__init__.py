@@ -77,7 +77,7 @@ def drawable(scenario: "Scenario", record: "Record") -> "tuple[Scenario, Record]
         pose[:, number] = pose[times[nearest.clip(0)], number]
     parcels = tuple(scenario.parcel[number] for number in found)
     title = f"{scenario.title} (as the coordinator believes)"
-    # What is drawn for the truth here is what the coordinator believes.
+    # The host's belief is drawn for the truth here.
     shown = replace(record, pose=pose[:, found], estimate=None)
     if shown.identity is not None:
         shown.identity = _renumbered(shown.identity, found)

@@ -97,7 +97,7 @@ def write_gif(path: Path, scenario: Scenario, record: Record) -> None:
     frames = _in_palette([Image.fromarray(view.pixels(instant)) for instant in instants])
     frame_ms = FRAME_MS
     while len(data := _encoded(frames, frame_ms)) > MOST_BYTES and len(frames) > 1:
-        # Coarser in time, never in what a frame shows; the end stays.
+        # Coarser in time, never in the content of a frame; the end stays.
         frames, frame_ms = frames[::-2][::-1], 2 * frame_ms
     path.write_bytes(data)
 

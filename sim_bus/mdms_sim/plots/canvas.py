@@ -20,7 +20,7 @@ from mdms_model.run.record import Record
 
 #: Written into every picture.
 MARK = "drawn by mdms"
-#: What a picture may be written as, and the metadata of each, which leave the date out.
+#: The formats of a picture, and the metadata of each, which leave the date out.
 FORMATS: dict[str, dict[str, str | None]] = {
     "png": {"Software": MARK},
     "svg": {"Creator": MARK, "Date": None},
@@ -93,7 +93,7 @@ def save(figure: Figure, path: Path) -> None:
 
 #: Nearly all samples are within these percentiles.
 _USUAL = (1.0, 99.0)
-#: What lies farther out than so many spans of nearly all is left outside.
+#: Values that lie farther out than so many spans of nearly all are left outside.
 _FAR = 1.0
 _MARGIN = 0.06
 #: A parcel that differs by less from where it ends has not moved [m, m, rad].

@@ -35,7 +35,7 @@ CONTACT = "contact"
 KNOWN = [contact for contact in Contact if contact is not Contact.UNKNOWN]
 CONTACT_NAMES = [contact.name.lower().replace("_", "\n") for contact in KNOWN]
 MOST_COLUMNS = 1500
-#: Less is what a rolling wheel creeps.
+#: A rolling wheel creeps by less.
 LEAST_SLIP_M_S = 5e-3
 STRIPE_IN, LEAST_PANEL_IN = 0.045, 1.25
 LEFT, RIGHT, SCALE_WIDTH = 0.10, 0.88, 0.012

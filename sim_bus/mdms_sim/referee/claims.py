@@ -22,7 +22,8 @@ _CELLS_SAY_S = 0.5
 _LOOK_S = 0.05
 #: Parcels that stand are looked for in every so many looks.
 _SLOW_LOOKS = 10
-#: What has stopped a parcel is said within this, and why a run cannot end within that [s].
+#: A stopped parcel is reported within this, and the reason of a run that cannot end within that
+#: [s].
 SAID_S = 2.0
 WHY_S = 30.0
 #: A reason may be given by so much before the parcel has come to rest [s].
@@ -34,9 +35,9 @@ _GOING_M_S = 0.005
 _MOVED_M = 0.002
 #: Corners of an outline that are this near to each other are the same [m].
 _SAME_M = 0.001
-#: What a person does to a parcel.
+#: Acts of a person on a parcel.
 _BY_HAND = ("push", "lift")
-#: What is noticed at once, and stops what it concerns.
+#: Faults that are noticed at once, and stop their parcel.
 _STOPPING = (
     *("off", "hang", "cut", "host", "supply", "bridge_fault"),
     *("sensor_stuck", "encoder_stuck", "wheel_jammed", "motor_reversed"),
@@ -73,7 +74,7 @@ class Claims:
         self._hosts_out = 0
         # True
         self._arrived: Mapping[str, Pose] = {}
-        #: Who has been pushed or lifted since it arrived.
+        #: Parcels that have been pushed or lifted since they arrived.
         self._handled: set[str] = set()
         self._over = False
         self._cells_say: dict[tuple[int, int], float] = {}
@@ -196,7 +197,7 @@ class Claims:
         pose = self._world.pose
         moved_m = np.hypot(*(pose - self._place_m)[:, :2].T)
         moved_m += abs(pose - self._place_m)[:, 2] * self._reach_m
-        # What comes, or goes, has moved, too.
+        # A parcel that comes, or goes, has moved, too.
         moved = ~(moved_m < _MOVED_M)
         self._place_m[moved] = pose[moved]
         self._moved_s[moved] = now_s
@@ -236,7 +237,8 @@ class Claims:
                 if now_s - since_s < SAID_S:
                     continue
                 fault.going.discard(number)
-                # What goes on after the fault, and stands later, may do so for a reason of its own.
+                # A parcel that goes on after the fault, and stands later, may do so for a reason of
+                # its own.
                 caused = since_s - fault.time_s <= SAID_S
                 if caused and not self._is_said(report, fault.time_s, now_s):
                     name = self._parcels[number].name

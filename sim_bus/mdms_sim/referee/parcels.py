@@ -36,7 +36,7 @@ _SLACK_M = 0.001
 #: the run's own after so long at most [s]; on wheels that coast it rolls for as long as it may.
 _REST_M_S = 0.001
 _HANDLED_S = 3.0
-#: What an event makes parcels do is over after this [s].
+#: The effect of an event on parcels is over after this [s].
 _KEPT_S = 10.0
 #: Parcels that touch again within this are still touching [s].
 _AGAIN_S = 1.0
@@ -148,7 +148,7 @@ class Parcels:
                 return
         if self._is_unavoidable(event.time_s, concerned):
             self.unavoidable.append(event)
-            # What it has been pushed into is pushed, too.
+            # Its neighbour is pushed, too.
             self._handled.update(dict.fromkeys(concerned, event.time_s))
             self._driven.difference_update(concerned)
         else:

@@ -66,7 +66,7 @@ class Truth:
 
 
 NS_PER_S = 1_000_000_000
-#: An estimate comes with every SYNC; one that is older counts for nothing.
+#: An estimate comes with every SYNC; an older one counts for nothing.
 FRESH_NS = 50_000_000
 
 # Where the fields of an estimate begin in its frame, which is one little-endian number.

@@ -70,12 +70,12 @@ NS_PER_MS = 1_000_000
 #: A time that does not come.
 NEVER = 1 << 62
 
-# What a controlword has last asked for.
+# The last order of a controlword.
 OFF, SWITCHED_ON, ENABLED = range(3)
 # How a wheel that is not to be driven stops: voltage 0, quick stop, or the reaction to silence.
 CUT, RAMP, REACTION = range(3)
 
-# Bits of what is noticed of a cell ...
+# Bits of observations of a cell ...
 NO_SETPOINT, NO_HEARTBEAT, NO_SYNC, LOW_SUPPLY, SHUT_OFF = (1 << bit for bit in range(5))
 # ... and of a wheel.
 DRIVEN, SPINS, COASTS, PUSHED_ALONE, PUSHED_AFTER_LEASE, PUSHED_AFTER_END, PUSHED_HUNG = (
@@ -290,8 +290,8 @@ def _look_at_stopping(wheel: Records, now: Records, closed: bool, awake: bool, n
         wheel.awake_ns = 0
     if not awake and now_ns < wheel.awake_ns and abs(now.speed_m_s) > TURNS_M_S:
         wheel.noticed |= COASTS
-    # One that carries something goes as far as that slides, or others push it.
-    # A reversed motor speeds up where its cell brakes, until the cell finds it (0x7302).
+    # A parcel that carries another goes as far as that slides, or others push it. A reversed motor
+    # speeds up where its cell brakes, until the cell finds it (0x7302).
     if now.normal_n > 0.0 or not closed or now.reversed:
         wheel.loaded = 1
     ramped = wheel.stop != CUT and not (wheel.loaded or wheel.rested)

@@ -39,7 +39,7 @@ from mdms_sim.referee.watch import (
 
 #: The tick after a frame is handled, and one for where it lies between two.
 LATE_NS = 3 * NS_PER_MS
-#: What a time of a cell may be late by, in ticks and in the background.
+#: The lateness of a cell's time, in ticks and in the background.
 MARGIN_NS = 10 * NS_PER_MS
 #: The reaction to a lost heartbeat begins so much later.
 CONSUMER_LATE_NS = 6 * NS_PER_MS
@@ -60,7 +60,7 @@ HOST_HEARTBEAT = cob.HEARTBEAT_BASE + cob.HOST_NODE
 ID_MASK = 0x780
 MILLI, MICRO = 1e-3, 1e-6
 NS_PER_S = 1_000_000_000
-#: What a wheel may turn by when it is stopped anyhow.
+#: A stopped wheel may turn by this anyhow.
 LEAST_WAY_M = 0.002
 
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
@@ -552,7 +552,7 @@ class Wheels:
                 self._fall_silent(cell, "the host's last heartbeat")
         if noticed & watch.NO_SYNC:
             for axis in range(AXES):
-                # One that rests is off already, and has no setpoint that could be stale.
+                # A resting wheel is off already, and has no setpoint that could be stale.
                 if self._wheels[cell, axis].rest_ticks < watch.REST_TICKS:
                     self._react(cell, axis, "the last SYNC")
             record.sync_ns = self._now_ns

@@ -137,13 +137,13 @@ def _is_identifier(can_id: int) -> bool:
     return can_id & EXTENDED_MASK <= largest
 
 
-#: What is kept for a client that reads slowly [bytes]: some seconds of a full bus.
+#: The buffer of a client that reads slowly [bytes]: some seconds of a full bus.
 BACKLOG_BYTES = 1 << 20
 #: A client that has this many frames waiting is not read from until the bus has taken some.
 PENDING_FRAMES = 64
 _READ_BYTES = 1 << 10
 #: A client is read no faster than this in simulated time: a bus full of frames without data comes
-#: to 510 bytes/ms in packets. A flood of what is no frame, or of commands, costs others no time.
+#: to 510 bytes/ms in packets. A flood of bad bytes, or of commands, costs others no time.
 _NS_PER_BYTE = 2_000
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from mdms_sim.serve import packet
 
 LOOPBACK = "127.0.0.1"
-#: What `accept` raises when the process or the machine can open nothing more.
+#: Errors of `accept` when the process or the machine can open nothing more.
 _NO_ROOM = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
 _SOCKET_MODE = 0o600
 _FOLDER_MODE = 0o700
@@ -101,7 +101,7 @@ def _remove_dead(path: Path) -> None:
     if status.st_uid != os.getuid():
         raise ServeError(f"{path} belongs to somebody else; choose another name with --name")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-        # One that is too busy to take the connection is alive as well.
+        # A server that is too busy to take the connection is alive as well.
         probe.setblocking(False)
         try:
             probe.connect(str(path))

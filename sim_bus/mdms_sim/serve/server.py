@@ -76,7 +76,7 @@ class Server:
         self._refusing = False
         self._blinking: list[int] = []
         self._look_ns = 0
-        # Whatever is compiled at its first use is so before anybody can come in and time counts.
+        # All code is compiled before anybody can come in and time counts.
         simulation.kernel.run_until(SLICE_NS)
         self.time = RealTime(speed)
         self._lateness = Lateness(self.time, report)
@@ -171,7 +171,7 @@ class Server:
             if client.wants_to_write:
                 client.write()
             self._watch(descriptor, client)
-        # No time passes in the simulation while what a client has sent is on its way.
+        # No time passes in the simulation while a client's bytes are on their way.
         for terminal in self._terminals:
             self.time.settle(terminal.settle)
         next_ns = kernel.next_ns
@@ -204,7 +204,7 @@ class Server:
     def _accept(self, listener: socket.socket) -> socket.socket | None:
         """The next connection, if any. Raises FullError for a client that was refused."""
         connection = self._acceptor.accept(listener)
-        # One that has left with frames still to be sent is on the bus as well.
+        # A client that has left with frames still to be sent is on the bus as well.
         if connection and len(self._connections) + len(self._leaving) >= CONNECTIONS_MAX:
             connection.close()
             raise FullError(f"{CONNECTIONS_MAX} are open, which is the most")

@@ -21,7 +21,7 @@ _MS_PER_MINUTE = 60_000
 _DATA_MAX = 8
 _SPEEDS = frozenset(b"012345678")
 _HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
-#: What a client of any adapter may write in a line, possible here or not; FD's letters included.
+#: Letters of any adapter's lines, possible here or not; FD's letters included.
 _SYNTAX = re.compile(
     rb"[SYWUQ][0-9]|s[0-9A-F]{1,8}|Z[0-9]|[Mm][0-9A-F]{8}|[OLCVvNFPA]|X[01]"
     rb"|[trdb][0-9A-F]{4,}|[TRDB][0-9A-F]{9,}",
@@ -101,7 +101,7 @@ class Slcan:
         line, overlong = bytes(self._line), self._overlong
         self._line.clear()
         self._overlong = False
-        # Clients send empty lines to end whatever was half sent before.
+        # Clients send empty lines to end a half-sent one.
         if not line and not overlong:
             return OK
         try:

@@ -44,7 +44,7 @@ def _show(arguments: Namespace) -> Exit:
             Exit.USAGE,
         )
     require(PAGE, "mdms replay --page")
-    # A log is sent to a bus without what a page needs.
+    # A log is sent to a bus without the objects of a page.
     from mdms_host.cli.live_page import show_recorded  # noqa: PLC0415
 
     return show_recorded(arguments)
@@ -61,8 +61,8 @@ def _send(arguments: Namespace) -> Exit:
             drive(player, link, clock, lambda: player.over)
             duration_s, unsent = clock.now_s() - player.start_s, link.unsent
         finally:
-            # The host of the log may not have come to its end, and what it enabled would run on
-            # until the cells miss it, and then stand in fault.
+            # The host of the log may not have come to its end. Its enabled cells would run on until
+            # they miss it, and then stand in fault.
             stopped = stop_all(link, clock)
     figures = {"frames": len(frames), "unsent": unsent, "duration_s": duration_s}
     if arguments.json:

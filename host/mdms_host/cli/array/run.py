@@ -18,7 +18,7 @@ from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import check_other_run, fresh_folder
 
-#: What the bring-up may take of a run's time limit, which else is the scenario's duration.
+#: Time for the bring-up within a run's time limit, which else is the scenario's duration.
 BRING_UP_S = 10.0
 #: Faults of the way to the cells, and not of a cell.
 NO_DEVICE = (Ending.NO_CELLS, Ending.DEVICE_GONE)

@@ -44,7 +44,7 @@ def blink(commissioning: Commissioning, node_id: int, seconds: float) -> None:
 
 #: Longer than a person looks for a light; the answer ends it.
 _BLINK_S = 60.0
-#: Keys that end what was begun.
+#: Keys that end the dialogue.
 LEAVE = ("q", "\x1b", "\x04")
 _NUMBER = re.compile(r"(\d+)(?:\s*[, ]\s*(\d+))?")
 

@@ -18,7 +18,7 @@ from mdms_protocol.codecs.frame import Frame
 #: Cells that nobody has found yet blink again so often, and a little longer.
 _BLINK_EVERY_S = 4.0
 _BLINK_S = 5.0
-#: What is complete must stay so, for a plate that is half over a cell has not shown all yet.
+#: A complete grid must stay so, for a plate that is half over a cell has not shown all yet.
 _SETTLED_S = 1.0
 _LOOK_S = 0.1
 

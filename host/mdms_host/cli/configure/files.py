@@ -37,7 +37,7 @@ def dump(arguments: Namespace) -> Exit:
     if arguments.file == STDOUT:
         print(text, end="")
         return Exit.OK
-    # The first line says who has written the file.
+    # The first line names the writer of the file.
     mark = text.partition("\n")[0].encode()
     with replacing(arguments.file, mark, arguments.force) as partial:
         partial.write_text(text, encoding="utf-8")

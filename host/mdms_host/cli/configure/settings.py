@@ -133,7 +133,7 @@ def _differ(parameter: Parameter, cells: Sequence[CellSettings]) -> bool:
     return len(offsets) > 1
 
 
-#: What the speed loop's margin depends on, by axis; while it brakes it has another gain.
+#: The inputs of the speed loop's margin, by axis; while it brakes it has another gain.
 LOOPS = tuple(
     (f"axis{axis}.{gain}", f"axis{axis}.observer_lag", f"axis{axis}.acceleration_per_volt")
     for axis in (1, 2)

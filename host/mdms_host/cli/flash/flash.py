@@ -243,7 +243,7 @@ def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]
     from mdms_host.flashing.firmware import compiler
 
     if not arguments.list:
-        # What is not installed is told before any board is touched.
+        # A missing extra is told before any board is touched.
         compiler()
     devices = [port.device for port in ports]
     with bars(devices) as share, ThreadPoolExecutor(arguments.jobs) as pool:

@@ -94,7 +94,7 @@ def _map_report(figures: dict[str, Any]) -> list[str]:
 
 #: Of the simulation; with steps of 1 ms one trial in sixty ended otherwise, and no share of angles.
 STEP_S = 0.004
-#: What of a scenario counts is its table, its parcels and its speed.
+#: The relevant parts of a scenario are its table, its parcels and its speed.
 ALONE = (
     *("run.fidelity=ideal", "motion.field=squeeze", "motion.part=[]"),
     *("motion.control=host", "motion.go_on=false", "belief={}", "fault=[]"),

@@ -31,8 +31,8 @@ def slot_of(scenario: Scenario, main: Main | None = None) -> RunSlot:
 
     Every start begins `main`, or the scenario's own program, anew.
     """
-    # What does not fit the firmware is refused now, and not when somebody presses a button; and
-    # what has to be worked out before plans can be made is so while nobody waits.
+    # A scenario that does not fit the firmware is refused now, and not when somebody presses a
+    # button; and all preparations for plans are made while nobody waits.
     new = partial(coordinator_of, scenario, main=main)
     first = [new(executor=ThreadExecutor())]
 
@@ -90,7 +90,7 @@ def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> 
             host_report=lambda: host_report_of(slot.coordinator),
             recorded=False,
         )
-        # Whatever is compiled at its first use is so before anybody looks and time counts.
+        # All code is compiled before anybody looks and time counts.
         simulation.kernel.run_until(SLICE_NS)
         table = table_of(scenario, slot, simulation, RealTime())
         slot.start()

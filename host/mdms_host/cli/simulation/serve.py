@@ -39,7 +39,7 @@ def run(arguments: Namespace) -> Exit:
         signal.signal(number, signal.default_int_handler)
     try:
         slot = _slot(scenario, main) if arguments.page is not None else None
-        # What programs from elsewhere believe is for them to keep.
+        # Programs from elsewhere keep their own beliefs.
         host = HostLog(scenario, lambda: slot.coordinator if slot else None)
         if arguments.out is None:
             simulation = _serve(scenario, slot, host, arguments)

@@ -17,11 +17,11 @@ from mdms_protocol.version import VERSION
 _BUS_OFF = 0x8140
 #: In place of a size that a board does not know.
 _UNKNOWN = 0xFFFFFFFF
-#: What a single frame that is not acknowledged, or in error, leaves in a counter for a while.
+#: A single frame that is not acknowledged, or in error, leaves so much in a counter for a while.
 _ERRORS_LEAST = 8
 _HEAP_LEAST = 8_192
 _FLASH_LEAST = 16_384
-#: A clock that is off by more is not one of a healthy board, whatever the host's own is like.
+#: A clock that is off by more is faulty, even beside a bad clock of the host.
 _CLOCK_SHARE = 0.05
 _SUPPLY_SHARE = 0.1
 _SENSORS = 5

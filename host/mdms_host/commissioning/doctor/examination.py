@@ -52,9 +52,9 @@ _OF_CELL = (
     *((indices.STATUSWORD + axis * AXIS_OFFSET, 0) for axis in range(AXES)),
     *_PLACES,
 )
-#: What a cell whose wheels are on does not tell.
+#: Entries that a cell does not tell while its wheels are on.
 _AT_REST = ((indices.MEMORY, 1), (indices.MEMORY, 2))
-#: What firmware that came over USB alone does not have.
+#: Entries that firmware from USB alone does not have.
 _OF_UPDATE = ((indices.FLASH_STATUS, 1), (indices.UPDATE, 8))
 
 

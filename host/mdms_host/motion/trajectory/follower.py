@@ -82,7 +82,7 @@ class Follower:
         self._pose: Floats | None = None
         self._twist: Floats | None = None
         self._rate: Floats = np.zeros(3)
-        # The plan of the step that has just ended, and of the one that goes on.
+        # The plan of the past step, and of the next one.
         self._ended: Given | None = None
         self._going: Given | None = None
 

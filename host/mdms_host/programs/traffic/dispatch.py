@@ -20,8 +20,8 @@ from mdms_model.arrays import Bools, Floats, Ints
 
 #: A parcel that leaves is taken so soon after it has come to the end of its route [s].
 _LEAVES_S = 0.3
-#: How far beyond the last support its route ends [m]: before it, for it has wheels there. One that
-#: is as far out already has so much more to go.
+#: How far beyond the last support its route ends [m]: before it, for it has wheels there. A parcel
+#: that is as far out already has so much more to go.
 _OUT_M = -0.01
 _FARTHER_M = 0.02
 #: A move that is planned for practice [m], with so little of a turn [rad].

@@ -400,7 +400,7 @@ class Goals:
     def parts(self, instant: int) -> Parts:
         """The entities at a sample of the record."""
         goals = goals_at(self._scenario, self._record, self._record.time_s[instant])
-        # One that somebody has named on the way is not known by its shape.
+        # A thing that somebody has named on the way is not known by its shape.
         known = (
             (self._numbers[name], goal) for name, goal in goals.items() if name in self._numbers
         )

@@ -87,7 +87,7 @@ class PresenceSensors:
         bits = np.zeros(self._places.grid.columns * self._places.grid.rows, dtype=np.uint8)
         body, now = scene.model.parcels, scene.state.parcels
         presence_bits(self._places, body, now, scene.model.edges, bits)
-        # What is stuck is so at the sensor's output, behind its delay and its noise.
+        # A fault is at the sensor's output, behind its delay and its noise.
         return self._hold(self._disturb(self._late(bits, now_s)))
 
     def state(self) -> SenseState:

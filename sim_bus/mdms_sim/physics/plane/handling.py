@@ -172,7 +172,7 @@ class _Stream:
         self.stock = stock
         self.random = Random(f"{seed}/stream")
         self.count = 0
-        #: What comes next, if it is drawn already.
+        #: The next parcel, if it is drawn already.
         self.next: int | None = None
         self.due_s = plan.start_s
         self.period_s = max(plan.period_s, _LOOK_S)

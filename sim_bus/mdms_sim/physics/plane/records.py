@@ -21,8 +21,8 @@ from mdms_sim.physics.motor import true_cells
 #: Convex parcels in the plane have at most six neighbours on average, and two points with each.
 TOUCHES_PER_PARCEL = 6
 NOBODY = -1
-#: What is counted in a step: touches listed, those without room, parcels and touches whose forces
-#: were not found in the rounds allowed.
+#: The counters of a step: touches listed, those without room, parcels and touches whose forces were
+#: not found in the rounds allowed.
 NOW, DROPPED, UNSOLVED, UNBALANCED = range(4)
 
 WHEEL = np.dtype(
@@ -59,7 +59,7 @@ WHEEL_STATE = np.dtype(
         ("current_a", "f8"),  # of the motor, under voltage only
         ("supply_v", "f8"),
         ("coasting", "i8"),  # 1: its bridge leaves the motor open
-        # What is wrong with it, each the number of faults that say so.
+        # Its faults, each the number of faults that say so.
         ("jammed", "i8"),  # wheel and motor stand, whatever the voltage
         ("reversed", "i8"),  # the motor's leads are swapped
         ("encoder_stuck", "i8"),

@@ -28,7 +28,7 @@ from mdms_sim.physics.plane.records import (
 from mdms_sim.physics.plane.resting import rest_parcels
 from mdms_sim.physics.plane.touch import find_touches, press_apart
 
-#: What a step reports; they add up. LIMITED: a limit of the solver was reached, see the tally.
+#: The reports of a step; they add up. LIMITED: a limit of the solver was reached, see the tally.
 TIPPING, TOUCHING, LIMITED = 1, 2, 4
 
 

@@ -35,7 +35,7 @@ from mdms_sim.physics.plane.records import (
     read_poses,
 )
 
-#: What the solver could not do, by what is counted of it.
+#: Failures of the solver, by its counters.
 SOLVER_LIMITS = {
     DROPPED: "touches between parcels found no room",
     UNSOLVED: "twists of parcels were not found in the steps allowed",
