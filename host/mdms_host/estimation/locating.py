@@ -210,3 +210,6 @@ class Search:
         shown = self.covered & self._mine & ~self.left_out
         if self.found and self.found.contradictions > _DOUBTFUL_SHARE * shown.sum():
             self.found = None
+        # One cell that shows a parcel, and one that shows none: either may be all wrong.
+        if self.left_out.any() and len(np.unique(self._cell[shown])) < 2:
+            self.found = None

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.footprint import Rectangle
+from mdms_host.estimation.footprint import Disc, Footprint, Rectangle
 from mdms_host.estimation.locating import Search
 from mdms_host.layout import Layout
 
@@ -10,8 +10,8 @@ SENSORS_M = LAYOUT.sensor_positions_m.reshape(-1, 2)
 TRUTH = np.array([0.03, 0.01, 0.2])
 
 
-def searched(covered: np.ndarray) -> tuple[Search, int]:
-    search = Search(BOTTOM, LAYOUT, covered, np.ones(len(covered), dtype=bool), 0.0)
+def searched(covered: np.ndarray, footprint: Footprint = BOTTOM) -> tuple[Search, int]:
+    search = Search(footprint, LAYOUT, covered, np.ones(len(covered), dtype=bool), 0.0)
     steps = 0
     while not search.over:
         search.step()
@@ -42,3 +42,11 @@ def test_nothing_is_found_where_nothing_is_covered() -> None:
     search, steps = searched(np.zeros(len(SENSORS_M), dtype=bool))
     assert steps == 1
     assert search.found is None
+
+
+@pytest.mark.parametrize("cell", range(1, 19))
+def test_one_cell_that_is_all_stuck_shows_no_parcel(cell: int) -> None:
+    covered = np.zeros(len(SENSORS_M), dtype=bool)
+    covered[5 * (cell - 1) : 5 * cell] = True
+    for footprint in (BOTTOM, Disc(0.34)):
+        assert searched(covered, footprint)[0].found is None
