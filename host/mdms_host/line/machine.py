@@ -336,6 +336,8 @@ class Machine:
             **effectiveness(states, self.figures, now_s, self.ideal_per_hour),
             "exits_full": [name in self.orders.full for name in self.exits],
             "orders_open": len(self.orders.open),
+            "blocked": self._passing not in ("", _STARVED),
+            "starved": self._passing == _STARVED,
             "alarm": _alarm(states, run),
             "parcels": self._parcels(run),
             "cells": [] if run is None else [int(cell.enabled) for cell in run.cells],

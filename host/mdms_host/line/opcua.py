@@ -239,12 +239,15 @@ class OpcUaServer:
             for path in (_BASE, _MACHINE, _EXECUTE)
         ]
         for path, name, command in METHODS:
-            node = await table.get_child([f"{packml}:{each}" for each in (*path, name)])
-            server.link_method(node, self._commanding(command))
+            # asyncua makes no methods of a state machine, which the node set has as optional.
+            machine = await table.get_child([f"{packml}:{each}" for each in path])
+            await machine.add_method(packml, name, self._commanding(command), [], [])
         set_mode = await table.get_child([f"{packml}:SetUnitMode"])
         server.link_method(set_mode, self._refusing(self._set_mode))
         status = await table.get_child([f"{packml}:Status"])
         self._unit_mode = await status.get_child([f"{packml}:UnitModeCurrent"])
+        self._blocked = await status.get_child([f"{packml}:EquipmentBlocked"])
+        self._starved = await status.get_child([f"{packml}:EquipmentStarved"])
         line = await table.add_object(index, "Line")
         self._variables = [
             (each, await line.add_variable(index, each.name, each.value(self._plant), each.kind))
@@ -363,6 +366,8 @@ class OpcUaServer:
             if await self._put(each.name, node, value, each.kind) and each.name == "Alarm":
                 await self._raise_alarm(before, value)
         await self._put("exits", self._full, snapshot["exits_full"] or [False], _V.Boolean)
+        await self._put("blocked", self._blocked, snapshot["blocked"], _V.Boolean)
+        await self._put("starved", self._starved, snapshot["starved"], _V.Boolean)
         await self._put("mode", self._unit_mode, snapshot["mode"], _V.Int32)
         for node, name in zip(self._states, _state_names(State(snapshot["state"])), strict=True):
             await self._put(node, node, ua.LocalizedText(name), _V.LocalizedText)

@@ -36,6 +36,8 @@ NOTHING: dict[str, Any] = {
     "quality": 0.0,
     "exits_full": [],
     "orders_open": 0,
+    "blocked": False,
+    "starved": False,
     "alarm": None,
     "parcels": [],
     "cells": [],

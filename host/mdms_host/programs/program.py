@@ -190,7 +190,7 @@ class TableProgram:
         if self._task is None and self._awaited <= beliefs.keys():
             self._task = self.table.start(self._main(self.table))
             if self._serves_orders:
-                self.table.start(self.table.orders.serve(self.table))
+                self.table.serve_orders()
         if self._task is not None and self._failure is None:
             self._go_on(step_s)
         references_m_s = self._traffic.step(beliefs, step_s)

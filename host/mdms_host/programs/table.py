@@ -228,6 +228,20 @@ class Table:
         finally:
             self._waiting -= 1
 
+    def serve_orders(self) -> None:
+        """Carry out the orders of the plant from now on, in the place of the program's own."""
+        self.start(self.orders.serve(self, self._move, self._leave))
+
+    async def _move_by_program(
+        self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
+    ) -> None:
+        if not await self.orders.carried_out(parcel):
+            await self._move(parcel, x_m, y_m, yaw_rad)
+
+    async def _leave_by_program(self, parcel: TableParcel, exit: str | None) -> None:
+        if not await self.orders.carried_out(parcel):
+            await self._leave(parcel, exit)
+
     async def _move(
         self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
     ) -> None:
@@ -277,7 +291,7 @@ class TableDriver:
     def put(self, parcel: TableParcel, arrives: bool = True) -> None:
         """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
         self.table._parcels[parcel.name] = parcel
-        parcel._carried_by((self.table._move, self.table._leave))
+        parcel._carried_by((self.table._move_by_program, self.table._leave_by_program))
         self.table.orders.on_parcel(parcel)
         if arrives:
             self.table._arrived.append(parcel)

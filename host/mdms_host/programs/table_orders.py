@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Task, until
-from mdms_host.programs.table_parcel import ProgramError, TableParcel
+from mdms_host.programs.table_parcel import Leave, Move, ProgramError, TableParcel
 
 if TYPE_CHECKING:
     from mdms_host.programs.table import Table
@@ -95,6 +95,9 @@ class TableOrders:
         self._under_way: dict[str, tuple[LineOrder, Task[None]]] = {}
         self._reports: deque[Report] = deque(maxlen=_MOST_REPORTS)
         self._waiting: set[str] = set()
+        self._serves = False
+        #: Parcels that the plant has brought to where they are.
+        self._arrived: dict[str, TableParcel] = {}
         #: Orders that were under way when a run ended, until sensors show that they are done.
         self.in_doubt: dict[str, LineOrder] = {}
 
@@ -138,6 +141,8 @@ class TableOrders:
         self._under_way.clear()
         self.identities.clear()
         self._waiting.clear()
+        self._arrived.clear()
+        self._serves = False
 
     # What a program may ask ----------------------------------------------------------------------
 
@@ -174,15 +179,17 @@ class TableOrders:
         self._report("left" if exit else "lost", parcel, key=key, exit=exit or "")
         self.identities.pop(parcel.name, None)
         self._waiting.discard(parcel.name)
+        self._arrived.pop(parcel.name, None)
 
-    async def serve(self, table: "Table") -> None:
+    async def serve(self, table: "Table", move: Move, leave: Leave) -> None:
         """Carry out orders for the parcels on the table, for ever."""
+        self._serves = True
         while True:
             for parcel in table.parcels:
                 self._confirm(parcel)
                 order = self.order_for(parcel)
                 if order is not None and parcel.found and parcel.name not in self._under_way:
-                    task = table.start(self._carry_out(table, parcel, order))
+                    task = table.start(self._carry_out(parcel, order, move, leave))
                     self._under_way[parcel.name] = order, task
             await table.sleep(0.0)
 
@@ -195,17 +202,29 @@ class TableOrders:
                 del self.in_doubt[key]
                 self._report("arrived", parcel, key=key)
 
-    async def _carry_out(self, table: "Table", parcel: TableParcel, order: LineOrder) -> None:
+    async def carried_out(self, parcel: TableParcel) -> bool:
+        """Wait for the plant's orders for a parcel, if any; whether the last was carried out."""
+        if not self._serves:
+            return False
+        await until(lambda: parcel.has_left or not self._is_ordered(parcel))
+        return parcel.has_left or self._arrived.get(parcel.name) is parcel
+
+    def _is_ordered(self, parcel: TableParcel) -> bool:
+        return parcel.name in self._under_way or self.order_for(parcel) is not None
+
+    async def _carry_out(
+        self, parcel: TableParcel, order: LineOrder, move: Move, leave: Leave
+    ) -> None:
         self._report("under way", parcel, key=order.key)
         identity = self.identity(parcel)
         try:
             if order.exit is not None:
-                await parcel.leave(order.exit)
+                await leave(parcel, order.exit)
                 done = parcel.has_left
             else:
                 assert order.x_m is not None
                 assert order.y_m is not None
-                await parcel.move(order.x_m, order.y_m, order.yaw_rad)
+                await move(parcel, order.x_m, order.y_m, order.yaw_rad)
                 done = parcel.found and _is_there(parcel, order)
         except ProgramError as error:
             self._reports.append(Report("refused", identity, order.key, text=str(error)))
@@ -215,6 +234,7 @@ class TableOrders:
                 text = "the program or a person has ordered the parcel elsewhere"
                 self._reports.append(Report("refused", identity, order.key, text=text))
             elif order.exit is None:
+                self._arrived[parcel.name] = parcel
                 self._reports.append(Report("arrived", identity, order.key))
         finally:
             self.open.pop(order.key, None)
