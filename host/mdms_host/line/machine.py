@@ -183,8 +183,9 @@ class Machine:
 
     def step(self) -> None:
         """Bring the state machine and the table together."""
-        now_s, state = self._now_s(), self.states.state
+        now_s = self._now_s()
         self._take_on_run()
+        state = self.states.state
         for report in self.orders.take_reports():
             self.figures.count(report)
             self._on_report(report)

@@ -127,27 +127,38 @@ class ModbusServer:
 
     def __init__(self, registers: Registers) -> None:
         self._registers = registers
-        self._connections = 0
+        self._connections: set[asyncio.StreamWriter] = set()
+        self._server: asyncio.Server | None = None
         #: Requests are done one after another, whoever sends them.
         self._turn = asyncio.Lock()
         self.address = ""
 
     async def open(self, host: str, port: int) -> None:
         """Listen; port 0 takes a free one."""
-        server = await asyncio.start_server(self._serve, host, port)
-        name = server.sockets[0].getsockname()
+        self._server = await asyncio.start_server(self._serve, host, port)
+        name = self._server.sockets[0].getsockname()
         self.address = f"modbus://{name[0]}:{name[1]}"
 
+    async def close(self) -> None:
+        """Close the port and all connections."""
+        if self._server is not None:
+            self._server.close()
+        for writer in self._connections:
+            writer.close()
+        # They end in the loop's next rounds.
+        while self._connections:
+            await asyncio.sleep(0)
+
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if self._connections >= MOST_CONNECTIONS:
+        if len(self._connections) >= MOST_CONNECTIONS:
             writer.close()
             return
-        self._connections += 1
+        self._connections.add(writer)
         try:
             with suppress(OSError, TimeoutError, NotModbusError):
                 await self._talk(reader, writer)
         finally:
-            self._connections -= 1
+            self._connections.discard(writer)
             writer.close()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

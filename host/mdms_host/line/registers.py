@@ -102,8 +102,8 @@ MAP = (
     Register(204, "x_mm", "Place along x [mm], signed."),
     Register(205, "y_mm", "Place along y [mm], signed."),
     Register(206, "yaw_mrad", "Angle [mrad], signed; 0x8000: as it comes."),
-    Register(208, "key", "Key of the order.", None, TEXT_WORDS),
-    Register(216, "parcel", "Identity of the parcel.", None, TEXT_WORDS),
+    Register(207, "key", "Key of the order.", None, TEXT_WORDS),
+    Register(215, "parcel", "Identity of the parcel.", None, TEXT_WORDS),
 )
 #: Answers lie beside their requests, and are read only.
 ANSWERS = (

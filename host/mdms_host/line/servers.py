@@ -44,6 +44,8 @@ async def serve(descriptor: int) -> None:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in done:
             task.result()
+        for task in tasks:
+            task.cancel()
     return None
 
 
