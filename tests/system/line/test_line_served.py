@@ -35,6 +35,7 @@ class Table:
         self.folder = folder
         self.ports = dict(zip(("modbus", "opcua"), _free_ports(), strict=True))
         self.process: subprocess.Popen[str] | None = None
+        self._controllers: list[Controller] = []
 
     def start(self) -> None:
         options = [f"--{name}={port}" for name, port in self.ports.items()]
@@ -46,6 +47,16 @@ class Table:
         assert self.process.stdout is not None
         lines = iter(self.process.stdout.readline, "")
         assert any("connect with" in line for line in lines)
+
+    def controller(self) -> "Controller":
+        self._controllers.append(Controller(self.ports["modbus"]))
+        return self._controllers[-1]
+
+    def close(self) -> None:
+        for each in self._controllers:
+            each.close()
+        if self.process is not None and self.process.poll() is None:
+            assert self.stop() == 0
 
     def kill(self) -> None:
         assert self.process is not None
@@ -68,9 +79,10 @@ def table(tmp_path: Path) -> Iterator[Table]:
     (tmp_path / "users.txt").chmod(0o600)
     table = Table(tmp_path)
     table.start()
-    yield table
-    if table.process is not None and table.process.poll() is None:
-        assert table.stop() == 0
+    try:
+        yield table
+    finally:
+        table.close()
 
 
 class Controller:
@@ -79,6 +91,9 @@ class Controller:
     def __init__(self, port: int) -> None:
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
         self._beat = 0
+
+    def close(self) -> None:
+        self._socket.close()
 
     def ask(self, pdu: bytes) -> bytes:
         self._socket.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
@@ -129,10 +144,10 @@ class Controller:
 
 
 def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
-    first = Controller(table.ports["modbus"])
+    first = table.controller()
     first.bring_to_execute()
-    first._socket.close()
-    second = Controller(table.ports["modbus"])
+    first.close()
+    second = table.controller()
     second.until_state(SUSPENDED, beats=False)
     assert not second.command(7)
     second.beat()
@@ -141,7 +156,7 @@ def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
 
 
 def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -> None:
-    controller = Controller(table.ports["modbus"])
+    controller = table.controller()
     for number in range(200):
         assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (0, 1)
     assert controller.order(2, "", "P-0")[0] == 0
@@ -149,7 +164,7 @@ def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -
     controller.until(lambda: controller.order(3, "k0") == (0, 2))
     table.kill()
     table.start()
-    controller = Controller(table.ports["modbus"])
+    controller = table.controller()
     assert controller.read(1) == (STOPPED,)
     assert controller.order(3, "k0") == (0, 7)
     assert controller.read(7, 2) == (199, 1)
@@ -250,7 +265,7 @@ def test_opcua_refuses_other_users_and_connections_without_encryption(table: Tab
 
 def test_a_server_that_is_killed_ends_the_command_with_an_error(table: Table) -> None:
     assert table.process is not None
-    controller = Controller(table.ports["modbus"])
+    controller = table.controller()
     controller.bring_to_execute()
     children = Path(f"/proc/{table.process.pid}/task/{table.process.pid}/children").read_text()
     for child in map(int, children.split()):
