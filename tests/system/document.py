@@ -8,6 +8,8 @@ from typing import NamedTuple
 #: Why a block is not run, and what every line of such a block must look like.
 REASONS = {
     "installs packages": r"pip install '?mdms-array\[[a-z,]+\]'?( .*)?",
+    "needs a second terminal": r"(echo .plc:secret. > line/users\.txt|chmod 600 .*|mbpoll .*|"
+    r"mdms serve .* --modbus .*|python examples/line/.*)",
     "needs root and an adapter": r"sudo ip link set can\d up type can bitrate \d+",
     "needs a person at the button": r"mdms doctor --array array\.toml --stop",
     "needs a board over USB": r"mpremote (fs|exec|reset).*|mdms scan -i slcan -c /dev/ttyACM0 .*",

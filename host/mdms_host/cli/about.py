@@ -54,6 +54,8 @@ TOPICS = {
     "page": ("docs/page.md", "the live page in a browser"),
     "commissioning": ("docs/commissioning.md", "node ids, settings, doctor, the array file"),
     "integrator": ("docs/integrator.md", "from a sorter to a program"),
+    "line": ("docs/line.md", "the table as a machine of a line"),
+    "line-registers": ("docs/line-registers.md", "registers and nodes of a line"),
     "parcels": ("docs/parcels.md", "many parcels: programs, traffic, routes"),
     "cells": ("docs/cells.md", "cells that steer by themselves"),
     "right-of-way": ("docs/right-of-way.md", "rules by which cells keep parcels apart"),

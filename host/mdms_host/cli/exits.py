@@ -52,6 +52,7 @@ EXITS = {
     "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
     "mdms_model.fields.FieldError": Exit.USAGE,
     "mdms_model.fields.PolicyError": Exit.USAGE,
+    "mdms_host.line.attached.LineError": Exit.FAILURE,
     "mdms_host.page.page.PageError": Exit.FAILURE,
     "mdms_model.run.folder.RunFolderError": Exit.USAGE,
     "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,

@@ -23,6 +23,8 @@ SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
 SPEED_MAX = 100.0
 PORT_MAX = 65535
+#: A certificate of the line is valid no longer.
+DAYS_MAX = 36500
 #: The demo's own folder, which each demo overwrites.
 DEMO_FOLDER = Path("runs/demo")
 #: Where the page is if `--page` is given without a port.
@@ -101,6 +103,61 @@ def add_page(parser: ArgumentParser) -> None:
         help="where the page is open, instead of on this machine only: whoever reaches it may "
         "watch, and nothing is encrypted",
     )
+
+
+def add_state(parser: ArgumentParser) -> None:
+    """`--state`."""
+    parser.add_argument(
+        "--state",
+        metavar="DIR",
+        type=Path,
+        help="folder of the line's orders, key and users (default: mdms-array/line in "
+        "$XDG_STATE_HOME or ~/.local/state)",
+    )
+
+
+def add_line(parser: ArgumentParser) -> None:
+    """The options of a table in a line."""
+    parser.add_argument(
+        "--opcua",
+        metavar="PORT",
+        type=_port,
+        help="be a machine of a line, by OPC UA (usual port 4840; 0: a free one)",
+    )
+    parser.add_argument(
+        "--modbus",
+        metavar="PORT",
+        type=_port,
+        help="be a machine of a line, by Modbus TCP (usual port 502; 0: a free one)",
+    )
+    parser.add_argument(
+        "--line-host",
+        metavar="ADDRESS",
+        help="where the line's servers are open, instead of on this machine only",
+    )
+    parser.add_argument(
+        "--anonymous",
+        action="store_true",
+        help="let OPC UA clients of this machine read without a user and unencrypted",
+    )
+    add_state(parser)
+
+
+def add_certificate(parser: ArgumentParser) -> None:
+    """Those of `line certificate`."""
+    add_state(parser)
+    parser.add_argument("--host-name", metavar="NAME", help="default: that of this machine")
+    parser.add_argument(
+        "--days", metavar="N", type=_days, default=3650, help="valid for so long (default 3650)"
+    )
+    parser.add_argument("--force", action="store_true", help="replace a key that is there")
+
+
+def _days(text: str) -> int:
+    days = int(text)
+    if not 1 <= days <= DAYS_MAX:
+        raise ArgumentTypeError(f"{text} is not 1 to {DAYS_MAX}")
+    return days
 
 
 def add_demo(parser: ArgumentParser) -> None:
@@ -210,6 +267,7 @@ def add_serve(parser: ArgumentParser) -> None:
         help="SLCAN on loopback as well, for every user of this machine (0: a free port)",
     )
     add_page(parser)
+    add_line(parser)
 
 
 def add_run(parser: ArgumentParser) -> None:
@@ -230,9 +288,10 @@ def add_run(parser: ArgumentParser) -> None:
         metavar="SECONDS",
         type=time_limit_s,
         help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
-        "--page: never)",
+        "--page, --opcua or --modbus: never)",
     )
     add_page(parser)
+    add_line(parser)
     add_json(parser)
 
 

@@ -1,6 +1,6 @@
 """The table of all verbs; each is a function of a module that is imported when the verb is used."""
 
-from mdms_array.extras import BOARDS, PICTURES, RECORDING, SIMULATION, SWEEP
+from mdms_array.extras import BOARDS, OPCUA, PICTURES, RECORDING, SIMULATION, SWEEP
 from mdms_host.cli import options
 from mdms_host.cli.cell_options import COMMISSION, CONFIGURE, DOCTOR, IDENTIFY, JOG
 from mdms_host.cli.parser import Parser, ShowVersion, Verb, add_verbs
@@ -100,6 +100,19 @@ VERBS = (
         f"{_ARRAY}.run:run",
         options.add_run,
         late_options=_BUS,
+    ),
+    Verb(
+        "line",
+        "prepare a table to be a machine of a line",
+        actions=(
+            Verb(
+                "certificate",
+                "make the key and the certificate of the OPC UA server",
+                "mdms_host.cli.line:make_certificate",
+                options.add_certificate,
+                extra=OPCUA,
+            ),
+        ),
     ),
     Verb(
         "scan",

@@ -112,7 +112,9 @@ class Commands:
 
     def _repeat_as_needed(self, now_s: float) -> None:
         """While all cells run, and when all are off, none needs anything again."""
-        running = self._phase is Phase.RUNNING and not self._roster.out
+        # Cells that steer are told again and again to stand: one may have missed it.
+        kept = self._phase is Phase.KEEPING and self._by_cells is None
+        running = (kept or self._phase is Phase.RUNNING) and not self._roster.out
         settled = running or self._phase in STOPPED
         due_s = self._schedule.next_s("command")
         if settled and due_s > now_s:

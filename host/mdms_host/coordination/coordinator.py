@@ -15,7 +15,15 @@ from mdms_host.coordination.commands import CellsControl, Commands
 from mdms_host.coordination.control_cycle import ControlCycle
 from mdms_host.coordination.frame_router import FrameRouter
 from mdms_host.coordination.recovery import Policy, Recovery, Roster
-from mdms_host.coordination.run_state import HELD, STOPPED, EventJournal, Phase, Schedule, Timing
+from mdms_host.coordination.run_state import (
+    HELD,
+    STOPPED,
+    TROUBLED,
+    EventJournal,
+    Phase,
+    Schedule,
+    Timing,
+)
 from mdms_host.coordination.run_state_machine import RunStateMachine
 from mdms_host.coordination.supervision import Supervision
 from mdms_host.coordination.wheel_speeds import Odometry, VelocityFrames
@@ -264,6 +272,10 @@ class Coordinator:
         """Request an orderly end; the next poll begins it."""
         self._course.stop()
 
+    def keep(self, keeps: bool) -> None:
+        """Keep all parcels standing from the next poll on, or let the program move them again."""
+        self._course.keeps = keeps
+
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """Take in a frame from a bus.
 
@@ -302,9 +314,9 @@ class Coordinator:
     def _on_phase(self, before: Phase, phase: Phase, now_s: float) -> None:
         """A phase of the run begins."""
         self._commands.on_phase(phase, now_s)
-        if phase in HELD:
+        if phase in TROUBLED:
             self.tracker.look_away()
-        elif before in HELD:
+        elif before in TROUBLED:
             self.tracker.look_again(_UNSEEN_M)
         if phase == Phase.ENABLING:
             self._schedule.set("sync", now_s)

@@ -8,7 +8,7 @@ from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts, drive
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.run_state import HELD, Phase
+from mdms_host.coordination.run_state import TROUBLED, Phase
 from mdms_model.participant import Participant
 from mdms_protocol.codecs import nmt
 
@@ -146,7 +146,7 @@ class _Watch:
 
     def _look_at_hold(self) -> None:
         """Report the part that was held up when all parcels begin to be held, if any."""
-        before, self._held = self._held, self._coordinator.phase in HELD
+        before, self._held = self._held, self._coordinator.phase in TROUBLED
         if self._held and not before and (delay := self._delay()):
             self._on_event(self._clock.now_s(), f"held up{delay}")
 

@@ -12,7 +12,7 @@ from math import inf
 import numpy as np
 
 from mdms_host.coordination.bring_up import BringUpCell
-from mdms_host.coordination.run_state import HELD, TRANSITIONS, EventJournal, Phase, Signal
+from mdms_host.coordination.run_state import TRANSITIONS, TROUBLED, EventJournal, Phase, Signal
 from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
 from mdms_host.coordination.wheel_speeds import Odometry
 from mdms_model.arrays import Bools
@@ -254,7 +254,7 @@ class Recovery:
         if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
             return Decision(Signal.FAULT, _told(each.text for each in troubles))
         decision = None
-        if phase in HELD:
+        if phase in TROUBLED:
             decision = self._while_held(phase, now_s, unsure)
         elif troubles:
             decision = self._on_troubles(troubles, now_s)

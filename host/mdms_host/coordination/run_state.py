@@ -19,6 +19,7 @@ class Phase(StrEnum):
     RUNNING = "running"
     HOLDING = "holding all parcels"
     RECOVERING = "bringing cells back"
+    KEEPING = "keeping all parcels where they are"
     STOPPING = "stopping"
     FAILING = "stopping after a fault"
     STOPPED = "stopped"
@@ -33,6 +34,8 @@ class Signal(StrEnum):
     TROUBLE = "trouble"
     #: They have not come back in time, and the run goes on without them.
     WITHOUT = "without"
+    #: Somebody wants all parcels to stand for as long as they say.
+    KEEP = "keep"
     STOP = "stop"
     FAULT = "fault"
 
@@ -41,8 +44,10 @@ BRING_UP = (
     *(Phase.WAITING, Phase.IDENTIFYING, Phase.CONFIGURING),
     *(Phase.STARTING, Phase.ENABLING),
 )
+#: Parcels are held until cells are back.
+TROUBLED = (Phase.HOLDING, Phase.RECOVERING)
 #: All references are 0, or on their way there.
-HELD = (Phase.HOLDING, Phase.RECOVERING)
+HELD = (*TROUBLED, Phase.KEEPING)
 #: The cells are up, and cared for.
 UP = (Phase.RUNNING, *HELD)
 STOPPED = (Phase.STOPPED, Phase.FAILED)
@@ -57,7 +62,10 @@ TRANSITIONS: dict[tuple[Phase, Signal], Phase] = {
     (Phase.HOLDING, Signal.DONE): Phase.RECOVERING,
     (Phase.RECOVERING, Signal.TROUBLE): Phase.HOLDING,
     (Phase.RECOVERING, Signal.DONE): Phase.RUNNING,
-    **{(phase, Signal.WITHOUT): Phase.RUNNING for phase in HELD},
+    **{(phase, Signal.WITHOUT): Phase.RUNNING for phase in TROUBLED},
+    (Phase.RUNNING, Signal.KEEP): Phase.KEEPING,
+    (Phase.KEEPING, Signal.TROUBLE): Phase.HOLDING,
+    (Phase.KEEPING, Signal.DONE): Phase.RUNNING,
     (Phase.STOPPING, Signal.DONE): Phase.STOPPED,
     (Phase.FAILING, Signal.DONE): Phase.FAILED,
     **{(phase, Signal.STOP): Phase.STOPPING for phase in (*BRING_UP, *UP)},

@@ -23,6 +23,7 @@ _OVER = (Phase.FAILING, *STOPPED)
 class RunStateMachine:
     """`phase` is the phase of a run, `fault` the cause of its end, None as long as it goes on.
 
+    While it `keeps`, all parcels stand as soon as the cells run, also when lost cells come back.
     `on_phase(before, phase, now_s)` is called when a phase begins, and `unsure()` returns whether a
     parcel is doubtful.
     """
@@ -51,6 +52,7 @@ class RunStateMachine:
         self._unsure = unsure
         self._since_s: float | None = None
         self._stop_requested = False
+        self.keeps = False
 
     def stop(self) -> None:
         """Request an orderly end; the next step begins it."""
@@ -62,6 +64,11 @@ class RunStateMachine:
             self._enter(Phase.WAITING, now_s)
         self._check(now_s)
         self._advance(now_s)
+        # No cycle lies between: a run that comes up, or recovers, moves nothing that is to stand.
+        if self.keeps and self.phase is Phase.RUNNING:
+            self._signal(Signal.KEEP, now_s)
+        elif self.phase is Phase.KEEPING and not self.keeps:
+            self._signal(Signal.DONE, now_s)
 
     def _check(self, now_s: float) -> None:
         """Act on troubles of cells, on another host, or on a request to stop."""

@@ -66,6 +66,9 @@ class TableProgram:
         self.driver = TableDriver(self.table)
         self.table.expects = any(not member.lies for member in members)
         self._left: set[str] = set()
+        #: The exit that each parcel has set out to.
+        self._exits: dict[str, str] = {}
+        self._serves_orders = False
         #: The last order for each parcel that a person has given beside the program.
         self._by_hand: dict[str, Order] = {}
         self._task: Task[None] | None = None
@@ -78,6 +81,10 @@ class TableProgram:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
         self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
+
+    def serve_orders(self) -> None:
+        """Carry out the orders of `table.orders` beside the program, from its beginning on."""
+        self._serves_orders = True
 
     def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
         """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
@@ -184,6 +191,8 @@ class TableProgram:
         self._take_in(beliefs)
         if self._task is None and self._awaited <= beliefs.keys():
             self._task = self.table.start(self._main(self.table))
+            if self._serves_orders:
+                self.table.serve_orders()
         if self._task is not None and self._failure is None:
             self._go_on(step_s)
         references_m_s = self._traffic.step(beliefs, step_s)
@@ -191,6 +200,7 @@ class TableProgram:
         self._rested_s = self._rested_s + step_s if self._traffic.at_rest else 0.0
         if self._register is not None:
             for name, gate in self._traffic.take_leaving():
+                self._exits[name] = gate.name
                 self._register.depart(name, tracker_gate(gate))
             if self._comings is not None:
                 there = {*beliefs, *(parcel.name for parcel in self.table.parcels)}
@@ -213,6 +223,7 @@ class TableProgram:
             return
         for parcel, region in self._register.take_withdrawn():
             if any(parcel.name == each.name for each in self.table.parcels):
+                self._exits.pop(parcel.name, None)
                 self._traffic.withdraw(parcel.name)
             if self._comings is None or not self._comings.brings(parcel.name):
                 self._register.announce(parcel, region)
@@ -228,7 +239,7 @@ class TableProgram:
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""
         for name in self._traffic.take_left():
-            self.driver.remove(name)
+            self.driver.remove(name, self._exits.pop(name, None))
             self._left.add(name)
         self._left &= beliefs.keys()
 

@@ -14,6 +14,7 @@ from mdms_host.motion.goal import Goal
 from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Condition, Script, Task, until
+from mdms_host.programs.table_orders import TableOrders
 from mdms_host.programs.table_parcel import Newcomer, Newcomers, ProgramError, TableParcel
 from mdms_model.arrays import Floats
 
@@ -62,6 +63,8 @@ class Table:
         self.expects = True
         self.gates: Mapping[str, Gate] = {gate.name: gate for gate in gates}
         self.newcomers: Newcomers | None = None
+        #: The orders of the plant around the table, and the exits that are full.
+        self.orders = TableOrders()
         self._orders = orders
         self._script = Script()
         self._unknown: dict[str, tuple[Floats, Footprint]] = {}
@@ -225,6 +228,20 @@ class Table:
         finally:
             self._waiting -= 1
 
+    def serve_orders(self) -> None:
+        """Carry out the orders of the plant from now on, in the place of the program's own."""
+        self.start(self.orders.serve(self, self._move, self._leave))
+
+    async def _move_by_program(
+        self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
+    ) -> None:
+        if not await self.orders.carried_out(parcel):
+            await self._move(parcel, x_m, y_m, yaw_rad)
+
+    async def _leave_by_program(self, parcel: TableParcel, exit: str | None) -> None:
+        if not await self.orders.carried_out(parcel):
+            await self._leave(parcel, exit)
+
     async def _move(
         self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
     ) -> None:
@@ -238,16 +255,21 @@ class Table:
         if name not in self.gates:
             there = ", ".join(self.gates) or "none"
             raise ProgramError(f"no exit {name!r}; there are: {there}")
-        await self._order(parcel, self.gates[name])
+        gate = self.gates[name]
+        order = await self.orders.leave(parcel, gate, lambda goal: self._give(parcel, goal))
+        _check_done(order)
 
     async def _order(self, parcel: TableParcel, goal: Goal | Gate) -> None:
+        order = self._give(parcel, goal)
+        await until(lambda: order.over)
+        _check_done(order)
+
+    def _give(self, parcel: TableParcel, goal: Goal | Gate) -> Order:
         if self._parcels.get(parcel.name) is not parcel:
             raise ProgramError(f"{parcel.name} has left the table")
         order = Order(parcel.name, goal)
         self._orders.give(order)
-        await until(lambda: order.over)
-        if order.refused is not None:
-            raise ProgramError(order.refused)
+        return order
 
 
 class TableDriver:
@@ -269,13 +291,15 @@ class TableDriver:
     def put(self, parcel: TableParcel, arrives: bool = True) -> None:
         """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
         self.table._parcels[parcel.name] = parcel
-        parcel._carried_by((self.table._move, self.table._leave))
+        parcel._carried_by((self.table._move_by_program, self.table._leave_by_program))
+        self.table.orders.on_parcel(parcel)
         if arrives:
             self.table._arrived.append(parcel)
 
-    def remove(self, name: str) -> None:
-        """A parcel has left."""
+    def remove(self, name: str, exit: str | None = None) -> None:
+        """A parcel has left, by an exit unless it was lost or taken away."""
         parcel = self.table._parcels.pop(name)
+        self.table.orders.on_left(parcel, exit)
         parcel.has_left = True
         parcel._carried_by(None)
         parcel._see(None)
@@ -316,6 +340,12 @@ def _check_numbers(name: str, **values: object) -> None:
     for key, value in values.items():
         if not (isinstance(value, Real) and isfinite(value)):
             raise ProgramError(f"{key} of {name} is {value!r}, but must be a number")
+
+
+def _check_done(order: Order) -> None:
+    """Raises ProgramError for an order that was refused."""
+    if order.refused is not None:
+        raise ProgramError(order.refused)
 
 
 def _place(pose: Floats) -> tuple[float, float]:

@@ -7,12 +7,15 @@ from functools import partial
 
 from mdms_array.array import BelievedArray, believe
 from mdms_array.extras import PAGE, RECORDING, require
+from mdms_array.host import programmed
 from mdms_array.operation import bus_log_in, check_array, operate_array
 from mdms_array.recording import keep_run, lasting
 from mdms_array.run import Run
 from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
+from mdms_host.cli.line import check_line, has_line
+from mdms_host.cli.live_array import show_array
 from mdms_host.cli.streams import say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
@@ -28,12 +31,13 @@ def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
     if arguments.page is not None:
         require(PAGE, "mdms run --page")
-        if arguments.out is not None or arguments.json:
-            raise CommandError(
-                "--page: a run that a person starts and stops is not kept; leave --out and --json "
-                "out",
-                Exit.USAGE,
-            )
+    attended = arguments.page is not None or has_line(arguments)
+    if attended and (arguments.out is not None or arguments.json):
+        raise CommandError(
+            "--page, --opcua, --modbus: a run that is started and stopped from outside is not "
+            "kept; leave --out and --json out",
+            Exit.USAGE,
+        )
     if arguments.out is not None:
         require(RECORDING, "mdms run --out")
         if not arguments.force:
@@ -49,10 +53,9 @@ def run(arguments: Namespace) -> int:
             f"mdms: {arguments.array} does not say which parcels the emergency stop holds; add "
             "[stop] with form, mass_kg and speed_m_s"
         )
-    if arguments.page is not None:
-        # The page is an extra.
-        from mdms_host.cli.live_page import show_array  # noqa: PLC0415
-
+    if has_line(arguments):
+        check_line(arguments, belief.scenario if main is None else programmed(belief.scenario))
+    if attended:
         return show_array(belief, arguments, main)
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S

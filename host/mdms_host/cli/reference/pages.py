@@ -1,15 +1,20 @@
 """The pages of `docs/` that are made of the code: `python -m mdms_host.cli.reference.pages`.
 
 `docs/scenarios.md` has every key of a scenario, from the dataclasses that check them. So has
-`docs/programs.md` of tasks. It runs in a checkout. With `--check` it writes nothing and names stale
-pages.
+`docs/programs.md` of tasks. `docs/line-registers.md` has the registers and nodes of a line. It runs
+in a checkout. With `--check` it writes nothing and names stale pages.
 """
 
 import sys
 from pathlib import Path
 
+from asyncua.ua import VariantType
+
 from mdms_host.cli.reference.keys import list_in, table_of
 from mdms_host.commissioning.doctor.findings import troubleshooting_text
+from mdms_host.line.opcua import LINE_METHODS, METHODS, SHOWN
+from mdms_host.line.packml import TRANSITIONS, Command, Done, State
+from mdms_host.line.registers import ANSWERS, MAP, MAP_VERSION, Register
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import builtin_names, load_scenario
 from mdms_model.scenario.motion import Motion, Part, Region
@@ -166,12 +171,94 @@ def _builtin() -> str:
     return "\n".join(("## Built in", "", "| name | title |", "| --- | --- |", *rows, ""))
 
 
+_LINE_HEAD = """\
+# Registers and nodes of a line
+
+Written by `make generate` from the tables of `host/mdms_host/line` that serve them; change those.
+[The table in a line](line.md) explains them.
+
+## States and commands
+
+Parcels may move in Execute and Completing alone. States without a command end by themselves.
+
+| state | number | command | next state |
+| --- | --- | --- | --- |
+"""
+_REGISTERS_HEAD = f"""
+## Modbus TCP
+
+Holding registers from address 0, version {MAP_VERSION} of the map. The functions are 3, 6, 16 and
+23. Numbers of two registers have the high half first. Texts are ASCII, two characters a register,
+filled up with 0. A write to any other register is answered by exception 2, a value that is refused
+by exception 3.
+
+| address | registers | name | access | meaning |
+| --- | --- | --- | --- | --- |
+"""
+_NODES_HEAD = """
+## OPC UA
+
+The object `Table` has the type `PackMLBaseObjectType` of OPC 30050. Commands are methods of its
+state machines. A command that is refused has the status `BadInvalidState`, and an event with the
+reason.
+
+| object | method | command |
+| --- | --- | --- |
+"""
+_LINE_NODES_HEAD = """
+Its object `Line` (namespace `urn:mdms-array:line`) has what PackML has no place for. A client
+writes another number into `ClientHeartbeat` at least twice a second. `Exits`, `ExitsFull`,
+`Parcels` (with `X`, `Y`, `Yaw`, `Kind`) and `Cells` (with `Enabled`) show the table. Events of the
+type `ParcelEvent` report parcels that are found, under way, arrived, left, refused or lost.
+
+| variable | type | meaning |
+| --- | --- | --- |
+"""
+
+
+def line_text() -> str:
+    """The whole page; the same tables give the same text."""
+    states = [
+        f"| {_word(state)} | {int(state)} | {_word(cause)} | {_word(after)} |"
+        for (state, cause), after in sorted(TRANSITIONS.items(), key=lambda row: row[0][0])
+    ]
+    registers = [
+        f"| {one.address} | {one.words} | `{one.name}` | {_access(one)} | {one.meaning} |"
+        for one in sorted((*MAP, *ANSWERS), key=lambda one: one.address)
+    ]
+    methods = [
+        f"| `{'/'.join(path)}` | `{name}` | {_word(command)} |" for path, name, command in METHODS
+    ]
+    shown = [f"| `{one.name}` | {one.kind.name} | {one.meaning} |" for one in SHOWN]
+    calls = [
+        f"| `{one.name}` | {_arguments(one.inputs)} | {_arguments(one.outputs)} | {one.meaning} |"
+        for one in LINE_METHODS
+    ]
+    head = "\n| method | arguments | results | does |\n| --- | --- | --- | --- |\n"
+    tables = (states, registers, methods, shown, calls)
+    heads = (_LINE_HEAD, _REGISTERS_HEAD, _NODES_HEAD, _LINE_NODES_HEAD, head)
+    return "".join(head + "\n".join(rows) + "\n" for head, rows in zip(heads, tables, strict=True))
+
+
+def _word(cause: State | Command | Done) -> str:
+    return "-" if isinstance(cause, Done) else cause.name.capitalize()
+
+
+def _access(register: Register) -> str:
+    return "write" if register.value is None and register in MAP else "read"
+
+
+def _arguments(arguments: tuple[tuple[str, VariantType], ...]) -> str:
+    return ", ".join(f"`{name}` {kind.name}" for name, kind in arguments) or "-"
+
+
 _FOLDER = Path(__file__).parents[4] / "docs"
 
 
 def outputs() -> dict[Path, str]:
     """The text of every page that is generated."""
     return {
+        _FOLDER / "line-registers.md": line_text(),
         _FOLDER / "programs.md": program_text(),
         _FOLDER / "scenarios.md": scenario_text(),
         _FOLDER / "troubleshooting.md": troubleshooting_text(),

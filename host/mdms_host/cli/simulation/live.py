@@ -13,7 +13,7 @@ from mdms_array.host import (
 )
 from mdms_array.simulation import host_report_of
 from mdms_host.cli.exits import Exit, interrupted
-from mdms_host.cli.live_page import opened_page
+from mdms_host.cli.live_array import attendants
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
@@ -67,16 +67,18 @@ def attended(
     arguments: Namespace,
     over: Callable[[], object],
 ) -> Iterator[Callable[[], object]]:
-    """The page of a served table; a hook in place of `over` looks after it."""
+    """The page and the line of a served table; a hook in place of `over` looks after them."""
     table = table_of(scenario, slot, server.simulation, server.time)
-    with opened_page(table, arguments) as page:
+    with attendants(table, slot, scenario, arguments) as attend:
 
         def over_or_attended() -> object:
-            page.attend()
+            attend()
             table.look()
-            return over()
+            return over() or attend.failure
 
         yield over_or_attended
+    if attend.failure is not None:
+        raise attend.failure
 
 
 def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> Exit:
@@ -94,6 +96,9 @@ def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> 
         simulation.kernel.run_until(SLICE_NS)
         table = table_of(scenario, slot, simulation, RealTime())
         slot.start()
+        # The page is an extra.
+        from mdms_host.cli.live_page import opened_page  # noqa: PLC0415
+
         with opened_page(table, arguments) as page, interrupted() as over:
             while not over():
                 page.attend()

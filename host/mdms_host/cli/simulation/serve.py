@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from mdms_array.extras import PAGE, require
 from mdms_array.figures import simulated_run
+from mdms_array.host import programmed
 from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
 from mdms_host.cli.exits import ENDS, Exit, interrupted
 from mdms_host.cli.files import writing
+from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
@@ -32,13 +34,16 @@ def run(arguments: Namespace) -> Exit:
         require(PAGE, "mdms serve --page")
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     scenario, main = open_program(arguments.scenario, overrides)
+    if has_line(arguments):
+        check_line(arguments, scenario if main is None else programmed(scenario))
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, None)
     # Both end a service as Ctrl-C does, so that its sockets go.
     for number in ENDS:
         signal.signal(number, signal.default_int_handler)
     try:
-        slot = _slot(scenario, main) if arguments.page is not None else None
+        attended = arguments.page is not None or has_line(arguments)
+        slot = _slot(scenario, main) if attended else None
         # Programs from elsewhere keep their own beliefs.
         host = HostLog(scenario, lambda: slot.coordinator if slot else None)
         if arguments.out is None:

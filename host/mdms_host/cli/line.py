@@ -1,0 +1,137 @@
+"""A table in a line: the options of `run` and `serve` for it, and the verb `line`."""
+
+import os
+import stat
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+
+from mdms_array.extras import OPCUA, require
+from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.streams import say
+from mdms_host.clock import MonotonicClock
+from mdms_host.line.attached import Line
+from mdms_host.page.run_slot import RunSlot
+from mdms_host.page.server import LOOPBACK
+from mdms_model.scenario.scenario import Scenario
+
+CERTIFICATE, KEY, USERS = "certificate.der", "key.pem", "users.txt"
+
+
+def has_line(arguments: Namespace) -> bool:
+    """Whether the table is to be a machine of a line."""
+    return arguments.opcua is not None or arguments.modbus is not None
+
+
+def folder_of(arguments: Namespace) -> Path:
+    """The folder of the line's orders, key and users: `--state`, or one in the user's own."""
+    base = os.environ.get("XDG_STATE_HOME")
+    home = Path(base) if base else Path.home() / ".local" / "state"
+    return Path(arguments.state) if arguments.state is not None else home / "mdms-array" / "line"
+
+
+def check_line(arguments: Namespace, scenario: Scenario) -> None:
+    """Raises `CommandError` where the table cannot be in a line as the options have it."""
+    if arguments.opcua is not None:
+        require(OPCUA, "--opcua")
+    if scenario.motion.field != "program":
+        raise CommandError(
+            f"--opcua, --modbus: a line needs a program, but motion.field is "
+            f"{scenario.motion.field!r}; take a file of tasks, or Python, or sort54",
+            Exit.USAGE,
+        )
+    if scenario.motion.control == "cells":
+        raise CommandError(
+            "--opcua, --modbus: cells that steer keep no orders; set motion.control=host",
+            Exit.USAGE,
+        )
+
+
+def opened_line(
+    slot: RunSlot, scenario: Scenario, arguments: Namespace, note: Callable[[str], object]
+) -> Line:
+    """The line of a table as the options have it. Raises LineError and `CommandError`."""
+    folder = folder_of(arguments)
+    host = arguments.line_host or LOOPBACK
+    settings = {
+        "title": scenario.title,
+        "cells": scenario.array.columns * scenario.array.rows,
+        "folder": str(folder),
+        "host": host,
+        "modbus": arguments.modbus,
+        "opcua": arguments.opcua,
+        "anonymous": arguments.anonymous,
+    }
+    if arguments.opcua is not None:
+        settings |= _security(folder, arguments)
+    if arguments.modbus is not None and host != LOOPBACK:
+        say(f"mdms: whoever reaches {host} moves the table by Modbus, which has no passwords")
+    exits = tuple(each.name for each in scenario.exit)
+    line = Line(slot, exits, MonotonicClock(), settings, note)
+    for address in line.addresses:
+        print(address, flush=True)
+    return line
+
+
+def _security(folder: Path, arguments: Namespace) -> dict[str, object]:
+    certificate, key = folder / CERTIFICATE, folder / KEY
+    for path in (certificate, key):
+        if not path.is_file():
+            raise CommandError(
+                f"--opcua: there is no {path}; `mdms line certificate` makes it", Exit.USAGE
+            )
+    if arguments.anonymous and (arguments.line_host or LOOPBACK) != LOOPBACK:
+        raise CommandError(
+            "--anonymous: nothing is encrypted, so it is for this machine only; leave --line-host "
+            "out",
+            Exit.USAGE,
+        )
+    users = _users(folder / USERS)
+    if not users and not arguments.anonymous:
+        raise CommandError(
+            f"--opcua: {folder / USERS} has no users; write a line NAME:PASSWORD into it, "
+            "or give --anonymous to read only",
+            Exit.USAGE,
+        )
+    return {"certificate": str(certificate), "key": str(key), "users": users}
+
+
+def _users(path: Path) -> dict[str, str]:
+    """Passwords by user, from a file that its owner alone may read."""
+    if not path.is_file():
+        return {}
+    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise CommandError(f"{path}: others may read it; run chmod 600 {path}", Exit.USAGE)
+    users = {}
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        name, colon, password = line.partition(":")
+        if line.strip() and not (name and colon and password):
+            raise CommandError(f"{path}, line {number}: is not NAME:PASSWORD", Exit.USAGE)
+        if line.strip():
+            users[name] = password
+    return users
+
+
+def make_certificate(arguments: Namespace) -> Exit:
+    """`mdms line certificate`: a key and a certificate for OPC UA, signed by itself."""
+    # The extra has been asked for by the verb.
+    from mdms_host.line.certificate import certificate_of  # noqa: PLC0415
+
+    folder = folder_of(arguments)
+    folder.mkdir(parents=True, exist_ok=True)
+    key_path, path = folder / KEY, folder / CERTIFICATE
+    if not arguments.force and (key_path.exists() or path.exists()):
+        raise CommandError(
+            f"{folder} has a key or a certificate already, which clients may trust; give --force "
+            "to replace it",
+            Exit.FAILURE,
+        )
+    key, certificate, until = certificate_of(arguments.host_name, arguments.days)
+    descriptor = os.open(key_path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with open(descriptor, "wb") as file:
+        os.fchmod(descriptor, 0o600)
+        file.write(key)
+    path.write_bytes(certificate)
+    print(f"{path}: valid until {until}; have clients trust it")
+    print(f"{key_path}: its key, which nobody else may have")
+    return Exit.OK

@@ -1,0 +1,190 @@
+"""`mdms run` with a page or a line: programs are started and stopped from outside."""
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+
+from mdms_array.array import BelievedArray
+from mdms_array.checks import timing_of
+from mdms_array.connection import open_links
+from mdms_array.host import coordinator_of, layout_of, parcels_of
+from mdms_host.can_link.delays import punctual
+from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.cli.exits import CommandError, Exit, interrupted
+from mdms_host.cli.line import has_line, opened_line
+from mdms_host.cli.streams import say
+from mdms_host.clock import Clock
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.line.attached import Line, LineError
+from mdms_host.page.bus_watch import BusWatch
+from mdms_host.page.live import LiveTable
+from mdms_host.page.run_slot import RunSlot
+from mdms_host.programs.program import Main
+from mdms_host.programs.traffic.planning import ThreadExecutor
+from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.codecs import nmt
+
+
+class Attendants:
+    """The page and the line of a table; called as often as its driver can.
+
+    `failure` is why the line has ended, None as long as it has not.
+    """
+
+    def __init__(self, table: LiveTable) -> None:
+        self.failure: LineError | None = None
+        self.page: Callable[[], object] = lambda: None
+        self.line: Line | None = None
+        self._table = table
+
+    def __call__(self) -> None:
+        """Carry out what has been asked for, and show what is due."""
+        self.page()
+        if self.line is None or self.failure is not None:
+            return
+        try:
+            told = self.line.attend()
+        except LineError as error:
+            self.failure = error
+        else:
+            if told and self.page is _nobody:
+                # What the page would show is said on stderr alone.
+                self._table.take_messages()
+
+
+def _nobody() -> None:
+    pass
+
+
+@contextmanager
+def attendants(
+    table: LiveTable, slot: RunSlot, scenario: Scenario, arguments: Namespace
+) -> Iterator[Attendants]:
+    """The page and the line of a table, as the options have them. Raises PageError, LineError."""
+    attend = Attendants(table)
+    attend.page = _nobody
+    with ExitStack() as opened:
+        if arguments.page is not None:
+            # The page is an extra.
+            from mdms_host.cli.live_page import opened_page  # noqa: PLC0415
+
+            attend.page = opened.enter_context(opened_page(table, arguments)).attend
+        if has_line(arguments):
+            attend.line = opened.enter_context(
+                opened_line(slot, scenario, arguments, lambda text: table.note("line", text))
+            )
+        yield attend
+
+
+def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = None) -> Exit:
+    """Run the program, and again whenever that is asked for, until Ctrl-C or the time limit.
+
+    With a line the program waits for Reset and Start. Raises NoBusError, DeviceGoneError,
+    PageError, LineError, OtherHostError, and `CommandError` for a program that has ended with a
+    fault.
+    """
+    with open_links(arguments, belief.channels) as (link, clock):
+        refuse_other_host(link, clock)
+        slot, table = _slot_and_table(belief, link, clock, main)
+        with (
+            interrupted() as pressed,
+            attendants(table, slot, belief.scenario, arguments) as attend,
+        ):
+            if not has_line(arguments):
+                slot.start()
+            incidents = 0
+
+            def attended() -> None:
+                nonlocal incidents
+                for time_s, text in link.incidents[incidents:]:
+                    table.note("link", text, time_s, trouble=True)
+                incidents = len(link.incidents)
+                attend()
+
+            def over() -> bool:
+                attended()
+                late = arguments.limit is not None and clock.now_s() > arguments.limit
+                return late or attend.failure is not None or pressed() is not None
+
+            _drive_and_end(slot, link, clock, over, attended)
+    if attend.failure is not None:
+        raise attend.failure
+    if slot.coordinator is not None and slot.coordinator.fault is not None:
+        raise CommandError(slot.coordinator.fault, Exit.NODE_FAULT)
+    return Exit.OK
+
+
+def _slot_and_table(
+    belief: BelievedArray, link: AnyLink, clock: Clock, main: Main | None
+) -> tuple[RunSlot, LiveTable]:
+    """The host's place, and what a page shows of it."""
+
+    def make() -> Coordinator:
+        return coordinator_of(belief.scenario, belief.cells, main=main, executor=ThreadExecutor())
+
+    layout = layout_of(belief.scenario, belief.cells)
+    timing = timing_of(belief.scenario.wire)
+    watch = BusWatch(layout, timing.silence_s)
+    slot = RunSlot(make, layout.bus_count, watch)
+    table = LiveTable(
+        belief.scenario.title,
+        layout,
+        parcels_of(belief.scenario),
+        slot=slot,
+        watch=watch,
+        now_s=clock.now_s,
+        error_frames=lambda: link.counts.error_frames,
+        report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
+    )
+    slot.on_cycle = table.on_cycle
+    return slot, table
+
+
+def _drive_and_end(
+    slot: RunSlot,
+    link: AnyLink,
+    clock: Clock,
+    over: Callable[[], bool],
+    attended: Callable[[], None],
+) -> None:
+    """Drive the array until it is over, then turn it off in order, whatever ended it."""
+
+    def ended() -> bool:
+        attended()
+        return not slot.busy
+
+    try:
+        with punctual(clock):
+            try:
+                drive(slot, link, clock, over)
+            except DeviceGoneError:
+                if link.leave_gone():
+                    _stop(slot, link, clock, ended)
+                raise
+            _stop(slot, link, clock, ended)
+    except DeviceGoneError:
+        raise
+    except BaseException:
+        link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+        raise
+
+
+def _stop(slot: RunSlot, link: AnyLink, clock: Clock, ended: Callable[[], bool]) -> None:
+    """Turn the array off in order, on the buses whose devices are there.
+
+    Raises DeviceGoneError after that where one has gone meanwhile.
+    """
+    if not slot.busy:
+        return
+    slot.stop()
+    gone: DeviceGoneError | None = None
+    while slot.busy:
+        try:
+            drive(slot, link, clock, ended)
+        except DeviceGoneError as error:
+            gone = gone or error
+            if not link.leave_gone():
+                raise
+    if gone is not None:
+        raise gone

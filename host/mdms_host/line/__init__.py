@@ -1,0 +1,1 @@
+"""The table as a machine of a plant: states, orders, figures, and the protocols that show them."""

@@ -1,0 +1,114 @@
+"""A line that is attached to a table: its machine here, its servers in a process of their own."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any, Self
+
+from mdms_host.clock import Clock
+from mdms_host.line.channel import ServersGoneError, ServersProcess
+from mdms_host.line.machine import Machine
+from mdms_host.line.packml import CommandRefusedError
+from mdms_host.page.run_slot import RunSlot
+from mdms_host.programs.table_orders import Report
+from mdms_host.programs.table_parcel import ProgramError
+from mdms_model.errors import Error
+
+#: How often the servers are told how everything is [s].
+_SNAPSHOT_S = 0.1
+#: The servers say that they are open within this [s].
+_OPENS_S = 30.0
+
+
+class LineError(Error):
+    """The line cannot be opened, or its servers have ended."""
+
+
+class Line:
+    """A table's place in a line; close it when done.
+
+    Whoever drives the table calls `attend` as often as it can. Nothing of it waits. `settings` are
+    those of the servers. Raises `LineError`.
+    """
+
+    def __init__(
+        self,
+        slot: RunSlot,
+        exits: tuple[str, ...],
+        clock: Clock,
+        settings: dict[str, Any],
+        note: Callable[[str], object],
+    ) -> None:
+        self._clock = clock
+        self._note = note
+        self._due_s = 0.0
+        self._changes = -1
+        self.machine = Machine(slot, exits, clock.now_s, self._report)
+        self._servers = ServersProcess({**settings, "exits": exits})
+        try:
+            self.addresses: list[str] = self._await_open()
+        except BaseException:
+            self._servers.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._servers.close()
+
+    def _await_open(self) -> list[str]:
+        """Addresses of the servers, once they are open; orders of before have come by then."""
+        until_s = self._clock.now_s() + _OPENS_S
+        while self._clock.now_s() < until_s:
+            for message in self._received():
+                if "failed" in message:
+                    raise LineError(message["failed"])
+                if "open" in message:
+                    return list(message["open"])
+                self._answer(message)
+            self._clock.sleep(0.01)
+        raise LineError(f"the servers of the line are not open after {_OPENS_S:g} s")
+
+    def attend(self) -> bool:
+        """Carry out requests, go on, and tell the servers; returns whether a snapshot went out.
+
+        Raises `LineError`.
+        """
+        for message in self._received():
+            self._answer(message)
+        self.machine.step()
+        states, now_s = self.machine.states, self._clock.now_s()
+        if states.changes != self._changes:
+            self._changes = states.changes
+            self._note(f"line: {states.state.name.capitalize()} {states.reason}".rstrip())
+            self._due_s = now_s
+        # A snapshot waits for servers that are behind; reports and answers do not.
+        if now_s < self._due_s or not self._servers.flushed():
+            return False
+        self._due_s = now_s + _SNAPSHOT_S
+        self._send({"snapshot": self.machine.snapshot()})
+        return True
+
+    def _answer(self, message: dict[str, Any]) -> None:
+        error = None
+        try:
+            self.machine.do(message["do"], message)
+        except (CommandRefusedError, ProgramError) as refused:
+            error = str(refused)
+        if "id" in message:
+            self._send({"id": message["id"], "error": error})
+
+    def _report(self, report: Report) -> None:
+        self._send({"report": asdict(report)})
+
+    def _send(self, message: dict[str, Any]) -> None:
+        try:
+            self._servers.send(message)
+        except ServersGoneError as error:
+            raise LineError(str(error)) from None
+
+    def _received(self) -> list[dict[str, Any]]:
+        try:
+            return self._servers.receive()
+        except ServersGoneError as error:
+            raise LineError(str(error)) from None

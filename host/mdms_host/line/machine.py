@@ -1,0 +1,371 @@
+"""The machine: the state machine of PackML joined to the run of a table, its orders and figures.
+
+`step` is called in the thread that drives the table. Parcels are kept standing in every state but
+Execute. A run of the table begins with Reset and ends with Stop, Abort or a fault.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from mdms_host.commissioning.doctor.findings import KINDS
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.run_state import TROUBLED, Phase
+from mdms_host.line.packml import (
+    DONE,
+    MOVES,
+    TRANSITIONS,
+    Command,
+    CommandRefusedError,
+    Mode,
+    State,
+    StateMachine,
+)
+from mdms_host.page.commands import RefusedError
+from mdms_host.page.run_slot import RunSlot
+from mdms_host.programs.program import TableProgram
+from mdms_host.programs.table_orders import Report, TableOrders, order_of
+from mdms_host.programs.table_parcel import ProgramError
+
+#: Without a heartbeat of the client that started it for so long, the machine is suspended [s].
+HEARTBEAT_LIMIT_S = 1.0
+#: No parcel gets on for so long behind a full exit, or none comes for so long [s].
+BLOCKED_S = 5.0
+STARVED_S = 30.0
+#: Wheels stand below this speed [m/s].
+_STANDS_M_S = 0.005
+#: A run that comes up or stops takes no longer, or is aborted [s].
+_ACTING_LIMIT_S = 30.0
+
+_RESTS = (State.HOLDING, State.SUSPENDING, State.COMPLETING)
+_GOES_ON = (State.STARTING, State.UNHOLDING, State.UNSUSPENDING)
+_ENDS = (State.STOPPING, State.ABORTING, State.CLEARING)
+_WITHOUT_RUN = (State.STOPPED, State.COMPLETED, State.ABORTED, *_ENDS)
+#: Reasons of Suspended that pass by themselves.
+_BLOCKED = "no parcel can go on: the exit {exits} is full"
+_STARVED = "no parcel comes"
+
+
+@dataclass(slots=True)
+class Figures:
+    """What has been produced: parcels in, out by exit, and those that were lost."""
+
+    parcels_in: int = 0
+    parcels_lost: int = 0
+    out: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def parcels_out(self) -> int:
+        """Parcels that have left by any exit."""
+        return sum(self.out.values())
+
+    def count(self, report: Report) -> None:
+        """A parcel has come, left or been lost."""
+        match report.event:
+            case "found":
+                self.parcels_in += 1
+            case "lost":
+                self.parcels_lost += 1
+            case "left":
+                self.out[report.exit] = self.out.get(report.exit, 0) + 1
+
+
+def effectiveness(
+    machine: StateMachine, figures: Figures, now_s: float, ideal_per_hour: float
+) -> dict[str, float]:
+    """The three factors of OEE, by PackML's tags; 0 where nothing is known yet.
+
+    Availability is the time in Execute over that in all states but Stopped. Performance is the
+    rate in Execute over the ideal one. Quality is the share of parcels that were not lost.
+    """
+    execute_s = machine.in_state_s(State.EXECUTE, now_s)
+    planned_s = sum(machine.in_state_s(each, now_s) for each in State if each != State.STOPPED)
+    per_hour = 3600.0 * figures.parcels_out / execute_s if execute_s else 0.0
+    processed = figures.parcels_out + figures.parcels_lost
+    return {
+        "parcels_per_hour": per_hour,
+        "availability": execute_s / planned_s if planned_s else 0.0,
+        "performance": per_hour / ideal_per_hour if ideal_per_hour else 0.0,
+        "quality": figures.parcels_out / processed if processed else 0.0,
+    }
+
+
+class Machine:
+    """A table in a line; `now_s` is the machine's time. `slot` is the host's place at the table.
+
+    `on_report` gets every report on a parcel. `exits` are the table's exits by name.
+    """
+
+    def __init__(
+        self,
+        slot: RunSlot,
+        exits: tuple[str, ...],
+        now_s: Callable[[], float],
+        on_report: Callable[[Report], object],
+    ) -> None:
+        self.exits = exits
+        self.orders = TableOrders()
+        self.figures = Figures()
+        self.ideal_per_hour = 0.0
+        self.states = StateMachine(since_s=now_s())
+        self._slot = slot
+        self._now_s = now_s
+        self._on_report = on_report
+        self._beats_s: dict[str, float] = {}
+        #: The client, by its protocol, whose heartbeat the machine needs to move anything.
+        self._in_control = ""
+        self._stalled_s: dict[str, float] = {}
+        self._passing = ""
+        self._run: Coordinator | None = None
+
+    # From outside --------------------------------------------------------------------------------
+
+    def command(self, command: Command, by: str) -> None:
+        """Carry out a command of a client. Raises `CommandRefusedError`."""
+        now_s = self._now_s()
+        if command in MOVES and not self._beats(by, now_s):
+            raise CommandRefusedError(
+                f"{command.name.capitalize()} is not possible without a heartbeat of the client: "
+                f"change it at least every {HEARTBEAT_LIMIT_S:g} s"
+            )
+        if command is Command.RESET and self._slot.busy:
+            raise CommandRefusedError("the table is still stopping; give Reset again")
+        self._on(command, f"{command.name.capitalize()} by {by}")
+        if command in MOVES:
+            self._in_control = by
+        self._passing = ""
+
+    def beat(self, by: str) -> None:
+        """A client lives."""
+        self._beats_s[by] = self._now_s()
+
+    def do(self, name: str, values: dict[str, Any]) -> None:
+        """A request of a client by name. Raises `CommandRefusedError` and ProgramError."""
+        match name:
+            case "beat":
+                self.beat(values["by"])
+            case "command":
+                self.command(Command(values["command"]), values["by"])
+            case "mode":
+                self.states.change_mode(Mode(values["mode"]))
+            case "order":
+                self.orders.give(order_of(values["order"]))
+            case "in_doubt":
+                order = order_of(values["order"])
+                self.orders.in_doubt[order.key] = order
+            case "cancel":
+                if not self.orders.cancel(values["key"]):
+                    raise ProgramError(f"order {values['key']} is under way, or over: hold or stop")
+            case "coming":
+                self.orders.expect(values["parcel"], values.get("kind", ""))
+            case "exit":
+                self._set_exit(values["exit"], values["full"])
+            case "ideal":
+                self.ideal_per_hour = values["per_hour"]
+            case "restore":
+                self.figures = Figures(**values["figures"])
+                spent = values["spent_s"].items()
+                self.states.spent_s = {State(int(state)): spent_s for state, spent_s in spent}
+                self.states.reason = values["reason"]
+            case _:
+                raise CommandRefusedError(f"there is no request {name!r:.40}")
+
+    def _set_exit(self, name: str, full: bool) -> None:
+        if name not in self.exits:
+            there = ", ".join(self.exits) or "none"
+            raise CommandRefusedError(f"no exit {name!r:.40}; there are: {there}")
+        (self.orders.full.add if full else self.orders.full.discard)(name)
+
+    # In the thread that drives the table ---------------------------------------------------------
+
+    def step(self) -> None:
+        """Bring the state machine and the table together."""
+        now_s = self._now_s()
+        self._take_on_run()
+        state = self.states.state
+        for report in self.orders.take_reports():
+            self.figures.count(report)
+            self._on_report(report)
+        run = self._run
+        if state in _WITHOUT_RUN:
+            self._end_run(state)
+        elif run is None or not self._slot.busy or self._fault(run, now_s):
+            self._on(*self._ended(run, now_s))
+        else:
+            run.keep(state is not State.EXECUTE and state not in _GOES_ON)
+            self._steer(run, state, now_s)
+
+    def _take_on_run(self) -> None:
+        """A run that has begun, by Reset or by hand, stands until the machine is started."""
+        run = self._slot.coordinator
+        if run is self._run or run is None or not self._slot.busy:
+            return
+        self._run = run
+        run.keep(True)
+        program = run.program
+        assert isinstance(program, TableProgram)
+        self.orders.end_run()
+        program.table.orders = self.orders
+        program.serve_orders()
+        if self.states.state is State.STOPPED:
+            self._on(Command.RESET, "started by hand")
+
+    def _end_run(self, state: State) -> None:
+        """Turn the motors off."""
+        if self._slot.busy:
+            self._slot.stop()
+        elif state in _ENDS:
+            self.orders.end_run()
+            self.states.on(DONE, self._now_s())
+
+    def _fault(self, run: Coordinator, now_s: float) -> str | None:
+        if run.fault is not None or run.stuck is not None:
+            return run.fault or run.stuck
+        acting = (self.states.state, DONE) in TRANSITIONS
+        if acting and now_s - self.states.since_s > _ACTING_LIMIT_S:
+            return f"{self.states.state.name.capitalize()} takes more than {_ACTING_LIMIT_S:g} s"
+        return None
+
+    def _ended(self, run: Coordinator | None, now_s: float) -> tuple[Command, str]:
+        """How the machine goes on without a run, or with one that has failed."""
+        fault = None if run is None else self._fault(run, now_s)
+        if fault is not None:
+            return Command.ABORT, fault
+        return Command.STOP, "stopped by hand"
+
+    def _steer(self, run: Coordinator, state: State, now_s: float) -> None:
+        if state is State.RESETTING:
+            if run.phase is Phase.KEEPING:
+                self.states.on(DONE, now_s)
+        elif state in _GOES_ON:
+            if run.phase is Phase.RUNNING:
+                self._stalled_s.clear()
+                self.states.on(DONE, now_s)
+        elif state in _RESTS:
+            if run.phase in (Phase.KEEPING, *TROUBLED) and _stands(run):
+                self.states.on(DONE, now_s)
+        elif state is State.EXECUTE:
+            self._watch(run, now_s)
+        elif state is State.SUSPENDED and self._passing:
+            self._pass_by(run, now_s)
+
+    def _watch(self, run: Coordinator, now_s: float) -> None:
+        """End Execute if something outside or inside demands it."""
+        if run.phase in TROUBLED:
+            self._rest(Command.HOLD, run, run.troubles[-1][1])
+        elif not self._beats(self._in_control, now_s):
+            limit = f"no heartbeat of {self._in_control} for {HEARTBEAT_LIMIT_S:g} s"
+            self._rest(Command.SUSPEND, run, limit)
+        elif run.finished:
+            self._rest(Command.COMPLETE, run, "the job is done")
+        elif stalled := self._stalled(run, now_s):
+            self._rest(Command.SUSPEND, run, stalled)
+            self._passing = stalled
+
+    def _rest(self, command: Command, run: Coordinator, reason: str) -> None:
+        run.keep(True)
+        self._on(command, reason)
+        self._passing = ""
+
+    def _pass_by(self, run: Coordinator, now_s: float) -> None:
+        """Leave Suspended by itself when chutes are free, or a parcel comes; never unwatched."""
+        if not self._beats(self._in_control, now_s):
+            self._passing = ""
+            self.states.reason = f"no heartbeat of {self._in_control}"
+        elif not self._stalls(run):
+            self._passing = ""
+            self._on(Command.UNSUSPEND, "parcels can go on")
+
+    def _stalled(self, run: Coordinator, now_s: float) -> str:
+        """Why no parcel has got on for long enough; empty if any has."""
+        now = self._stalls(run)
+        since_s = now_s if not now else self._stalled_s.get(now, now_s)
+        self._stalled_s = {now: since_s}
+        limit_s = STARVED_S if now == _STARVED else BLOCKED_S
+        return now if now_s - since_s >= limit_s else ""
+
+    def _stalls(self, run: Coordinator) -> str:
+        """Why no parcel goes on now; empty if any does."""
+        program = run.program
+        assert isinstance(program, TableProgram)
+        if not program.table.parcels:
+            return _STARVED
+        if self.orders.waiting and not program.under_way:
+            return _BLOCKED.format(exits=" and ".join(sorted(self.orders.full)))
+        return ""
+
+    def _beats(self, by: str, now_s: float) -> bool:
+        return now_s - self._beats_s.get(by, -inf) <= HEARTBEAT_LIMIT_S
+
+    def _on(self, command: Command, reason: str) -> None:
+        """Take a command: the state changes, and the table follows at once where it has to."""
+        self.states.on(command, self._now_s(), reason)
+        if command is Command.RESET:
+            self._reset()
+        elif self._run is not None and self._slot.busy:
+            self._run.keep(command not in MOVES)
+            if command in (Command.STOP, Command.ABORT):
+                self._slot.stop()
+
+    def _reset(self) -> None:
+        """Bring the cells up, all parcels kept standing."""
+        if not self._slot.busy:
+            try:
+                self._slot.start()
+            except RefusedError as error:
+                self.states.on(Command.STOP, self._now_s(), str(error))
+                raise CommandRefusedError(str(error)) from None
+            self._take_on_run()
+
+    # To outside ----------------------------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that a protocol shows, as plain values."""
+        now_s, states, run = self._now_s(), self.states, self._run
+        return {
+            "state": int(states.state),
+            "mode": int(states.mode),
+            "reason": states.reason,
+            "since_s": now_s - states.since_s,
+            "changes": states.changes,
+            "spent_s": {int(each): states.in_state_s(each, now_s) for each in State},
+            "alive": self._beats(self._in_control, now_s),
+            "figures": asdict(self.figures),
+            **effectiveness(states, self.figures, now_s, self.ideal_per_hour),
+            "exits_full": [name in self.orders.full for name in self.exits],
+            "orders_open": len(self.orders.open),
+            "blocked": self._passing not in ("", _STARVED),
+            "starved": self._passing == _STARVED,
+            "alarm": _alarm(states, run),
+            "parcels": self._parcels(run),
+            "cells": [] if run is None else [int(cell.enabled) for cell in run.cells],
+        }
+
+    def _parcels(self, run: Coordinator | None) -> list[dict[str, Any]]:
+        if run is None or not self._slot.busy or not isinstance(run.program, TableProgram):
+            return []
+        return [
+            {"parcel": self.orders.identity(each), "kind": each.kind, "pose": each.pose}
+            for each in run.program.table.parcels
+            if each.found
+        ]
+
+
+def _stands(run: Coordinator) -> bool:
+    """Whether no wheel is to turn, and none that reports does."""
+    speeds_m_s = np.nan_to_num(run.speeds_m_s)
+    return not run.references_m_s.any() and bool((abs(speeds_m_s) < _STANDS_M_S).all())
+
+
+def _alarm(states: StateMachine, run: Coordinator | None) -> dict[str, str] | None:
+    """The alarm of a machine that was aborted or held, with the doctor's cause and cure."""
+    if states.state not in (State.ABORTING, State.ABORTED, State.HOLDING, State.HELD):
+        return None
+    cut = run is not None and "supply" in states.reason
+    row = KINDS["supply-low"] if cut else None
+    cause = row.cause if row else states.reason
+    cure = row.cure if row else "run `mdms doctor`, mend what it finds, then Clear and Reset"
+    return {"text": states.reason, "cause": cause, "cure": cure}

@@ -1,0 +1,187 @@
+"""The orders of a plant and the figures of its machine, in a file that survives a kill.
+
+An order is accepted once by its key. Orders that were under way when the host ended are in doubt.
+"""
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from time import time
+from typing import Any, Self
+
+from mdms_host.programs.table_orders import CLOSED, LineOrder, OrderState
+from mdms_model.errors import Error
+
+#: Raised with every change of the tables below.
+VERSION = 1
+_SCHEMA = """
+CREATE TABLE orders (
+  key TEXT PRIMARY KEY, parcel TEXT NOT NULL, exit TEXT, x_m REAL, y_m REAL, yaw_rad REAL,
+  priority INTEGER NOT NULL, state TEXT NOT NULL, text TEXT NOT NULL,
+  accepted_unix_s REAL NOT NULL, changed_unix_s REAL NOT NULL
+);
+CREATE INDEX orders_by_state ON orders (state);
+CREATE TABLE machine (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+"""
+_FIELDS = ("key", "parcel", "exit", "x_m", "y_m", "yaw_rad", "priority")
+#: Closed orders are kept so long, and answer a client that sends them again [s].
+KEPT_S = 7 * 86400.0
+#: How an event of a parcel changes its order.
+_STATES = {
+    "under way": OrderState.UNDER_WAY,
+    "arrived": OrderState.ARRIVED,
+    "left": OrderState.LEFT,
+    "refused": OrderState.REFUSED,
+    "lost": OrderState.REFUSED,
+    "in doubt": OrderState.IN_DOUBT,
+}
+
+
+class OrderBookError(Error):
+    """An order that cannot be accepted, or a file that cannot be used."""
+
+
+class OrderBook:
+    """The book in a file; whatever a method returns is on the disk by then.
+
+    Raises `OrderBookError` for a file that is none, is of another version, or is open elsewhere.
+    """
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.path = path
+        self._connection = sqlite3.connect(path, isolation_level=None, timeout=1.0)
+        try:
+            self._open()
+        except sqlite3.DatabaseError as error:
+            self._connection.close()
+            raise OrderBookError(
+                f"{path}: {error}; choose another folder with --state, or move the file away"
+            ) from None
+        except OrderBookError:
+            self._connection.close()
+            raise
+
+    def _open(self) -> None:
+        # One process holds the file: two hosts with one book would give every order twice.
+        self._connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+        self._connection.execute("PRAGMA journal_mode = WAL")
+        self._connection.execute("PRAGMA synchronous = FULL")
+        (version,) = self._connection.execute("PRAGMA user_version").fetchone()
+        if version not in (0, VERSION):
+            raise OrderBookError(
+                f"{self.path} has version {version}, but this host reads {VERSION}; choose "
+                "another folder with --state"
+            )
+        self._connection.execute("BEGIN IMMEDIATE")
+        if version == 0:
+            for statement in _SCHEMA.split(";"):
+                self._connection.execute(statement)
+            self._connection.execute(f"PRAGMA user_version = {VERSION}")
+        now_s = time()
+        self._connection.execute(
+            "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? WHERE state = ?",
+            (OrderState.IN_DOUBT, "the host ended meanwhile", now_s, OrderState.UNDER_WAY),
+        )
+        closed = ", ".join("?" * len(CLOSED))
+        self._connection.execute(
+            f"DELETE FROM orders WHERE state IN ({closed}) AND changed_unix_s < ?",
+            (*CLOSED, now_s - KEPT_S),
+        )
+        self._connection.execute("COMMIT")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def accept(self, order: LineOrder) -> tuple[str, bool]:
+        """Accept an order; returns its state, and whether it is new.
+
+        Raises `OrderBookError` if another order has its key, or it makes no sense.
+        """
+        if order.error is not None:
+            raise OrderBookError(order.error)
+        before = self._order(order.key)
+        if before is not None:
+            if before != order:
+                raise OrderBookError(
+                    f"order {order.key} is for {before.parcel} to "
+                    f"{before.exit or (before.x_m, before.y_m)} already; choose another key"
+                )
+            return str(self.state(order.key)), False
+        now_s = time()
+        values = [getattr(order, name) for name in _FIELDS]
+        self._connection.execute(
+            f"INSERT INTO orders VALUES ({', '.join('?' * 11)})",
+            (*values, OrderState.ACCEPTED, "", now_s, now_s),
+        )
+        return OrderState.ACCEPTED, True
+
+    def change(self, key: str, state: OrderState, text: str = "") -> None:
+        """An order has another state; one that is closed stays as it is."""
+        closed = ", ".join("?" * len(CLOSED))
+        self._connection.execute(
+            "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? "
+            f"WHERE key = ? AND state NOT IN ({closed})",
+            (state, text, time(), key, *CLOSED),
+        )
+
+    def on_event(self, key: str, event: str, text: str = "") -> None:
+        """Something has happened to the parcel of an order."""
+        state = _STATES.get(event)
+        if key and state is not None:
+            self.change(key, state, text or event)
+
+    def state(self, key: str) -> str | None:
+        """The state of an order; None without one of that key."""
+        query = "SELECT state FROM orders WHERE key = ?"
+        row = self._connection.execute(query, (key,)).fetchone()
+        return None if row is None else str(row[0])
+
+    def row(self, key: str) -> dict[str, Any] | None:
+        """Everything about an order; None without one of that key."""
+        with closing(
+            self._connection.execute("SELECT * FROM orders WHERE key = ?", (key,))
+        ) as found:
+            row = found.fetchone()
+            names = [each[0] for each in found.description]
+        return None if row is None else dict(zip(names, row, strict=True))
+
+    def in_state(self, state: OrderState) -> Iterator[LineOrder]:
+        """All orders in a state, in the order of their acceptance."""
+        query = (
+            f"SELECT {', '.join(_FIELDS)} FROM orders WHERE state = ? "
+            "ORDER BY accepted_unix_s, rowid"
+        )
+        for row in self._connection.execute(query, (state,)).fetchall():
+            yield LineOrder(*row)
+
+    def counts(self) -> dict[str, int]:
+        """How many orders are in each state."""
+        query = "SELECT state, COUNT(*) FROM orders GROUP BY state"
+        return dict(self._connection.execute(query).fetchall())
+
+    def _order(self, key: str) -> LineOrder | None:
+        query = f"SELECT {', '.join(_FIELDS)} FROM orders WHERE key = ?"
+        row = self._connection.execute(query, (key,)).fetchone()
+        return None if row is None else LineOrder(*row)
+
+    def keep(self, name: str, value: Any) -> None:
+        """Keep a value of the machine."""
+        self._connection.execute(
+            "INSERT OR REPLACE INTO machine VALUES (?, ?)", (name, json.dumps(value))
+        )
+
+    def kept(self, name: str) -> Any:
+        """A value that was kept; None without one."""
+        query = "SELECT value FROM machine WHERE name = ?"
+        row = self._connection.execute(query, (name,)).fetchone()
+        return None if row is None else json.loads(row[0])

@@ -1,0 +1,214 @@
+"""What all protocols serve: the machine's last snapshot, the orders, and requests to the machine.
+
+It runs in the process of the servers. An order is on the disk before it is acknowledged.
+"""
+
+import asyncio
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from mdms_host.line.order_book import OrderBook, OrderBookError
+from mdms_host.line.packml import Command, Mode, State
+from mdms_host.programs.table_orders import LineOrder, OrderState
+
+#: The table answers within this, or is taken for hung [s].
+_ANSWER_S = 5.0
+#: Figures are kept on the disk this often [s].
+_KEEP_S = 1.0
+#: Longest key or name of a parcel, an exit or a kind.
+LONGEST = 64
+
+#: The snapshot before the table has sent any.
+NOTHING: dict[str, Any] = {
+    "state": int(State.STOPPED),
+    "mode": int(Mode.PRODUCTION),
+    "reason": "",
+    "since_s": 0.0,
+    "changes": 0,
+    "spent_s": {},
+    "alive": False,
+    "figures": {"parcels_in": 0, "parcels_lost": 0, "out": {}},
+    "parcels_per_hour": 0.0,
+    "availability": 0.0,
+    "performance": 0.0,
+    "quality": 0.0,
+    "exits_full": [],
+    "orders_open": 0,
+    "blocked": False,
+    "starved": False,
+    "alarm": None,
+    "parcels": [],
+    "cells": [],
+}
+
+
+class RequestRefusedError(Exception):
+    """A request that the table or the order book refuses: one line for a person."""
+
+
+class Plant:
+    """The table as the servers see it. `exits` are its exits by name."""
+
+    def __init__(
+        self,
+        book: OrderBook,
+        exits: tuple[str, ...],
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+    ) -> None:
+        self.book = book
+        self.exits = exits
+        self.snapshot = NOTHING
+        #: How many snapshots have come, for clients that watch whether the table lives.
+        self.beats = 0
+        self.on_snapshot: list[Callable[[], object]] = []
+        self.on_report: list[Callable[[dict[str, Any]], object]] = []
+        self._reader = reader
+        self._writer = writer
+        self._waiting: dict[int, asyncio.Future[str | None]] = {}
+        self._number = 0
+        self._kept_s = 0.0
+
+    # Requests of clients -------------------------------------------------------------------------
+
+    async def command(self, command: Command, by: str) -> None:
+        """Give the machine a command. Raises `RequestRefusedError`."""
+        await self._ask("command", command=int(command), by=by)
+
+    async def change_mode(self, mode: int) -> None:
+        """Change the machine's mode. Raises `RequestRefusedError`."""
+        if mode not in tuple(Mode):
+            modes = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in Mode)
+            raise RequestRefusedError(f"mode {mode} is none; there are: {modes}")
+        await self._ask("mode", mode=mode)
+
+    def beat(self, by: str) -> None:
+        """A client lives."""
+        self._tell("beat", by=by)
+
+    def order(self, order: LineOrder) -> tuple[str, bool]:
+        """Accept an order once; returns its state, and whether it is new.
+
+        Raises `RequestRefusedError`.
+        """
+        _check_texts(order.key, order.parcel, order.exit or "")
+        if order.exit is not None and order.exit not in self.exits:
+            raise RequestRefusedError(self._no_exit(order.exit))
+        try:
+            state, is_new = self.book.accept(order)
+        except OrderBookError as error:
+            raise RequestRefusedError(str(error)) from None
+        if is_new:
+            self._tell("order", order=asdict(order))
+        return state, is_new
+
+    async def cancel(self, key: str) -> None:
+        """Cancel an order that has not begun, or is in doubt. Raises `RequestRefusedError`."""
+        state = self.book.state(key)
+        if state == OrderState.ACCEPTED:
+            await self._ask("cancel", key=key)
+        elif state not in (OrderState.IN_DOUBT, OrderState.CANCELLED):
+            raise RequestRefusedError(
+                f"order {key} is {state}: only orders that have not begun, or are in doubt, are "
+                "cancelled"
+                if state
+                else f"there is no order {key}"
+            )
+        self.book.change(key, OrderState.CANCELLED)
+
+    async def coming(self, parcel: str, kind: str) -> None:
+        """A scanner has seen a parcel that comes next. Raises `RequestRefusedError`."""
+        _check_texts(parcel, kind)
+        if not parcel:
+            raise RequestRefusedError("a parcel that comes needs an identity")
+        await self._ask("coming", parcel=parcel, kind=kind)
+
+    async def set_exit(self, exit: str, full: bool) -> None:
+        """An exit is full, or free again. Raises `RequestRefusedError`."""
+        if exit not in self.exits:
+            raise RequestRefusedError(self._no_exit(exit))
+        await self._ask("exit", exit=exit, full=full)
+
+    async def set_ideal(self, per_hour: float) -> None:
+        """The rate that counts as performance 1. Raises `RequestRefusedError`."""
+        if not 0.0 <= per_hour <= 1e6:
+            raise RequestRefusedError(f"{per_hour:g} parcels an hour is not 0 to 1000000")
+        await self._ask("ideal", per_hour=per_hour)
+
+    def _no_exit(self, exit: str) -> str:
+        return f"no exit {exit!r:.40}; there are: {', '.join(self.exits) or 'none'}"
+
+    # The table -----------------------------------------------------------------------------------
+
+    def begin(self) -> None:
+        """Give the table the orders and figures of before."""
+        kept = self.book.kept("machine")
+        if kept is not None:
+            self._tell("restore", **kept)
+        for order in self.book.in_state(OrderState.ACCEPTED):
+            self._tell("order", order=asdict(order))
+        for order in self.book.in_state(OrderState.IN_DOUBT):
+            self._tell("in_doubt", order=asdict(order))
+
+    def say_open(self, addresses: list[str]) -> None:
+        """The servers are open."""
+        self._write({"open": addresses})
+
+    async def listen(self) -> None:
+        """Take in what the table says, until it is gone."""
+        while line := await self._reader.readline():
+            message = json.loads(line)
+            if "snapshot" in message:
+                self._see(message["snapshot"])
+            elif "report" in message:
+                report = message["report"]
+                self.book.on_event(report["key"], report["event"], report["text"])
+                for tell in self.on_report:
+                    tell(report)
+            elif (answer := self._waiting.pop(message["id"], None)) and not answer.done():
+                answer.set_result(message["error"])
+
+    def _see(self, snapshot: dict[str, Any]) -> None:
+        self.snapshot = snapshot
+        self.beats += 1
+        now_s = asyncio.get_running_loop().time()
+        if now_s >= self._kept_s + _KEEP_S:
+            self._kept_s = now_s
+            self._keep()
+        for tell in self.on_snapshot:
+            tell()
+
+    def _keep(self) -> None:
+        state = State(self.snapshot["state"])
+        over = state in (State.STOPPED, State.ABORTED)
+        name = state.name.capitalize()
+        reason = self.snapshot["reason"] if over else f"the host has ended in {name}"
+        kept = {"figures": self.snapshot["figures"], "spent_s": self.snapshot["spent_s"]}
+        self.book.keep("machine", {**kept, "reason": reason})
+
+    async def _ask(self, name: str, **values: Any) -> None:
+        self._number += 1
+        number, loop = self._number, asyncio.get_running_loop()
+        answer = self._waiting[number] = loop.create_future()
+        self._tell(name, id=number, **values)
+        try:
+            error = await asyncio.wait_for(answer, _ANSWER_S)
+        except TimeoutError:
+            self._waiting.pop(number, None)
+            raise RequestRefusedError("the table does not answer: it is busy") from None
+        if error is not None:
+            raise RequestRefusedError(error)
+
+    def _tell(self, name: str, **values: Any) -> None:
+        self._write({"do": name, **values})
+
+    def _write(self, message: dict[str, Any]) -> None:
+        self._writer.write(json.dumps(message).encode() + b"\n")
+
+
+def _check_texts(*texts: str) -> None:
+    for text in texts:
+        if len(text) > LONGEST or not text.isprintable():
+            raise RequestRefusedError(f"{text!r:.70} is not {LONGEST} printable characters at most")

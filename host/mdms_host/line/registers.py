@@ -1,0 +1,236 @@
+"""The map of holding registers, as one table, and what writing them does.
+
+The page `docs/line-registers.md` is made of the table. Numbers of two registers have the high half
+first. Texts are ASCII, two characters a register, filled up with 0.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from mdms_host.line.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusError
+from mdms_host.line.packml import Command, State
+from mdms_host.line.plant import Plant, RequestRefusedError
+from mdms_host.programs.table_orders import LineOrder, OrderState
+
+#: Raised with every change of the map that a client would notice.
+MAP_VERSION = 1
+#: Registers of a text, and its characters.
+TEXT_WORDS = 8
+#: Who writes registers, for the machine.
+CLIENT = "modbus"
+ANY_YAW = 0x8000
+MOST_EXITS = 16
+
+Value = Callable[[Plant], int]
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value of the map: its address, name, size [registers], and meaning for the page.
+
+    `value` returns it from the plant; a client writes those without one.
+    """
+
+    address: int
+    name: str
+    meaning: str
+    value: Value | None = None
+    words: int = 1
+
+
+def _figure(name: str, scale: float = 1.0) -> Value:
+    return lambda plant: round(scale * plant.snapshot[name])
+
+
+def _count(name: str) -> Value:
+    return lambda plant: int(plant.snapshot["figures"][name])
+
+
+def _out(plant: Plant) -> int:
+    return sum(plant.snapshot["figures"]["out"].values())
+
+
+def _full(plant: Plant) -> int:
+    return sum(full << number for number, full in enumerate(plant.snapshot["exits_full"]))
+
+
+def _in_doubt(plant: Plant) -> int:
+    return plant.book.counts().get(OrderState.IN_DOUBT, 0)
+
+
+_COMMANDS = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in Command)
+_STATES = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in State)
+#: Numbers of order states, by their place here.
+ORDER_STATES = tuple(OrderState)
+_ORDER_STATES = ", ".join(f"{number} {each}" for number, each in enumerate(ORDER_STATES, 1))
+ACCEPTED, KNOWN, REFUSED = 0, 1, 2
+ORDER, CANCEL, COMING, ASK = 0, 1, 2, 3
+
+MAP = (
+    Register(0, "map_version", "Version of this map.", lambda _plant: MAP_VERSION),
+    Register(1, "state", f"State: {_STATES}.", _figure("state")),
+    Register(2, "mode", "Mode: 1 Production, 2 Maintenance.", _figure("mode")),
+    Register(3, "state_changes", "Number of changes of the state.", _figure("changes")),
+    Register(4, "table_heartbeat", "Counts on while the table lives.", lambda plant: plant.beats),
+    Register(
+        5, "alarm", "1 while an alarm stands.", lambda p: int(p.snapshot["alarm"] is not None)
+    ),
+    Register(6, "exits_full", "Exits that are full, exit 1 in bit 0.", _full),
+    Register(7, "orders_open", "Orders that wait or are under way.", _figure("orders_open")),
+    Register(8, "orders_in_doubt", "Orders in doubt.", _in_doubt),
+    Register(10, "parcels_in", "Parcels that have come.", _count("parcels_in"), 2),
+    Register(12, "parcels_out", "Parcels that have left by an exit.", _out, 2),
+    Register(14, "parcels_lost", "Parcels that were lost.", _count("parcels_lost"), 2),
+    Register(16, "parcels_per_hour", "Rate in Execute [1/h].", _figure("parcels_per_hour")),
+    Register(17, "availability", "OEE availability [0.1 %].", _figure("availability", 1000)),
+    Register(18, "performance", "OEE performance [0.1 %].", _figure("performance", 1000)),
+    Register(19, "quality", "OEE quality [0.1 %].", _figure("quality", 1000)),
+    Register(100, "heartbeat", "Write another value at least every 0.5 s."),
+    Register(101, "command", f"Command: {_COMMANDS}."),
+    Register(102, "command_counter", "Write another value to give the command."),
+    Register(105, "exits_full_set", "Write all full exits, exit 1 in bit 0."),
+    Register(106, "mode_set", "Write a mode, in Stopped."),
+    Register(200, "request_counter", "Write another value to send the request below."),
+    Register(
+        201,
+        "request",
+        "0 order, 1 cancel the key, 2 the parcel of this kind (in `key`) comes, 3 ask the state.",
+    ),
+    Register(202, "exit", "Exit, from 1; 0: a pose."),
+    Register(203, "priority", "Priority; the highest is first."),
+    Register(204, "x_mm", "Place along x [mm], signed."),
+    Register(205, "y_mm", "Place along y [mm], signed."),
+    Register(206, "yaw_mrad", "Angle [mrad], signed; 0x8000: as it comes."),
+    Register(207, "key", "Key of the order.", None, TEXT_WORDS),
+    Register(215, "parcel", "Identity of the parcel.", None, TEXT_WORDS),
+)
+#: Answers lie beside their requests, and are read only.
+ANSWERS = (
+    Register(103, "command_answered", "Counter of the last command that was answered."),
+    Register(104, "command_result", "0 done, 2 refused."),
+    Register(224, "request_answered", "Counter of the last request that was answered."),
+    Register(225, "request_result", "0 accepted, 1 known already, 2 refused."),
+    Register(226, "order_state", f"State of the order: {_ORDER_STATES}; 0 unknown."),
+)
+_AT = {register.name: register.address for register in (*MAP, *ANSWERS)}
+_SIZE = 227
+_WRITTEN = {
+    address
+    for register in MAP
+    if register.value is None
+    for address in range(register.address, register.address + register.words)
+}
+
+
+class PlantRegisters:
+    """The registers of a plant; see `modbus.Registers`."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+        self._values = [0] * _SIZE
+
+    def read(self, address: int, count: int) -> list[int]:
+        """See `modbus.Registers`: addresses without a meaning are 0."""
+        if address + count > _SIZE:
+            raise ModbusError(ILLEGAL_ADDRESS)
+        for register in MAP:
+            shown = address < register.address + register.words
+            if register.value is not None and shown and register.address < address + count:
+                self._put(register.address, register.words, register.value(self._plant))
+        return self._values[address : address + count]
+
+    def _put(self, address: int, words: int, value: int) -> None:
+        # Ever-growing counters wrap; a client compares them.
+        for place in range(words):
+            self._values[address + place] = value >> 16 * (words - 1 - place) & 0xFFFF
+
+    async def write(self, address: int, values: list[int]) -> None:
+        """See `modbus.Registers`."""
+        changed = {}
+        for place, value in enumerate(values, address):
+            if place not in _WRITTEN:
+                raise ModbusError(ILLEGAL_ADDRESS)
+            changed[place] = self._values[place] != value
+        mask = dict(enumerate(values, address)).get(_AT["exits_full_set"], 0)
+        if mask >> min(len(self._plant.exits), MOST_EXITS):
+            raise ModbusError(ILLEGAL_VALUE)
+        self._values[address : address + len(values)] = values
+        if changed.get(_AT["heartbeat"]):
+            self._plant.beat(CLIENT)
+        try:
+            if _AT["exits_full_set"] in changed:
+                await self._set_exits(mask)
+            if _AT["mode_set"] in changed:
+                await self._plant.change_mode(self._value("mode_set"))
+        except RequestRefusedError:
+            raise ModbusError(ILLEGAL_VALUE) from None
+        if changed.get(_AT["command_counter"]):
+            await self._command()
+        if changed.get(_AT["request_counter"]):
+            await self._request()
+
+    def _value(self, name: str) -> int:
+        return self._values[_AT[name]]
+
+    def _signed(self, name: str) -> int:
+        value = self._value(name)
+        return value - 0x10000 if value >= 0x8000 else value
+
+    def _text(self, name: str) -> str:
+        words = self._values[_AT[name] : _AT[name] + TEXT_WORDS]
+        data = b"".join(word.to_bytes(2, "big") for word in words)
+        return data.rstrip(b"\0 ").decode("ascii", "replace")
+
+    def _set(self, name: str, value: int) -> None:
+        self._values[_AT[name]] = value
+
+    async def _set_exits(self, mask: int) -> None:
+        for number, exit in enumerate(self._plant.exits[:MOST_EXITS]):
+            await self._plant.set_exit(exit, bool(mask >> number & 1))
+
+    async def _command(self) -> None:
+        try:
+            await self._plant.command(Command(self._value("command")), CLIENT)
+            result = ACCEPTED
+        except (RequestRefusedError, ValueError):
+            result = REFUSED
+        self._set("command_result", result)
+        self._set("command_answered", self._value("command_counter"))
+
+    async def _request(self) -> None:
+        try:
+            result = await self._requested(self._value("request"))
+        except RequestRefusedError:
+            result = REFUSED
+        state: Any = self._plant.book.state(self._text("key"))
+        self._set("order_state", ORDER_STATES.index(state) + 1 if state in ORDER_STATES else 0)
+        self._set("request_result", result)
+        self._set("request_answered", self._value("request_counter"))
+
+    async def _requested(self, request: int) -> int:
+        match request:
+            case 0:
+                _, is_new = self._plant.order(self._order())
+                return ACCEPTED if is_new else KNOWN
+            case 1:
+                await self._plant.cancel(self._text("key"))
+            case 2:
+                await self._plant.coming(self._text("parcel"), self._text("key"))
+            case 3:
+                if self._plant.book.state(self._text("key")) is None:
+                    raise RequestRefusedError("there is no such order")
+            case _:
+                raise RequestRefusedError(f"there is no request {request}")
+        return ACCEPTED
+
+    def _order(self) -> LineOrder:
+        exits, number = self._plant.exits, self._value("exit")
+        key, parcel, priority = self._text("key"), self._text("parcel"), self._value("priority")
+        if number > len(exits):
+            raise RequestRefusedError(f"exit {number} is not 1 to {len(exits)}")
+        if number:
+            return LineOrder(key, parcel, exits[number - 1], priority=priority)
+        yaw = None if self._value("yaw_mrad") == ANY_YAW else self._signed("yaw_mrad") / 1000
+        x_m, y_m = self._signed("x_mm") / 1000, self._signed("y_mm") / 1000
+        return LineOrder(key, parcel, None, x_m, y_m, yaw, priority)

@@ -1,0 +1,100 @@
+"""The process of a line's servers: `python -m mdms_host.line.servers DESCRIPTOR`.
+
+It is apart from the table's process, whose control cycle would wait for it. It ends with it.
+"""
+
+import asyncio
+import json
+import signal
+import socket
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from mdms_host.line.modbus import ModbusServer
+from mdms_host.line.order_book import OrderBook, OrderBookError
+from mdms_host.line.plant import Plant
+from mdms_host.line.registers import PlantRegisters
+
+BOOK = "orders.sqlite"
+#: The longest message between the two processes [bytes].
+_LONGEST = 1 << 20
+
+
+async def serve(descriptor: int) -> None:
+    """Open the servers that the first message names, and serve until the table is gone."""
+    pair = socket.socket(fileno=descriptor)
+    reader, writer = await asyncio.open_connection(sock=pair, limit=_LONGEST)
+    settings = json.loads(await reader.readline())
+    try:
+        book = OrderBook(Path(settings["folder"]) / BOOK)
+    except (OrderBookError, OSError) as error:
+        return await _fail(writer, str(error))
+    with book:
+        plant = Plant(book, tuple(settings["exits"]), reader, writer)
+        plant.begin()
+        tasks = [asyncio.create_task(plant.listen())]
+        try:
+            addresses = await _open(plant, settings, tasks)
+        except (OSError, ValueError) as error:
+            return await _fail(writer, f"a server of the line cannot be opened: {error}")
+        plant.say_open(addresses)
+        # If one fails all end, and the table with them: a line must not look alive.
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+        for task in tasks:
+            task.cancel()
+    return None
+
+
+async def _fail(writer: asyncio.StreamWriter, text: str) -> None:
+    writer.write(json.dumps({"failed": text}).encode() + b"\n")
+    await writer.drain()
+
+
+async def _open(
+    plant: Plant, settings: dict[str, Any], tasks: "list[asyncio.Task[None]]"
+) -> list[str]:
+    """Open the servers; returns their addresses, and adds what has to run beside them."""
+    addresses, host = [], settings["host"]
+    if settings["modbus"] is not None:
+        modbus = ModbusServer(PlantRegisters(plant))
+        await modbus.open(host, settings["modbus"])
+        addresses.append(modbus.address)
+    if settings["opcua"] is not None:
+        # OPC UA is an extra.
+        from mdms_host.line.opcua import OpcUaServer, checked_nodeset  # noqa: PLC0415
+
+        checked_nodeset()
+        opcua = OpcUaServer(plant, settings["title"])
+        await opcua.open(host, settings["opcua"] or _free_port(host), settings)
+        addresses.append(opcua.address)
+        tasks.append(asyncio.create_task(_show(plant, opcua.show)))
+    return addresses
+
+
+async def _show(plant: Plant, show: Callable[[], Awaitable[None]]) -> None:
+    """Have a server show every snapshot that it is in time for."""
+    fresh = asyncio.Event()
+    plant.on_snapshot.append(fresh.set)
+    while True:
+        await fresh.wait()
+        fresh.clear()
+        await show()
+
+
+def _free_port(host: str) -> int:
+    with socket.create_server((host, 0)) as free:
+        return int(free.getsockname()[1])
+
+
+def main() -> None:
+    """Begin; Ctrl-C is for the table."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    asyncio.run(serve(int(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    main()

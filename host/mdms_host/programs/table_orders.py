@@ -1,0 +1,319 @@
+"""Orders that a plant gives for parcels, beside the program of the table.
+
+An order names a parcel by its identity, which a scanner may have announced. It takes the place of
+the program's own order for that parcel. Everything runs in the cycle of the program.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from math import hypot
+from typing import TYPE_CHECKING, Any
+
+from mdms_host.motion.goal import Goal
+from mdms_host.programs.order import Gate, Order
+from mdms_host.programs.script import Task, until
+from mdms_host.programs.table_parcel import Leave, Move, ProgramError, TableParcel
+
+if TYPE_CHECKING:
+    from mdms_host.programs.table import Table
+
+#: Announced parcels that have not come yet: bounded, since they come from outside.
+MOST_EXPECTED = 1000
+#: Reports that nobody has taken yet.
+_MOST_REPORTS = 10_000
+#: A parcel waits for a full exit so far before it [m], beside half of its own length.
+_BEFORE_EXIT_M = 0.03
+
+
+class OrderState(StrEnum):
+    """How far an order has come."""
+
+    ACCEPTED = "accepted"
+    UNDER_WAY = "under way"
+    ARRIVED = "arrived"
+    LEFT = "left"
+    REFUSED = "refused"
+    CANCELLED = "cancelled"
+    #: It was under way when the run or the host ended: nobody knows how far it came.
+    IN_DOUBT = "in doubt"
+
+
+#: Nothing more comes of an order in these states.
+CLOSED = (OrderState.ARRIVED, OrderState.LEFT, OrderState.REFUSED, OrderState.CANCELLED)
+
+
+@dataclass(frozen=True, slots=True)
+class LineOrder:
+    """An order for the parcel of an identity: an exit to leave by, or a pose [m, m, rad].
+
+    `key` names the order itself. Of several orders for a parcel the one of the highest `priority`
+    is carried out first, and the earliest of those.
+    """
+
+    key: str
+    parcel: str
+    exit: str | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    yaw_rad: float | None = None
+    priority: int = 0
+
+    @property
+    def error(self) -> str | None:
+        """Why nobody can carry it out; None if it makes sense."""
+        if not self.key or not self.parcel:
+            return "an order needs a key and a parcel"
+        if (self.exit is None) == (self.x_m is None or self.y_m is None):
+            return f"order {self.key}: give either exit, or x_m and y_m"
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What has happened to a parcel: found, under way, arrived, left, refused or lost."""
+
+    event: str
+    parcel: str
+    key: str = ""
+    exit: str = ""
+    text: str = ""
+
+
+class TableOrders:
+    """The orders of a plant at a table; empty at a table without one.
+
+    `open` are the orders that wait or are under way, `full` the exits that take no parcels.
+    """
+
+    def __init__(self) -> None:
+        self.open: dict[str, LineOrder] = {}
+        self.full: set[str] = set()
+        self.identities: dict[str, str] = {}
+        self._expected: deque[tuple[str, str]] = deque()
+        self._under_way: dict[str, tuple[LineOrder, Task[None]]] = {}
+        self._reports: deque[Report] = deque(maxlen=_MOST_REPORTS)
+        self._waiting: set[str] = set()
+        self._serves = False
+        #: Parcels that the plant has brought to where they are.
+        self._arrived: dict[str, TableParcel] = {}
+        #: Orders that were under way when a run ended, until sensors show that they are done.
+        self.in_doubt: dict[str, LineOrder] = {}
+
+    # From outside --------------------------------------------------------------------------------
+
+    def give(self, order: LineOrder) -> None:
+        """Carry an order out as soon as its parcel is there."""
+        self.open[order.key] = order
+
+    def cancel(self, key: str) -> bool:
+        """Drop an order that has not begun; returns whether it was dropped."""
+        under_way = any(order.key == key for order, _ in self._under_way.values())
+        if key not in self.open or under_way:
+            return False
+        del self.open[key]
+        return True
+
+    def expect(self, identity: str, kind: str = "") -> None:
+        """The next parcel of a kind that comes has this identity; of any kind without one.
+
+        Raises ProgramError where very many are expected, and for an identity that is expected.
+        """
+        if len(self._expected) >= MOST_EXPECTED:
+            raise ProgramError(f"{identity}: {MOST_EXPECTED} parcels are expected already")
+        if any(identity == each for each, _ in self._expected):
+            raise ProgramError(f"{identity} is expected already")
+        self._expected.append((identity, kind))
+
+    def take_reports(self) -> list[Report]:
+        """Reports since the last call."""
+        reports = list(self._reports)
+        self._reports.clear()
+        return reports
+
+    def end_run(self) -> None:
+        """The run has ended: its parcels are unknown, and orders under way are in doubt."""
+        for order, _ in self._under_way.values():
+            self.open.pop(order.key, None)
+            self.in_doubt[order.key] = order
+            self._reports.append(Report("in doubt", order.parcel, order.key))
+        self._under_way.clear()
+        self.identities.clear()
+        self._waiting.clear()
+        self._arrived.clear()
+        self._serves = False
+
+    # What a program may ask ----------------------------------------------------------------------
+
+    @property
+    def waiting(self) -> frozenset[str]:
+        """Names of parcels that wait for a full exit."""
+        return frozenset(self._waiting)
+
+    def identity(self, parcel: TableParcel) -> str:
+        """The identity of a parcel on the table: its name, where no scanner has said another."""
+        return self.identities.get(parcel.name, parcel.name)
+
+    def order_for(self, parcel: TableParcel) -> LineOrder | None:
+        """The order that a parcel is to follow next, if any."""
+        identity = self.identity(parcel)
+        mine = [order for order in self.open.values() if order.parcel == identity]
+        return max(mine, key=lambda order: order.priority, default=None)
+
+    # The table's side ----------------------------------------------------------------------------
+
+    def on_parcel(self, parcel: TableParcel) -> None:
+        """A parcel has been found on the table."""
+        fitting = (each for each in self._expected if each[1] in ("", parcel.kind))
+        expected = next(fitting, None)
+        if expected is not None:
+            self._expected.remove(expected)
+            self.identities[parcel.name] = expected[0]
+        self._report("found", parcel)
+
+    def on_left(self, parcel: TableParcel, exit: str | None) -> None:
+        """A parcel is no more on the table; without an exit it was lost or taken away."""
+        under_way = self._under_way.get(parcel.name)
+        key = under_way[0].key if under_way else ""
+        self._report("left" if exit else "lost", parcel, key=key, exit=exit or "")
+        self.identities.pop(parcel.name, None)
+        self._waiting.discard(parcel.name)
+        self._arrived.pop(parcel.name, None)
+
+    async def serve(self, table: "Table", move: Move, leave: Leave) -> None:
+        """Carry out orders for the parcels on the table, for ever."""
+        self._serves = True
+        while True:
+            for parcel in table.parcels:
+                self._confirm(parcel)
+                order = self.order_for(parcel)
+                if order is not None and parcel.found and parcel.name not in self._under_way:
+                    task = table.start(self._carry_out(parcel, order, move, leave))
+                    self._under_way[parcel.name] = order, task
+            await table.sleep(0.0)
+
+    def _confirm(self, parcel: TableParcel) -> None:
+        """Report an order in doubt as done if sensors show its parcel at the place."""
+        identity = self.identity(parcel)
+        for key, order in list(self.in_doubt.items()):
+            mine = order.parcel == identity and order.exit is None and parcel.found
+            if mine and _is_there(parcel, order):
+                del self.in_doubt[key]
+                self._report("arrived", parcel, key=key)
+
+    async def carried_out(self, parcel: TableParcel) -> bool:
+        """Wait for the plant's orders for a parcel, if any; whether the last was carried out."""
+        if not self._serves:
+            return False
+        await until(lambda: parcel.has_left or not self._is_ordered(parcel))
+        return parcel.has_left or self._arrived.get(parcel.name) is parcel
+
+    def _is_ordered(self, parcel: TableParcel) -> bool:
+        return parcel.name in self._under_way or self.order_for(parcel) is not None
+
+    async def _carry_out(
+        self, parcel: TableParcel, order: LineOrder, move: Move, leave: Leave
+    ) -> None:
+        self._report("under way", parcel, key=order.key)
+        identity = self.identity(parcel)
+        try:
+            if order.exit is not None:
+                await leave(parcel, order.exit)
+                done = parcel.has_left
+            else:
+                assert order.x_m is not None
+                assert order.y_m is not None
+                await move(parcel, order.x_m, order.y_m, order.yaw_rad)
+                done = parcel.found and _is_there(parcel, order)
+        except ProgramError as error:
+            self._reports.append(Report("refused", identity, order.key, text=str(error)))
+        else:
+            # A parcel that has left by its exit has been reported by then.
+            if not done:
+                text = "the program or a person has ordered the parcel elsewhere"
+                self._reports.append(Report("refused", identity, order.key, text=text))
+            elif order.exit is None:
+                self._arrived[parcel.name] = parcel
+                self._reports.append(Report("arrived", identity, order.key))
+        finally:
+            self.open.pop(order.key, None)
+            self._under_way.pop(parcel.name, None)
+
+    async def leave(
+        self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]
+    ) -> Order:
+        """Have a parcel leave by a gate while that takes parcels; it waits before a full one.
+
+        Returns the last order, which is over.
+        """
+        while True:
+            if gate.name in self.full:
+                before = await self._wait_before(parcel, gate, give)
+                if before.replaced:
+                    return before
+            order = give(gate)
+            await _until_over(order, lambda: self._must_wait(parcel, gate))
+            if order.over:
+                return order
+
+    async def _wait_before(
+        self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]
+    ) -> Order:
+        """Have a parcel wait before a full exit until it is free, or it is ordered elsewhere.
+
+        A parcel that has no way there waits where it is.
+        """
+        order = give(_before(parcel, gate))
+        self._waiting.add(parcel.name)
+        try:
+            await until(lambda: gate.name not in self.full or order.replaced or parcel.has_left)
+        finally:
+            self._waiting.discard(parcel.name)
+        return order
+
+    def _must_wait(self, parcel: TableParcel, gate: Gate) -> bool:
+        """Whether a parcel that is not yet at its exit has to stop before it."""
+        if gate.name not in self.full or not parcel.found:
+            return False
+        return gate.out_m(*parcel.pose[:2]) < -_depth_m(parcel) / 2
+
+    def _report(self, event: str, parcel: TableParcel, **more: Any) -> None:
+        self._reports.append(Report(event, self.identity(parcel), **more))
+
+
+def _depth_m(parcel: TableParcel) -> float:
+    """How far before an exit the middle of a parcel is that stands wholly on the table [m]."""
+    return hypot(parcel.length_m, 0.0 if parcel.is_round else parcel.width_m) / 2 + _BEFORE_EXIT_M
+
+
+async def _until_over(order: Order, interrupted: Callable[[], bool]) -> None:
+    await until(lambda: order.over or interrupted())
+
+
+def _before(parcel: TableParcel, gate: Gate) -> Goal:
+    return Goal(*gate.place_m(-_depth_m(parcel)), None)
+
+
+def _is_there(parcel: TableParcel, order: LineOrder) -> bool:
+    """Whether a parcel lies at the place of its order, within a centimetre."""
+    x_m, y_m, _ = parcel.pose
+    return hypot(x_m - (order.x_m or 0.0), y_m - (order.y_m or 0.0)) < 0.01
+
+
+def order_of(values: Mapping[str, Any]) -> LineOrder:
+    """An order of plain values, as protocols have them. Raises ProgramError."""
+    try:
+        x_m, y_m, yaw_rad = (_number(values.get(key)) for key in ("x_m", "y_m", "yaw_rad"))
+        key, parcel = str(values["key"]), str(values["parcel"])
+        exit, priority = values.get("exit") or None, int(values.get("priority", 0))
+        order = LineOrder(key, parcel, exit, x_m, y_m, yaw_rad, priority)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ProgramError(f"an order that is none: {error}") from None
+    if order.error is not None:
+        raise ProgramError(order.error)
+    return order
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)

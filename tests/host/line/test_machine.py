@@ -1,0 +1,168 @@
+"""The machine of a line on cells of real firmware, in virtual time; wheels by the simulator."""
+
+from collections.abc import Iterator
+
+import pytest
+from tests.host.line.virtual_line import VirtualLine
+
+from mdms_host.line.packml import Command, CommandRefusedError, State
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def line() -> Iterator[VirtualLine]:
+    with VirtualLine() as line:
+        yield line
+
+
+def order(key: str, parcel: str, **where: object) -> dict[str, object]:
+    return {"order": {"key": key, "parcel": parcel, **where}}
+
+
+def test_reset_starts_nothing_and_start_carries_parcels_to_their_exits(line) -> None:
+    line.command(Command.RESET)
+    line.until_state(State.IDLE)
+    line.pass_s(3.0)
+    assert line.state is State.IDLE
+    assert not line.moving()
+    assert line.machine.figures.parcels_in == 1
+    line.command(Command.START)
+    line.until(lambda: line.machine.figures.parcels_out == 2, 20.0)
+    line.command(Command.STOP)
+    line.until_state(State.STOPPED)
+    assert set(line.machine.figures.out) <= {"east", "south"}
+    assert not line.moving()
+
+
+def test_an_order_sends_a_parcel_of_a_scanned_identity_to_its_exit(line) -> None:
+    line.do("coming", parcel="P-1", kind="")
+    line.do("order", **order("o1", "P-1", exit="north"))
+    line.bring_to_execute()
+    line.until(lambda: "left" in line.of_order("o1"), 20.0)
+    assert line.machine.figures.out["north"] == 1
+    assert line.of_order("o1") == ["under way", "left"]
+    left = next(report for report in line.reports if report.event == "left")
+    assert (left.parcel, left.exit) == ("P-1", "north")
+
+
+def test_a_lost_heartbeat_suspends_and_nothing_moves_before_unsuspend(line) -> None:
+    line.bring_to_execute()
+    line.until(line.moving, 10.0)
+    line.beats = False
+    line.until_state(State.SUSPENDED, 2.5)
+    assert "heartbeat" in line.machine.states.reason
+    line.pass_s(0.2)
+    assert not line.moving()
+    line.beats = True
+    line.pass_s(3.0)
+    assert line.state is State.SUSPENDED
+    assert not line.moving()
+    line.command(Command.UNSUSPEND)
+    line.until(line.moving, 5.0)
+
+
+def test_start_is_refused_without_a_heartbeat(line) -> None:
+    line.command(Command.RESET)
+    line.until_state(State.IDLE)
+    line.beats = False
+    line.pass_s(1.5)
+    with pytest.raises(CommandRefusedError, match="without a heartbeat"):
+        line.machine.command(Command.START, "plc")
+
+
+def test_hold_stops_parcels_under_way_and_unhold_takes_them_on(line) -> None:
+    line.bring_to_execute()
+    line.until(line.moving, 10.0)
+    line.command(Command.HOLD)
+    line.until_state(State.HELD, 3.0)
+    line.pass_s(2.0)
+    assert not line.moving()
+    line.command(Command.UNHOLD)
+    line.until(lambda: line.machine.figures.parcels_out >= 1, 20.0)
+
+
+def test_an_emergency_stop_aborts_and_its_release_moves_nothing(line) -> None:
+    line.bring_to_execute()
+    line.until(line.moving, 10.0)
+    pressed = line.begin("supply", supply_v=0.0)
+    line.until_state(State.ABORTED, 8.0)
+    alarm = line.machine.snapshot()["alarm"]
+    assert "supply" in alarm["text"]
+    assert alarm["cure"]
+    line.simulation.faults.end(pressed)
+    line.pass_s(3.0)
+    assert line.state is State.ABORTED
+    assert not line.moving()
+    with pytest.raises(CommandRefusedError, match="possible: Clear"):
+        line.command(Command.RESET)
+    line.command(Command.CLEAR)
+    line.until_state(State.STOPPED)
+    line.command(Command.RESET)
+    line.until_state(State.IDLE)
+    line.pass_s(1.0)
+    assert not line.moving()
+    line.command(Command.START)
+    line.until_state(State.EXECUTE)
+
+
+def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) -> None:
+    line.do("exit", exit="east", full=True)
+    line.do("exit", exit="south", full=True)
+    line.bring_to_execute()
+    line.until_state(State.SUSPENDED, 40.0)
+    assert "full" in line.machine.states.reason
+    assert line.machine.figures.parcels_out == 0
+    line.do("exit", exit="east", full=False)
+    line.do("exit", exit="south", full=False)
+    line.until(lambda: line.machine.figures.parcels_out >= 2, 40.0)
+    assert line.state is State.EXECUTE
+
+
+def test_stop_leaves_an_order_under_way_in_doubt_and_does_not_repeat_it(line) -> None:
+    line.do("coming", parcel="P-1", kind="")
+    line.do("order", **order("o1", "P-1", exit="north"))
+    line.bring_to_execute()
+    line.until(lambda: "under way" in line.of_order("o1"), 10.0)
+    line.until(line.moving, 10.0)
+    line.command(Command.STOP)
+    line.until_state(State.STOPPED)
+    line.pass_s(0.1)
+    assert line.of_order("o1") == ["under way", "in doubt"]
+    line.bring_to_execute()
+    line.pass_s(5.0)
+    assert line.of_order("o1") == ["under way", "in doubt"]
+
+
+def test_a_parcel_is_taken_to_the_pose_of_its_order(line) -> None:
+    line.do("coming", parcel="P-1", kind="")
+    line.do("order", **order("o1", "P-1", x_m=0.1, y_m=0.0))
+    line.bring_to_execute()
+    line.until(lambda: "arrived" in line.of_order("o1"), 20.0)
+    (parcel,) = [one for one in line.machine.snapshot()["parcels"] if one["parcel"] == "P-1"]
+    assert parcel["pose"][:2] == pytest.approx((0.1, 0.0), abs=0.012)
+
+
+def test_maintenance_takes_no_reset_and_leaves_the_bus_to_others(line) -> None:
+    line.do("mode", mode=2)
+    with pytest.raises(CommandRefusedError, match="maintenance"):
+        line.command(Command.RESET)
+    assert not line.slot.busy
+    line.do("mode", mode=1)
+    line.bring_to_execute()
+    with pytest.raises(CommandRefusedError, match="stop first"):
+        line.do("mode", mode=2)
+
+
+def test_a_run_that_is_stopped_by_hand_stops_the_machine(line) -> None:
+    line.bring_to_execute()
+    line.slot.stop()
+    line.until_state(State.STOPPED)
+    assert line.machine.states.reason == "stopped by hand"
+
+
+def test_a_run_that_is_started_by_hand_moves_nothing_before_start(line) -> None:
+    line.slot.start()
+    line.until_state(State.IDLE)
+    line.pass_s(3.0)
+    assert not line.moving()

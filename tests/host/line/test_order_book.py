@@ -1,0 +1,118 @@
+"""The order book: once by its key, on the disk before it is said, in doubt after a kill."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mdms_host.line.order_book import OrderBook, OrderBookError
+from mdms_host.programs.table_orders import LineOrder, OrderState
+
+ORDER = LineOrder("o1", "P-1", "east", priority=3)
+
+
+def test_an_order_is_accepted_once_and_gets_the_same_answer_again(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        assert book.accept(ORDER) == (OrderState.ACCEPTED, True)
+        assert book.accept(ORDER) == (OrderState.ACCEPTED, False)
+        book.on_event("o1", "under way")
+        book.on_event("o1", "left")
+        assert book.accept(ORDER) == (OrderState.LEFT, False)
+    with OrderBook(tmp_path / "book") as book:
+        assert book.accept(ORDER) == (OrderState.LEFT, False)
+
+
+def test_another_order_of_the_same_key_is_refused(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        book.accept(ORDER)
+        with pytest.raises(OrderBookError, match="o1 is for P-1 to east already; choose another"):
+            book.accept(LineOrder("o1", "P-2", "east"))
+
+
+def test_orders_without_a_key_or_with_two_goals_are_refused(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        for order in (
+            LineOrder("", "P", "east"),
+            LineOrder("k", "P"),
+            LineOrder("k", "P", "e", 0, 0),
+        ):
+            with pytest.raises(OrderBookError):
+                book.accept(order)
+
+
+def test_orders_under_way_are_in_doubt_after_the_host_has_ended(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        book.accept(ORDER)
+        book.accept(LineOrder("o2", "P-2", None, 0.1, 0.0))
+        book.on_event("o1", "under way")
+    with OrderBook(tmp_path / "book") as book:
+        assert [order.key for order in book.in_state(OrderState.IN_DOUBT)] == ["o1"]
+        assert [order.key for order in book.in_state(OrderState.ACCEPTED)] == ["o2"]
+        book.on_event("o1", "arrived")
+        assert book.state("o1") == OrderState.ARRIVED
+
+
+def test_an_order_that_is_closed_stays_closed(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        book.accept(ORDER)
+        book.on_event("o1", "left")
+        book.on_event("o1", "under way")
+        assert book.state("o1") == OrderState.LEFT
+
+
+def test_a_file_that_is_no_book_or_is_open_elsewhere_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "text").write_text("no database, but long enough to be looked at" * 30)
+    with pytest.raises(OrderBookError, match="--state"):
+        OrderBook(tmp_path / "text")
+    with OrderBook(tmp_path / "book"), pytest.raises(OrderBookError, match="--state"):
+        OrderBook(tmp_path / "book")
+
+
+_WRITER = """
+import sys
+from pathlib import Path
+from mdms_host.line.order_book import OrderBook
+from mdms_host.programs.table_orders import LineOrder
+with OrderBook(Path(sys.argv[1])) as book:
+    number = int(sys.argv[2])
+    while True:
+        key = f"o{number}"
+        state, new = book.accept(LineOrder(key, key, "east"))
+        print(key, int(new), flush=True)
+        book.on_event(key, "under way")
+        number += 1
+"""
+
+
+def test_no_order_is_lost_or_new_twice_by_kills(tmp_path: Path) -> None:
+    """What was acknowledged is there after each kill. `KILLS=1000` in the environment for more."""
+    path, acknowledged, new, choose = tmp_path / "book", set(), [], random.Random(1)
+    for _ in range(int(os.environ.get("KILLS", "5"))):
+        first = str(max(0, len(acknowledged) - 3))
+        command = [sys.executable, "-c", _WRITER, str(path), first]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+            assert writer.stdout is not None
+            for _ in range(choose.randint(1, 20)):
+                line = writer.stdout.readline()
+                assert line
+                _note(line, acknowledged, new)
+            writer.send_signal(signal.SIGKILL)
+            for line in writer.stdout:
+                if line.endswith("\n"):
+                    _note(line, acknowledged, new)
+        with OrderBook(path) as book:
+            assert not list(book.in_state(OrderState.UNDER_WAY))
+            for key in acknowledged:
+                assert book.state(key) in (OrderState.ACCEPTED, OrderState.IN_DOUBT)
+    assert len(new) == len(set(new))
+
+
+def _note(line: str, acknowledged: set[str], new: list[str]) -> None:
+    key, is_new = line.split()
+    acknowledged.add(key)
+    if is_new == "1":
+        new.append(key)

@@ -1,0 +1,71 @@
+"""The state machine of PackML by its one table of transitions."""
+
+import pytest
+
+from mdms_host.line.packml import (
+    DONE,
+    MOVES,
+    MOVING,
+    TRANSITIONS,
+    Command,
+    CommandRefusedError,
+    Mode,
+    State,
+    StateMachine,
+)
+
+
+def reached(*causes) -> StateMachine:
+    machine = StateMachine()
+    for number, cause in enumerate(causes):
+        machine.on(cause, float(number))
+    return machine
+
+
+def test_a_machine_comes_from_stopped_to_execute_and_back() -> None:
+    machine = reached(Command.RESET, DONE, Command.START, DONE)
+    assert machine.state is State.EXECUTE
+    machine.on(Command.STOP, 10.0)
+    machine.on(DONE, 11.0)
+    assert machine.state is State.STOPPED
+    assert machine.in_state_s(State.EXECUTE, 20.0) == pytest.approx(7.0)
+    assert machine.in_state_s(State.STOPPED, 20.0) == pytest.approx(9.0)
+
+
+def test_a_command_that_does_not_fit_names_those_that_do() -> None:
+    with pytest.raises(CommandRefusedError, match="Start is not possible in Stopped; possible: "):
+        StateMachine().on(Command.START, 0.0)
+
+
+@pytest.mark.parametrize(
+    "state", [state for state in State if state not in (State.ABORTING, State.ABORTED)]
+)
+def test_abort_is_possible_in_every_state(state) -> None:
+    assert TRANSITIONS[state, Command.ABORT] is State.ABORTING
+
+
+def test_only_three_commands_lead_to_a_state_in_which_parcels_move() -> None:
+    """Whatever else happens: Clear, Reset, Stop and Hold start nothing."""
+    for (state, cause), after in TRANSITIONS.items():
+        if after in MOVING and state not in MOVING:
+            before = [each for (_, each), to in TRANSITIONS.items() if to is state]
+            assert cause is DONE
+            assert all(each in MOVES for each in before), (state, before)
+
+
+def test_every_state_is_left_and_every_acting_state_ends_by_itself() -> None:
+    for state in State:
+        assert any(each is state for each, _ in TRANSITIONS)
+        if state.name.endswith("ING"):
+            assert (state, DONE) in TRANSITIONS
+
+
+def test_the_mode_changes_in_stopped_only() -> None:
+    machine = StateMachine()
+    machine.change_mode(Mode.MAINTENANCE)
+    with pytest.raises(CommandRefusedError, match="maintenance"):
+        machine.on(Command.RESET, 0.0)
+    machine.change_mode(Mode.PRODUCTION)
+    machine.on(Command.RESET, 0.0)
+    with pytest.raises(CommandRefusedError, match="stop first"):
+        machine.change_mode(Mode.MAINTENANCE)

@@ -1,0 +1,283 @@
+"""A served table as a machine of a line, and clients of other makers, each in its own process."""
+
+import asyncio
+import os
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.real_time, pytest.mark.slow]
+
+HERE = Path(__file__).parent
+EXAMPLES = HERE.parents[2] / "examples" / "line"
+MDMS = [sys.executable, "-c", "import sys; from mdms_host.entry import main; sys.exit(main())"]
+PATIENCE_S = 120
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(
+    NODE is None or not (HERE / "node_modules").is_dir(),
+    reason="no node, or no tests/system/line/node_modules, which .ci/run installs",
+)
+STOPPED, IDLE, SUSPENDED, EXECUTE, ABORTED = 2, 4, 5, 6, 9
+
+
+class Table:
+    """`mdms serve` of the example, in a process that may be killed and begun again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.ports = dict(zip(("modbus", "opcua"), _free_ports(), strict=True))
+        self.process: subprocess.Popen[str] | None = None
+        self._controllers: list[Controller] = []
+
+    def start(self) -> None:
+        options = [f"--{name}={port}" for name, port in self.ports.items()]
+        command = [*MDMS, "serve", str(EXAMPLES / "table.toml"), "--state", str(self.folder)]
+        environment = os.environ | {"XDG_RUNTIME_DIR": str(self.folder)}
+        self.process = subprocess.Popen(
+            [*command, *options], stdout=subprocess.PIPE, text=True, env=environment
+        )
+        assert self.process.stdout is not None
+        lines = iter(self.process.stdout.readline, "")
+        assert any("connect with" in line for line in lines)
+
+    def controller(self) -> "Controller":
+        self._controllers.append(Controller(self.ports["modbus"]))
+        return self._controllers[-1]
+
+    def close(self) -> None:
+        for each in self._controllers:
+            each.close()
+        if self.process is not None and self.process.poll() is None:
+            assert self.stop() == 0
+
+    def kill(self) -> None:
+        assert self.process is not None
+        self.process.kill()
+        self.process.communicate()
+
+    def stop(self) -> int:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGTERM)
+        self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Iterator[Table]:
+    made = subprocess.run([*MDMS, "line", "certificate", "--state", str(tmp_path)], check=False)
+    assert made.returncode == 0
+    assert (tmp_path / "key.pem").stat().st_mode & 0o777 == 0o600
+    (tmp_path / "users.txt").write_text("plc:secret\n")
+    (tmp_path / "users.txt").chmod(0o600)
+    table = Table(tmp_path)
+    table.start()
+    try:
+        yield table
+    finally:
+        table.close()
+
+
+class Controller:
+    """A client that speaks Modbus byte by byte."""
+
+    def __init__(self, port: int) -> None:
+        self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
+        self._beat = 0
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def ask(self, pdu: bytes) -> bytes:
+        self._socket.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
+        (length,) = struct.unpack(">4xHx", self._socket.recv(7, socket.MSG_WAITALL))
+        return self._socket.recv(length - 1, socket.MSG_WAITALL)
+
+    def read(self, address: int, count: int = 1) -> tuple[int, ...]:
+        return struct.unpack(f">{count}H", self.ask(struct.pack(">BHH", 3, address, count))[2:])
+
+    def write(self, address: int, *values: int) -> None:
+        head = struct.pack(">BHHB", 16, address, len(values), 2 * len(values))
+        assert self.ask(head + struct.pack(f">{len(values)}H", *values))[0] == 16
+
+    def beat(self) -> None:
+        self._beat += 1
+        self.write(100, self._beat)
+
+    def command(self, number: int) -> bool:
+        self.write(101, number, (self.read(103)[0] + 1) & 0xFFFF)
+        return self.read(104)[0] == 0
+
+    def order(self, request: int, key: str, parcel: str = "", exit: int = 0) -> tuple[int, ...]:
+        texts = struct.unpack(
+            ">16H", key.encode().ljust(16, b"\0") + parcel.encode().ljust(16, b"\0")
+        )
+        counter = (self.read(224)[0] + 1) & 0xFFFF
+        self.write(200, counter, request, exit, 0, 0, 0, 0x8000, *texts)
+        answered, result, state = self.read(224, 3)
+        assert answered == counter
+        return result, state
+
+    def until(self, done: Callable[[], bool], *, beats: bool = True) -> None:
+        end_s = time.monotonic() + PATIENCE_S
+        while not done():
+            assert time.monotonic() < end_s, self.read(0, 20)
+            if beats:
+                self.beat()
+            time.sleep(0.1)
+
+    def until_state(self, state: int, *, beats: bool = True) -> None:
+        self.until(lambda: self.read(1)[0] == state, beats=beats)
+
+    def bring_to_execute(self) -> None:
+        assert self.command(1)
+        self.until_state(IDLE)
+        assert self.command(2)
+        self.until_state(EXECUTE)
+
+
+def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
+    first = table.controller()
+    first.bring_to_execute()
+    first.close()
+    second = table.controller()
+    second.until_state(SUSPENDED, beats=False)
+    assert not second.command(7)
+    second.beat()
+    assert second.command(7)
+    second.until_state(EXECUTE)
+
+
+def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -> None:
+    controller = table.controller()
+    for number in range(200):
+        assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (0, 1)
+    assert controller.order(2, "", "P-0")[0] == 0
+    controller.bring_to_execute()
+    controller.until(lambda: controller.order(3, "k0") == (0, 2))
+    table.kill()
+    table.start()
+    controller = table.controller()
+    assert controller.read(1) == (STOPPED,)
+    assert controller.order(3, "k0") == (0, 7)
+    assert controller.read(7, 2) == (199, 1)
+    for number in range(1, 200):
+        assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (1, 1)
+    assert controller.order(0, "k0", "P-0", exit=2) == (1, 7)
+    assert controller.order(0, "k0", "P-0", exit=1)[0] == 2
+    assert controller.order(1, "k0") == (0, 6)
+    controller.bring_to_execute()
+    controller.until(lambda: controller.read(12, 2)[1] >= 1)
+    assert controller.order(3, "k0") == (0, 6)
+    assert controller.command(3)
+    controller.until_state(STOPPED)
+
+
+@needs_node
+def test_modbus_serial_brings_a_parcel_to_its_exit(table: Table) -> None:
+    command = [str(NODE), str(HERE / "modbus_client.js"), str(table.ports["modbus"])]
+    done = subprocess.run(
+        [*command, "m1", "box 1"],
+        capture_output=True,
+        text=True,
+        timeout=4 * PATIENCE_S,
+        check=False,
+    )
+    assert done.stdout.splitlines() == ["order 0, again 1", "Idle", "Execute", "left", "Stopped"]
+    assert done.returncode == 0
+
+
+@needs_node
+def test_node_opcua_brings_a_parcel_to_its_exit(table: Table, tmp_path: Path) -> None:
+    url = f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/"
+    command = [str(NODE), str(HERE / "opcua_client.js"), url, "u1", "box 1", str(tmp_path / "pki")]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=4 * PATIENCE_S, check=False
+    )
+    lines = [line for line in done.stdout.splitlines() if ":" not in line]
+    assert done.returncode == 0, done.stderr
+    assert lines[-4:] == ["beat", "Execute", "left", "Stopped"]
+    assert "order true, again false" in done.stdout
+
+
+@pytest.mark.skipif(shutil.which("mbpoll") is None, reason="no mbpoll, which .ci/run installs")
+def test_mbpoll_reads_the_map(table: Table) -> None:
+    options = ["-m", "tcp", "-p", str(table.ports["modbus"]), "-t", "4", "-r", "1", "-c", "2", "-1"]
+    done = subprocess.run(
+        ["mbpoll", *options, "127.0.0.1"], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0
+    assert "[1]: \t1\n[2]: \t2\n" in done.stdout
+
+
+@pytest.mark.parametrize("controller", ["modbus", "opcua"])
+def test_the_controllers_of_the_example_work(table: Table, controller: str) -> None:
+    arguments = {
+        "modbus": [str(table.ports["modbus"])],
+        "opcua": [
+            f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/",
+            *(str(table.folder), "plc", "secret"),
+        ],
+    }[controller]
+    script = str(EXAMPLES / f"{controller}_controller.py")
+    done = subprocess.run(
+        [sys.executable, script, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=4 * PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].lower() == "stopped"
+
+
+def test_opcua_refuses_other_users_and_connections_without_encryption(table: Table) -> None:
+    from asyncua import Client, ua
+    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+
+    async def connect(user: str, password: str, *, secure: bool) -> None:
+        client = Client(f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/")
+        client.set_user(user)
+        client.set_password(password)
+        if secure:
+            client.application_uri = "urn:mdms-array:table"
+            certificate, key = table.folder / "certificate.der", table.folder / "key.pem"
+            await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
+        async with client:
+            pass
+
+    asyncio.run(connect("plc", "secret", secure=True))
+    for user, password, secure in (
+        ("plc", "wrong", True),
+        ("x", "", True),
+        ("plc", "secret", False),
+    ):
+        with pytest.raises((ua.UaError, ConnectionError, asyncio.TimeoutError)):
+            asyncio.run(connect(user, password, secure=secure))
+
+
+def test_a_server_that_is_killed_ends_the_command_with_an_error(table: Table) -> None:
+    assert table.process is not None
+    controller = table.controller()
+    controller.bring_to_execute()
+    children = Path(f"/proc/{table.process.pid}/task/{table.process.pid}/children").read_text()
+    for child in map(int, children.split()):
+        if b"mdms_host.line.servers" in Path(f"/proc/{child}/cmdline").read_bytes():
+            os.kill(child, signal.SIGKILL)
+    table.process.communicate(timeout=PATIENCE_S)
+    assert table.process.returncode == 1
+
+
+def _free_ports() -> tuple[int, int]:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as one,
+        socket.create_server(("127.0.0.1", 0)) as two,
+    ):
+        return one.getsockname()[1], two.getsockname()[1]
