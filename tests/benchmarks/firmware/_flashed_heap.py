@@ -1,6 +1,6 @@
 """The heap that all takes that is flashed, on the 32-bit MicroPython and faked peripherals.
 
-That build makes no machine code, so what a board has as such is bytecode here.
+That build makes no machine code, so the machine code of a board is bytecode here.
 """
 
 from dataclasses import dataclass
@@ -82,8 +82,8 @@ OPERATIONAL = 5
 class FlashedHeap:
     """Bytes in use: code alone, cell made, operational, after traffic, with every module loaded.
 
-    `half` is amid the traffic. All but `code` have in them what the interpreter takes. `left` is
-    what the image of a slot leaves of the heap, `garbage` that of a second.
+    `half` is amid the traffic. All figures but `code` include the memory of the interpreter. `left`
+    is the rest of the heap beside the image of a slot, `garbage` the growth in a second of traffic.
     """
 
     code: int
@@ -97,7 +97,7 @@ class FlashedHeap:
 
 
 def flashed_heap(folder: Path, way: str, cycles: int) -> FlashedHeap:
-    """Start what is flashed as `main` does, boot it, and let so many SYNC periods pass."""
+    """Start the flashed firmware as `main` does, boot it, and let this many SYNC periods pass."""
     folder.mkdir()
     modules = _staged(folder, way)
     loads = "\n".join(f"load({name!r})" for name in modules)

@@ -116,7 +116,7 @@ def _built(micropython: Path, folder: Path, kept: int) -> Path:
 
 
 def _emulated(firmware: Path) -> str:
-    """What the measurement prints; it is typed at MicroPython's prompt."""
+    """The output of the measurement; it is typed at MicroPython's prompt."""
     clock = ["-icount", "shift=0,sleep=off"]
     quiet = ["-nographic", "-monitor", "none", "-serial", "stdio", "-semihosting"]
     done = subprocess.run(

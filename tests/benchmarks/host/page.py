@@ -179,7 +179,7 @@ def _thread_s(name: str) -> float:
 
 
 def large() -> list[dict[str, Any]]:
-    """Times of frames in a browser, and what the server costs meanwhile."""
+    """Times of frames in a browser, and the cost of the server meanwhile."""
     chromium = shutil.which("chromium")
     if chromium is None:
         print("  no browser: install chromium")

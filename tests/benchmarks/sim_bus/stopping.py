@@ -45,7 +45,7 @@ class Way:
 
 
 def hardware(form: str, mass_kg: float, speed_m_s: float) -> Way:
-    """The way on after a stop in hardware, whatever the cells do: coasting, short, category 1."""
+    """The way on after a stop in hardware, without the cells: coasting, short, category 1."""
     world = _running(mass_kg, speed_m_s)
     bridges, still = world.bridges, np.zeros((COLUMNS * 3, 2), np.int32)
     start_m, start_s = world.pose[0, 0], world.time_s
