@@ -28,7 +28,7 @@ class Bench:
         return self.room
 
     def poll(self, elapsed_ms, state=nmt.PRE_OPERATIONAL):
-        """What was sent, and in how many milliseconds the next poll is wanted."""
+        """The number of sent frames, and the milliseconds until the next wanted poll."""
         self.sent.clear()
         wait_ms = self.heartbeat.poll(ticks.after(self.start_ms, elapsed_ms), NODE, state)
         return len(self.sent), wait_ms

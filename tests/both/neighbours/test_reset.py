@@ -1,6 +1,6 @@
-"""A cell that has been stopped and started behaves as one that has just been set up.
+"""A cell that has been stopped and started behaves like a newly set up cell.
 
-The one has lived through a while of whatever comes, the other has not; from then on both get the
+The one has lived through a while of random events, the other has not. From then on both get the
 same frames, and are to send the same. The clock and the number of the beat go on.
 """
 
@@ -111,7 +111,7 @@ class Lived(Middle):
         self._start()
 
     def shown(self, beat):
-        """What it sends of the parcel in a beat, and the speeds of its wheels."""
+        """The frames of the cell about the parcel in a beat, and the speeds of its wheels."""
         self.board.take()
         if beat == REPEATED:
             self._pages()

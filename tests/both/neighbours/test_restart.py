@@ -1,4 +1,4 @@
-"""A cell that has restarted: whom it promises itself to, by what its neighbours report."""
+"""A cell that has restarted: the parcel of its promise, by the reports of its neighbours."""
 
 from array import array
 
@@ -87,7 +87,7 @@ class Restarted(Middle):
         return bytes(frame)
 
     def promised(self, beats):
-        """Whom the cell is promised to after so many beats, 0 for nobody."""
+        """The parcel that the cell is promised to after this many beats, 0 for none."""
         for _ in range(beats):
             self.beat()
         identity, state = self.said[-1] if self.said else (0, 0)

@@ -1,4 +1,4 @@
-"""Firmware over the bus as a cell takes it: what it refuses and why, and the trial."""
+"""Firmware over the bus as a cell takes it: the refusals with their reasons, and the trial."""
 
 from cell_bench import enable
 from update_bench import (
