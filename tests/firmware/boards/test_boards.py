@@ -1,4 +1,4 @@
-"""The boards on MicroPython, with peripherals that remember what they were told."""
+"""The boards on MicroPython, with peripherals that remember their commands."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""What `main.py` does before any firmware runs, on real MicroPython."""
+"""The work of `main.py` before any firmware runs, on real MicroPython."""
 
 from pathlib import Path
 
