@@ -232,7 +232,7 @@ class ServedCells:
         self._bus.shutdown()
 
     def _boot(self) -> None:
-        """Whoever opens the bus finds the cells ready, and what is compiled at its first use so."""
+        """Cells, and code that is compiled at its first use, are ready when the bus is opened."""
         self.bank.tick(self._counts, np.zeros_like(self._counts), self._presence)
         named = (node_id for node_id in self._node_ids if node_id != cob.NODE_NONE)
         waiting = {cob.HEARTBEAT_BASE + node_id for node_id in named}

@@ -1,4 +1,4 @@
-"""What the host's core needs of the machine it is installed on, and how its modules depend."""
+"""The packages that the host's core needs on its machine, and the dependencies of its modules."""
 
 import json
 import pkgutil

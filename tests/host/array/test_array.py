@@ -1,4 +1,4 @@
-"""What the host believes of an array file, and what follows for the cells."""
+"""The host's beliefs by an array file, and their consequences for the cells."""
 
 from argparse import Namespace
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Whatever the streams are, and whenever a signal comes: one line, and the right exit code."""
+"""For any streams, and a signal at any time: one line, and the right exit code."""
 
 import os
 import signal
@@ -89,7 +89,7 @@ LONG = ("simulate", "array18", "--set", "run.duration_s=1e4", "--set", "array.co
 def ended_by(number, folder):
     """The exit code and stderr of a long run that gets a signal once it has written frames.
 
-    Who runs the tests may ignore the signal (nohup does), and a child inherits that.
+    The caller of the tests may ignore the signal (nohup does), and a child inherits that.
     """
     before = signal.signal(number, signal.SIG_DFL)
     try:

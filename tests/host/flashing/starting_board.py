@@ -37,8 +37,9 @@ class StartingBoard:
     """Has power from `on_s`, runs `main.py` from `main_s`, and takes `farewell_s` to end it.
 
     Its watchdog bites so many times when `main.py` has ended: it has no power for a second then,
-    and starts anew. `interrupts_s` are the times at which Ctrl-C has ended something; `says` is
-    what the program prints without end, and then it does not end. The port is there from `there_s`.
+    and starts anew. `interrupts_s` are the times at which Ctrl-C has ended something; `says` is the
+    text that the program prints without end, and then it does not end. The port is there from
+    `there_s`.
     """
 
     is_open = False

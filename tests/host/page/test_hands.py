@@ -1,4 +1,4 @@
-"""What hands do in a browser is what the table is asked for, and what it shows can be read."""
+"""Gestures in a browser ask the table for their commands, and its picture can be read."""
 
 import time
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ pytestmark = IN_A_BROWSER
 
 @pytest.fixture
 def still() -> Iterator[tuple[StillTable, str]]:
-    """A table that only writes down what it is asked for, and the address of its page."""
+    """A table that only records its commands, and the address of its page."""
     table = StillTable()
     opened = OpenPage(table)
     yield table, opened.page.address

@@ -1,4 +1,4 @@
-"""What a client meets at the door: pages, commands, control, and limits."""
+"""The service of the page to its clients: pages, commands, control, and limits."""
 
 import json
 import socket
@@ -378,7 +378,7 @@ def test_stop_overtakes_what_waits_and_calls_it_off(table):
 
 
 def welcomed(page: Page, token: str | None) -> "Visitor":
-    """One that has come in at a page that nobody attends to but this."""
+    """A visitor that has come in at a page without another caller of `attend`."""
     there = len(page._hub.clients)
     visitor = Visitor(page, token)
     wait_until(lambda: page.attend() or len(page._hub.clients) > there)

@@ -1,4 +1,4 @@
-"""What the wheels do when a command comes late, twice, out of season, or beside another host."""
+"""The wheels when a command comes late, twice, out of season, or beside another host."""
 
 from dataclasses import replace
 

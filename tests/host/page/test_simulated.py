@@ -1,4 +1,4 @@
-"""What a person does to a simulated table happens, and ends when nobody is there any more."""
+"""Actions of a person on a simulated table happen, and end when the last person has left."""
 
 import time
 from dataclasses import replace

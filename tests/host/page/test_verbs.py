@@ -48,7 +48,7 @@ class Watcher:
         self._socket.send(json.dumps(message))
 
     def ask(self, command: str) -> dict:
-        """What a command is answered."""
+        """The answer to a command."""
         self.say({"id": 1, "command": command})
         end_s = time.monotonic() + WITHIN_S
         while time.monotonic() < end_s:

@@ -1,4 +1,4 @@
-"""`mdms commission` that ends in the middle, at any stage, and what the next run makes of it."""
+"""`mdms commission` that ends in the middle, at any stage, and the result of the next run."""
 
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, answered, serials

@@ -30,7 +30,7 @@ def cells():
 
 @pytest.fixture
 def firmware(monkeypatch):
-    """What is compiled for the cells, which run the same code whatever it is."""
+    """The compiled firmware for the cells; cells run the same code with any of it."""
 
     def use(packed):
         monkeypatch.setattr("mdms_host.updating.bundles.packed_firmware", lambda bytecode: packed)
@@ -41,7 +41,7 @@ def firmware(monkeypatch):
 
 @pytest.fixture
 def flash(cells, tmp_path, firmware, capsys):
-    """Runs the verb in a folder with an array's key; exit code, JSON, and what it says."""
+    """Runs the verb in a folder with an array's key; exit code, JSON, and messages."""
     make_key(tmp_path / "array.key")
 
     def run(*arguments, key=tmp_path / "array.key"):

@@ -1,4 +1,4 @@
-"""Parcels get to where they are ordered, and none touches another, whatever comes in between."""
+"""Parcels get to their ordered places, and none touches another, with any event in between."""
 
 from dataclasses import replace
 from math import hypot
