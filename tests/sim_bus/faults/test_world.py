@@ -1,4 +1,4 @@
-"""Faults of the world and of the host: what the bus and the record show of them."""
+"""Faults of the world and of the host: their traces on the bus and in the record."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ BESIDE = 0b10010
 
 
 def presence(life, cell):
-    """What a cell has reported of its sensors, as (time [s], bits)."""
+    """The reports of a cell about its sensors, as (time [s], bits)."""
     can_id = pdo.STATUS.can_id(cell)
     frames = ((now_s, frame) for now_s, frame in life.tool.heard if frame.can_id == can_id)
     return [(now_s, pdo.STATUS.decode(frame.data)[2]) for now_s, frame in frames]
