@@ -1,4 +1,4 @@
-"""A cell's simulated day on one interpreter: run it, and judge what it reports."""
+"""A cell's simulated day on one interpreter: run it, and judge its reports."""
 
 import math
 import sys
@@ -41,7 +41,7 @@ class Sample:
 
 @dataclass(slots=True)
 class Day:
-    """What came of it; `findings` are sentences with their simulated time."""
+    """The outcome of a day; `findings` are sentences with their simulated time."""
 
     nodes: str
     samples: list[Sample] = field(default_factory=list)

@@ -165,7 +165,7 @@ class Story:
         yield from self.boot()
 
     def through(self, exchange):
-        """What the client sends, on the identifier of the cell's server."""
+        """The requests of the client, on the identifier of the cell's server."""
         try:
             request = next(exchange)
             while True:
