@@ -1,4 +1,4 @@
-"""What the documents show is so: every command, program and file in them is run."""
+"""The documents are true: every command, program and file in them is run."""
 
 import io
 import os
@@ -112,7 +112,7 @@ class Reader:
             self.do(" ".join(line.partition("  #")[0].split()))
 
     def _export(self, assignments):
-        """The bus of the document is the virtual one, whatever it is called there."""
+        """The bus of the document is the virtual one, under any name there."""
         named = dict(each.split("=") for each in assignments)
         assert named.keys() <= {"CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE"}
         for name, value in named.items():
@@ -170,7 +170,7 @@ class Reader:
 
     @contextmanager
     def _open_links(self, arguments, _channels=()):
-        """The reader's own table if there is one, or else the one that the program is for."""
+        """The reader's own table if there is one, or else the table of the program."""
         if self._table is not None:
             with self._open_link(arguments) as opened:
                 yield opened
@@ -210,7 +210,7 @@ def write_array(path):
 
 
 def recipe(target):
-    """What `make` runs for a target, which is one command of ours."""
+    """The command that `make` runs for a target, which is one of ours."""
     text = (ROOT / "Makefile").read_text()
     found = re.search(rf"^{target}: .*\n\t\$\(BIN\)/(mdms .*)$", text, re.MULTILINE)
     assert found, f"make {target} runs no command of ours"
@@ -218,7 +218,7 @@ def recipe(target):
 
 
 class UntilALine(io.StringIO):
-    """What a terminal shows to somebody who presses Ctrl-C as soon as there is a line."""
+    """The screen of a person that presses Ctrl-C as soon as there is a line."""
 
     def write(self, text):
         done = super().write(text)
@@ -228,7 +228,7 @@ class UntilALine(io.StringIO):
 
 
 def start_and_end(words):
-    """Run what goes on until Ctrl-C, and press that when it has said something."""
+    """Run a command that goes on until Ctrl-C, and press that when it has printed a line."""
     with redirect_stdout(UntilALine()) as shown, suppress(KeyboardInterrupt):
         assert main(words[1:]) in (Exit.OK, INTERRUPTED), words
     assert "\n" in shown.getvalue(), words

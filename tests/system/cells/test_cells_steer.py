@@ -1,4 +1,4 @@
-"""Cells steer a box by themselves: what goes over the bus, where the box goes, without the host."""
+"""Cells steer a box by themselves: the traffic of the bus, and the way of the box without host."""
 
 from contextlib import closing
 from math import degrees, hypot

@@ -113,7 +113,7 @@ def array():
 
 
 def spoil(bank):
-    """What no fault of a scenario does to a cell."""
+    """Give cells faults that no fault of a scenario causes."""
     cells = dict(enumerate(bank._cells, 1))
     objects = {number: cell._objects for number, cell in cells.items()}
     objects[7].put(indices.RESOLUTION, 0, 2 * objects[7].number(indices.RESOLUTION))

@@ -96,7 +96,7 @@ class Person(AtTerminal):
 
 
 class Nobody(AtTerminal):
-    """Does not do what is asked."""
+    """Does not do the requested action."""
 
 
 @pytest.fixture

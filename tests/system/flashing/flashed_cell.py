@@ -54,7 +54,7 @@ def firmware() -> dict[str, bytes]:
 
 @cache
 def packed(version: str = NEXT) -> bytes:
-    """What goes into a slot: the firmware under another version."""
+    """The image for a slot: the firmware under another version."""
     modules = {
         path: data.replace(VERSION.encode(), version.encode())
         for path, data in firmware().items()
@@ -140,7 +140,7 @@ class FlashedCell:
         return self._process is not None
 
     def power_up(self, cut: int = -1) -> None:
-        """Start it; what is in its flash runs."""
+        """Start it; the firmware in its flash runs."""
         child_reads, into = os.pipe()
         out, child_writes = os.pipe()
         told, child_tells = os.pipe()
@@ -176,7 +176,7 @@ class FlashedCell:
             os.close(each)
 
     def errors(self) -> str:
-        """What the processes have printed."""
+        """The output of the processes."""
         return self._errors.read_text()
 
     def give(self, frame: Frame) -> None:
@@ -187,7 +187,7 @@ class FlashedCell:
                 os.write(self._ends.into, record)
 
     def take(self, wait_s: float) -> list[Frame]:
-        """What it has sent; a restart and a cut are seen to on the way."""
+        """The frames that it has sent; a restart and a cut are handled on the way."""
         if self._process is None:
             return []
         ready = select.select([self._ends.out, self._ends.told], [], [], max(wait_s, 0.0))[0]
@@ -203,7 +203,7 @@ class FlashedCell:
         ]
 
     def _follow(self) -> None:
-        """See to what the process says of itself."""
+        """Handle the messages of the process about itself."""
         said = self._said()
         self.told += said.splitlines()
         if "cut" in said:
@@ -241,7 +241,7 @@ def drive(cell: FlashedCell, participant: Participant, over: Callable[[], bool])
 
 @dataclass(frozen=True)
 class Report:
-    """What a cell says of itself: slot, trial, version, timeout setting, states and voltages."""
+    """A cell's report about itself: slot, trial, version, timeout setting, states and voltages."""
 
     slot: int
     on_trial: bool

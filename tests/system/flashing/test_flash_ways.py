@@ -114,7 +114,7 @@ def test_romfs_with_anything_else_in_it_is_left_alone(plug_in, copies):
 
 @pytest.fixture
 def freeze(tmp_path, monkeypatch):
-    """Lets boards have firmware of a version frozen in: a folder stands for what is built in."""
+    """Lets boards have firmware of a version frozen in: a folder stands for built-in modules."""
 
     def freeze(version):
         folder = tmp_path / "frozen" / "mdms_protocol"

@@ -17,7 +17,7 @@ PRESSED_S = 0.9
 
 
 def demo(fault):
-    """What becomes of the demo under a fault of the supply from then on."""
+    """The record of the demo under a fault of the supply from then on."""
     struck = f"fault=[{{kind='supply', start_s={PRESSED_S}{fault}}}]"
     return mdms.simulate(load_scenario("array18", [struck, "run.duration_s=4"])).record
 

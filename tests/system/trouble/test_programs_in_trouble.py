@@ -1,4 +1,4 @@
-"""What becomes of a program when something breaks: row by row the table in docs/faults.md."""
+"""The outcome of a program when something breaks: row by row the table in docs/faults.md."""
 
 import re
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ STANDS_M_S = 0.005
 
 @dataclass(frozen=True)
 class Row:
-    """What breaks, until when the run may go on, what becomes of it, and what the program says."""
+    """The fault, the time limit of the run, its outcome, and the message of the program."""
 
     what: str
     fault: str
@@ -167,7 +167,7 @@ def moved_without_command_m_s(run: mdms.Run, row: Row) -> float:
 
 
 def ended_s(record: Record) -> float:
-    """When the run was over: by a fault of the world, or one that the host has found."""
+    """When the run was over: by a fault of the world, or a fault that the host has found."""
     faults = (each.time_s for each in record.events if each.detail.startswith("fault: "))
     return next(faults, START_S)
 

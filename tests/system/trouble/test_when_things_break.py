@@ -1,4 +1,4 @@
-"""What becomes of a box on its way when something breaks: the rows of the table in docs/faults.md.
+"""The outcome of a box on its way when something breaks: the rows of the table in docs/faults.md.
 
 Those that are not here are where that table says.
 """
@@ -28,7 +28,7 @@ HELD = "all parcels are held: "
 
 @dataclass(frozen=True)
 class Row:
-    """What breaks, what is set besides, for how long the run is looked at, and what is reported."""
+    """The fault, further settings, the time for which the run is looked at, and the reports."""
 
     name: str
     fault: str

@@ -1,8 +1,8 @@
 """A board whose CAN controller is a pair of pipes and whose flash is a file; on MicroPython.
 
-It stands for a Teensy 4.1: what comes over the pipes while the program does something else waits in
-them as it would in the cell's inbox, but without end. Wheels stand still, and no voltage may be at
-them. Left out: bus-off, interrupts, the watchdog, which is the other process.
+It stands for a Teensy 4.1: frames that come over the pipes while the program does something else
+wait in them as they would in the cell's inbox, but without end. Wheels stand still, and no voltage
+may be at them. Left out: bus-off, interrupts, the watchdog, which is the other process.
 """
 
 import gc
