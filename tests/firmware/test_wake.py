@@ -78,7 +78,7 @@ def speeds(first, second):
 UP = (words(0x80), words(0x06), words(0x07), words(0x0F))
 START = (cob.NMT, bytes((nmt.START, NODE)))
 HALT = cob.RPDO_BASES[1] + NODE, b"\x0f\x01\x0f\x00"
-#: What changes how a cell spends its time.
+#: Commands that change how a cell spends its time.
 SELDOM = (
     START,
     words(0x00),

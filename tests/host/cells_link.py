@@ -14,7 +14,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
 TICK_S = 0.001
-#: A link waits for a frame no longer than this, whatever it is asked for.
+#: A link waits for a frame no longer than this, even if more is asked.
 READ_TIMEOUT_S = 0.1
 
 

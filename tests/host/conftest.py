@@ -29,7 +29,7 @@ DROOP = 0.775
 #: Wheels under 2 kg take it along with so much of the difference in a second.
 STIFFNESS_PER_S = 30.0
 
-#: What a controlword makes of a state (CiA 402-2, the transitions that matter here).
+#: The next state after a controlword (CiA 402-2, the transitions that matter here).
 NEXT = {
     (cia402.SWITCH_ON_DISABLED, cia402.SHUTDOWN): cia402.READY_TO_SWITCH_ON,
     (cia402.READY_TO_SWITCH_ON, cia402.SWITCH_ON): cia402.SWITCHED_ON,

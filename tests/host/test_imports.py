@@ -42,7 +42,7 @@ def test_what_decides_needs_no_bus_library(package):
     assert imported_by(modules).isdisjoint({"can", "canopen", "serial", "rich"})
 
 
-#: Verbs for a table of real cells, and what they make of a scenario.
+#: Verbs for a table of real cells, and their reading of a scenario.
 HARDWARE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 from mdms_cell.rights import right_of_way
 from mdms_protocol.neighbours import frames as wire
 
-#: Nothing came, and what comes from a cell that lives and has nothing to say: its speeds.
+#: Silence, and the message of a cell that lives and has nothing to say: its speeds.
 SILENCE = (0, 0, 0, 0, 0)
 ALIVE = (0, 0, 0, right_of_way.CLEAR, 0)
 #: Identity, state, whether the receiver is wanted, hold, whether the parcel lies over the receiver.
 Message = tuple[int, int, int, int, int]
-#: What a link may deliver within a beat, each alone: this beat's estimate first, silence at last.
+#: The deliveries of a link within a beat, each alone: this beat's estimate first, silence at last.
 Arrivals = tuple[Message, ...]
 
 
@@ -190,7 +190,7 @@ class Cell:
     def steps(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> tuple[int, ...]:
         """The local states that may follow; first that in which every estimate arrives at once."""
         if not self.locals[number].memory.unsure:
-            # It does not ask who lives, nor what lies here.
+            # It needs neither the living neighbours nor the parcel here.
             inbox = tuple(tuple(dict.fromkeys(map(_plain, arrivals))) for arrivals in inbox)
         key = (number, inbox, given)
         found = self._steps.get(key)

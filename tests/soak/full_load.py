@@ -22,7 +22,7 @@ LOGGERS = 2
 #: Below all else, so that the array's own frames go first and these fill the bus.
 FLOOD_ID = 0x7F0
 LAST_ID = 0x7F1
-#: What a full bus carries at least, by its own timestamps.
+#: The least frame rate of a full bus, by its own timestamps.
 FULL_FRAMES_PER_S = 6000
 
 

@@ -96,7 +96,7 @@ def run(storm: Storm) -> Ended:
         try:
             simulation.run_until(scenario.run.duration_s, over=_Over(simulation, storm, host))
         except Exception:
-            # Whatever it is, the storm has found it.
+            # The storm has found it, even if it is unexpected.
             crash = traceback.format_exc()
         simulation.referee.finish()
         reason = host.reason
@@ -157,7 +157,7 @@ class Host:
     def report(self) -> HostReport:
         """The report of the program now; for a killed program the report names the kill."""
         if self.coordinator is not None:
-            # What a program has said before it was killed has been said.
+            # The words of a program before it was killed have been said.
             told_s = max([self._told_s, *(time_s for time_s, _ in self.troubles)])
             return replace(host_report_of(self.coordinator), trouble_s=told_s)
         goals = host_report_of(self._before[-1]).goals
@@ -422,7 +422,7 @@ def _reached(scenario: Scenario, simulation: Simulation, host: Host) -> bool:
     )
 
 
-#: What a message has that names a trouble, by its kind; {cell} and {parcel} are those struck.
+#: The part of a message that names a trouble, by its kind; {cell} and {parcel} are those struck.
 _NAMED: Mapping[str, str] = {
     "supply": r"supply|voltage|0x3[0-9A-F]{3}",
     "host": r"host|heartbeat|late|silent|setpoint",

@@ -40,7 +40,7 @@ DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 #: With those of the folders, which are read beside the code.
 FOLDERS = ("docs", "firmware", "host", "protocol", "sim_bus")
 ALL = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]
-#: What the changelog says is no more.
+#: The names that the changelog calls removed.
 GONE = {"mdms flash --crash-log"}
 RUN = [
     path.name for path in DOCUMENTS if any(block.language != "text" for block in blocks_of(path))
@@ -49,14 +49,14 @@ RUN = [
 ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure", "stop"}
 #: The reader's own table is empty until a person puts the box onto it, before a program runs.
 EMPTY = "fault=[]"
-#: What another test runs as it stands, and which call of it; nothing else goes on with it.
+#: Blocks that another test runs as they stand, with the call; nothing else goes on with them.
 ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_simulate.py", 'main(["demo", "--out"')}
-#: What a person types at `mdms commission`: Enter to all questions but the one that wants a yes.
+#: The answers of a person at `mdms commission`: Enter to all questions but the yes.
 CELLS = 18
 ANSWERS = CELLS * "\n" + "y\n" + 2 * CELLS * "\n"
 
 
-#: What the reader of a page has done before it.
+#: The commands that the reader of a page has run before it.
 BEFORE = {"updates.md": "mdms commission --columns 6 --rows 3"}
 
 

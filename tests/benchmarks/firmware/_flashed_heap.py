@@ -15,15 +15,15 @@ _FAKED = ("machine", "pyb", "stm", "world", "pin_names", "can_controller", "can_
 _FAKED += ("can_fd",)
 FAKES = tuple(Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py" for name in _FAKED)
 BOARD = "pybv11"
-#: What only boards load that have room for a second firmware; `main` loads `mdms_boot` from files.
+#: Modules of boards with room for a second firmware; `main` loads `mdms_boot` from files.
 ROOMY = ("mdms_cell.update.update",)
 ROOMY += ("mdms_cell.update.signature", "mdms_protocol.update.bundle", "mdms_boot")
 OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt")
 #: From files, from a ROMFS in flash, and from a slot, whose image lies in the heap besides.
 WAYS = ("copies", "romfs", "slot")
-#: What the interpreter itself has taken.
+#: The memory of the interpreter itself.
 _BARE = "import gc; print(gc.mem_alloc())"
-#: What measures, and the peripherals, do not count. That build finds garbage at module level only.
+#: Measuring code and peripherals do not count. That build finds garbage at module level only.
 _MEASURE = """
 import gc, sys
 def note():

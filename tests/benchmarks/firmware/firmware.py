@@ -58,7 +58,7 @@ SYNC_HZ = 100
 LAYER_BEATS = (20, 60)
 #: SYNC periods of 10 ms in an hour.
 HOUR_CYCLES = 360_000
-#: What a board has to have free; firmware of a slot has what its image leaves.
+#: The required free heap of a board; firmware of a slot has the rest beside its image.
 NEEDS = {"copies": COPIES_HEAP, "romfs": ROM_HEAP}
 #: A cell with its loop and queues, every tick and poll; garbage is collected at 100 KB more.
 _HOUR = """

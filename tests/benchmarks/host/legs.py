@@ -136,7 +136,7 @@ class Given:
             return
         leg = page.leg if page.leg < wire.JOINS else 0
         if not leg and page.sequence != self.sequence.get(page.identity):
-            # The rest of a way joins what is there; else nothing of that counts any more.
+            # The rest of a way joins the given places; else none of them counts any more.
             old = self.places.get(page.identity, {})
             kept = {number - 1: place for number, place in old.items() if number > 1}
             self.places[page.identity] = kept if page.leg == wire.JOINS else {}

@@ -184,7 +184,7 @@ def large() -> list[dict[str, Any]]:
     if chromium is None:
         print("  no browser: install chromium")
         return []
-    # What a server does not need.
+    # A server does not need this.
     from playwright.sync_api import sync_playwright
 
     with Page(Dancing(), MonotonicClock()) as page, attended(page), sync_playwright() as playwright:

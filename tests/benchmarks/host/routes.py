@@ -106,8 +106,8 @@ def rows_of(
     """So many instances of each table, or as many as so long a time allows."""
     for table in tables:
         count = Count()
-        try_one(table, seed - 1, Count())  # what is worked out once a shape, and compiled
-        # As in runs in real time: what is there already is not looked through for garbage.
+        try_one(table, seed - 1, Count())  # results that are worked out once a shape, and compiled
+        # As in runs in real time: present objects are not looked through for garbage.
         gc.collect()
         gc.freeze()
         end_s = monotonic() + seconds

@@ -75,7 +75,7 @@ def _running(mass_kg: float, speed_m_s: float) -> World:
     along[:, 0] = speed_m_s
     while True:
         wheels_m_s = world.wheel_speed_m_s[first]
-        # What the speed loop asks for, with its droop made up for.
+        # The voltage that the speed loop asks for, with its droop made up for.
         along[:, 0] += 0.02 * (speed_m_s - wheels_m_s)
         volts = GAIN_VS_PER_M * (along[:, 0] - wheels_m_s)
         world.step_cells(np.column_stack((volts, 0 * volts)) * 1e6, STEP_S)

@@ -56,7 +56,7 @@ def test_those_that_were_missed_altogether_are_not_made_up_for():
     assert bench.poll(450) == (1, 100)
     assert bench.poll(549) == (0, 1)
     assert bench.poll(550) == (1, 100)
-    # Late by exactly a period: the one that is due now has been missed, too.
+    # Late by exactly a period: the heartbeat due now has been missed, too.
     assert bench.poll(750) == (1, 100)
     assert bench.poll(750) == (0, 100)
 

@@ -92,7 +92,7 @@ class Board:
         self._received = None
         return frame
 
-    # What the background calls
+    # The calls of the background
 
     def service(self, now_ms):
         pass
@@ -158,7 +158,7 @@ class Bench:
         """Let the cell tick once, and the background turn once."""
         self._now_ms = (self._now_ms + elapsed_ms) & _MS_MASK
         self._runner.tick()
-        # What the background did last must show in this tick.
+        # The last work of the background must show in this tick.
         check(self.cell, self.board.registers)
         self._runner.turn(self._now_ms)
 

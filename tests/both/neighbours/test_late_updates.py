@@ -49,7 +49,7 @@ class Machine:
         self._runner = Runner(self.board, self.cell)
         self._now_ms = self._busy_until_ms = self.middle.now_ms
         self._received = None
-        #: Beats in which the wheels were fed, the greatest age of a setpoint [ms], what was sent.
+        #: Beats in which the wheels were fed, the greatest age of a setpoint [ms], the sent frames.
         self.fed = []
         self.oldest_ms = 0
         self.sent = []

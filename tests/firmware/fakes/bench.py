@@ -34,7 +34,7 @@ def there(path):
     return True
 
 
-#: What the boards of the family have in `machine`, and each board's pins, timers and full pulse.
+#: The members of `machine` for the family's boards, and each board's pins, timers and full pulse.
 BOARDS = {
     "pybv11": {
         "machine": {"CAN": BxCan},

@@ -19,7 +19,7 @@ except ImportError:
 #: Bit times on the bus in a millisecond, and those that a controller waits for to leave bus-off.
 BITS_A_MS = 1000
 RECOVERY_BITS = 128 * 11
-#: What lies behind the eight bytes of a frame whose DLC says that there are more.
+#: The memory behind the eight bytes of a frame whose DLC says that there are more.
 BEHIND = 0xA5
 _WORD = 8 if sys.maxsize > 1 << 32 else 4
 
@@ -61,7 +61,7 @@ class Controller:
     STATE_BUS_OFF = 4
     #: Recessive bits until the controller leaves bus-off unasked, None if it never does.
     UNASKED_BITS = None
-    #: What the controller makes time quanta of, and what it has for the segments of a bit.
+    #: The clock that time quanta are made of, and the limits for the segments of a bit.
     CLOCK_HZ = 0
     PRESCALER_MAX = 1024
     SEGMENT_1 = (1, 16)
@@ -217,7 +217,7 @@ class Controller:
         if self._irq is not None and self._irq.handler is not None:
             self._irq.handler(self)
 
-    # What the bus does
+    # The effects of the bus
 
     def is_shorted(self):
         """Whether the bus is dominant for good."""

@@ -1,8 +1,8 @@
 """The surroundings of the faked peripherals: levels, counts, a bus, and a stepped clock."""
 
 now_ms = 0
-board = None  # whose pins these are; None: whatever is asked for is there
-names = {}  # of pins in use, by what the processor calls them
+board = None  # the owner of these pins; None: every requested pin is there
+names = {}  # of pins in use, by the processor's names
 levels = {}  # of pins, by name
 analog = {}  # readings of ADCs [u16], by pin
 conversions = 0  # of ADCs so far

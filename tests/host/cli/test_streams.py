@@ -13,7 +13,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 
 MDMS = str(Path(sys.executable).with_name("mdms"))
-#: A verb that imports little; what is refused goes the same way for all.
+#: A verb that imports little; refusals go the same way for all.
 REFUSED = "configure assign --from none.toml"
 
 
@@ -155,7 +155,7 @@ def test_handlers_of_signals_are_given_back():
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-#: A callback of a destructor drops what is raised in it, as those from compiled code do.
+#: A callback of a destructor drops its exceptions, as those from compiled code do.
 DROPPED = """
 import os, signal, sys, time
 from mdms_host.cli.exits import Terminated, ended_by_signals

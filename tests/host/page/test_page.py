@@ -362,7 +362,7 @@ def test_stop_overtakes_what_waits_and_calls_it_off(table):
     with Page(table, MonotonicClock()) as page:
         visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
         visitor.say({"id": 1, "command": "start"})
-        # Whoever asks for the whole run, without any token, fills half of the queue at most.
+        # A client that asks for the whole run, without any token, fills half of the queue at most.
         readers = [threading.Thread(target=fetched, args=(page, "/api/history")) for _ in range(70)]
         for reader in readers:
             reader.start()

@@ -8,7 +8,7 @@ from mdms_model.scenario.fault import Fault
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob
 
-#: What cells 1 and 3 see of the box over cell 2: it reaches over their nearer sensors.
+#: The bits of cells 1 and 3 for the box over cell 2: it reaches over their nearer sensors.
 BESIDE = 0b10010
 
 

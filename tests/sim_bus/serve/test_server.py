@@ -17,7 +17,7 @@ MS = 1_000_000
 TURN_NS = MS // 4
 PERIOD_NS = 10 * MS
 OPEN, SETPOINT = b"S8\rO\r", b"t2010\r"
-#: As long as a busy machine was seen to leave what is written to a terminal lie.
+#: The longest time for which a busy machine was seen to leave data for a terminal.
 STALL = range(100 * MS, 300 * MS)
 
 

@@ -25,7 +25,7 @@ SHORT = tuple(
 HOST_HEARTBEAT = cob.HEARTBEAT_BASE + cob.HOST_NODE
 LOST = 0x8130
 GONE_S = 1.1
-#: What friction allows where the wheels along the way carry half of the weight: mu g / 2.
+#: Limit by friction where the wheels along the way carry half of the weight: mu g / 2.
 FRICTION_M_S2 = 0.3 * 9.81 / 2
 
 

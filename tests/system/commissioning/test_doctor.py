@@ -31,7 +31,7 @@ FAULTS = (
     "{kind='wheel_jammed', cells=[6], axes=[2]}",
     "{kind='corruption', cells=[14], seen_by=[13], probability=0.15}",
 )
-#: What each kind of finding is found at, without an array file and without a turn of a wheel.
+#: The places of each kind of finding, without an array file and without a turn of a wheel.
 #: A cell that was off the bus is in fault for that, too.
 EXPECTED = {
     "bus-errors": [()],

@@ -28,7 +28,7 @@ from mdms_sim.simulation import simulate
 #: The wheel of the jog: nothing lies on cell 5.
 CELL, AXIS = 5, 2
 PATIENCE_S = 60
-#: What no command that turns wheels may change.
+#: Settings that no command that turns wheels may change.
 LEFT_ALONE = (indices.SIGNATURE, indices.VOLTAGE_LIMIT, indices.GAIN)
 
 

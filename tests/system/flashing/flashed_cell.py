@@ -31,7 +31,7 @@ KEY = bytes(range(32))
 TIMEOUT_MS = 77
 #: As long as a machine with other work may take.
 PATIENCE_S = 30.0
-#: The version of the firmware that comes over the bus; what is there before has the real one.
+#: The version of the firmware that comes over the bus; the firmware before has the real one.
 NEXT = "0.1.1"
 BYTECODE = 2822 & codes.BYTECODE
 _DETECT = b"def board_module(machine):\n    from boards import pipe_board\n    return pipe_board\n"
@@ -191,7 +191,7 @@ class FlashedCell:
         if self._process is None:
             return []
         ready = select.select([self._ends.out, self._ends.told], [], [], max(wait_s, 0.0))[0]
-        # What it has sent before is on the bus, whatever becomes of it.
+        # Its earlier frames are on the bus, even if it is gone.
         sent = os.read(self._ends.out, 1 << 16) if self._ends.out in ready else b""
         if not sent and self._ends.told in ready:
             self._follow()

@@ -171,7 +171,7 @@ def test_copies_are_refused_where_they_do_not_fit_into_the_heap(plug_in, capsys)
 
 
 def test_romfs_takes_what_the_heap_does_not(plug_in, copies):
-    # What stands for the partition lies in the heap here.
+    # The stand-in for the partition lies in the heap here.
     board = plug_in({}, rom=b"", heap_bytes=SMALL_HEAP + ROM_SIZE)
     with BoardLink(board.port, MonotonicClock()) as link:
         assert identify(link).heap < COPIES_HEAP

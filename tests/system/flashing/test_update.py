@@ -99,7 +99,7 @@ def test_supply_may_fail_while_flash_is_written(flash, tmp_path):
             booted(cell)
             found = report(cell)
             assert replace(found, on_trial=False) in (BEFORE, after(sent))
-            # On trial it waits to be confirmed; else it takes what it is given.
+            # On trial it waits to be confirmed; else it takes the given update.
             if not found.on_trial:
                 assert update(cell, sent).finished
                 assert report(cell) == after(sent)

@@ -31,7 +31,7 @@ PATIENCE_S = 120.0
 POWER_UP = Path(__file__).parent / "on_board" / "power_up.py"
 #: As `power_up.py` has it.
 ROM_SIZE = 80 * 4096
-#: What the boards have in `machine`; the relay reads the files.
+#: The members of `machine` on the boards; the relay reads the files.
 MACHINE = """
 import os, sys
 OUTSIDE = %r

@@ -14,7 +14,7 @@ from mdms_protocol.neighbours import frames as wire
 
 HEADING = "When things break, and the cells steer"
 GOAL = (0.05, 0.0, 0.3)
-#: 12 cells, of which the sixth lies under the box all the way.
+#: 12 cells; the sixth lies under the box all the way.
 TABLE = (
     "array.columns=4",
     "parcel.0.length_m=0.30",

@@ -12,7 +12,7 @@ import mdms_array as mdms
 from mdms_host.coordination.run_state import Phase
 from mdms_model.scenario.file import load_scenario
 
-#: 12 cells, of which the sixth lies under the box all the way.
+#: 12 cells; the sixth lies under the box all the way.
 TABLE = (
     "array.columns=4",
     "parcel.0.length_m=0.30",

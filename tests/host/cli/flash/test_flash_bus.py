@@ -80,7 +80,7 @@ def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_
     ]
     assert told["frames"] > 3 * len(PACKED) / 7
     assert told["restarted"] == 0
-    # The same again is nothing to do, and what was used before is refused.
+    # The same again is nothing to do, and a used bundle is refused.
     code, told, _ = flash()
     assert (code, told["frames"]) == (Exit.OK, 0)
     firmware(OTHER)

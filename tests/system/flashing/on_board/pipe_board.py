@@ -50,7 +50,7 @@ class PipeBoard:
         self._tick = None
         self._ticked_ms = 0
 
-    # What the runner asks for
+    # The calls of the runner
 
     def start(self, tick, watchdog):
         self._tick, self._ticked_ms = tick, time.ticks_ms()
@@ -82,7 +82,7 @@ class PipeBoard:
     def show(self, now_ms, state, faulty):
         pass
 
-    # What the cell asks for
+    # The calls of the cell
 
     def sample(self, registers):
         registers[speed_loop.SUPPLY] = 24_000_000

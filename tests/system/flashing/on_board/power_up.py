@@ -18,7 +18,7 @@ EINVAL = 22
 OUTSIDE = sys.path[0]  # of a script, its folder
 FILE = OUTSIDE + "/rom.bin"
 
-# From now on it keeps what it is sent.
+# From now on it keeps the bytes that it gets.
 machine.tell("on", "")
 sys.path[0] = ""
 

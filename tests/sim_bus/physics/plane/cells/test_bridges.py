@@ -69,7 +69,7 @@ def test_contacts_of_an_emergency_stop_brake_whatever_the_bridge_does(cause: str
     for _ in range(600):
         world.step_cells(wanted, 1e-3)
         braked.step_cells(ZERO, 1e-3)
-        # What flows in the short does not pass the bridge, which measures nothing.
+        # The current in the short does not pass the bridge, which measures nothing.
         assert not world.sampled.current_ma.any()
     assert world.pose == pytest.approx(braked.pose, abs=1e-12)
     assert np.abs(world.twist[0]).max() < 0.06
