@@ -115,7 +115,7 @@ class Grid:
         return [goal for goal in goals if goal is not None]
 
     def next_of(self, now: Situation, may_drive: bool, noticed: bool = True) -> list[Situation]:
-        """The possible situations of a parcel after a beat; first its present situation.
+        """The possible situations of a parcel after a beat; first that it goes on as it is.
 
         It is not farther on its way before all cells that it lies over have noticed.
         """

@@ -30,7 +30,7 @@ def cells():
 
 @pytest.fixture
 def firmware(monkeypatch):
-    """The compiled firmware for the cells; cells run the same code with any of it."""
+    """Sets the compiled firmware for the cells; the running code of cells stays the same."""
 
     def use(packed):
         monkeypatch.setattr("mdms_host.updating.bundles.packed_firmware", lambda bytecode: packed)

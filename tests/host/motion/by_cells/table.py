@@ -23,7 +23,7 @@ HELD = 1
 
 
 class Table:
-    """A program, and cells that report as a test says; the program gives them the box's place."""
+    """A program, and cells that report the box as a test says."""
 
     def __init__(self, goal=GOAL, **options):
         goals = {} if goal is None else {"box": goal}
