@@ -12,9 +12,9 @@ from hypothesis import settings
 from mdms_sim.referee.referee import Referee
 from mdms_sim.referee.truth import Truth
 
-# No test asserts a time, and the first example of a law may have to be compiled. Who runs the tests
-# gets the same examples each time, half as many as are usual; who looks for new ones says
-# `--hypothesis-profile=explore`.
+# No test asserts a time, and the first example of a law may have to be compiled. A run of
+# the tests has the same examples each time, half as many as are usual. The option
+# `--hypothesis-profile=explore` looks for new ones.
 settings.register_profile("explore", deadline=None)
 settings.register_profile("mdms", deadline=None, derandomize=True, database=None, max_examples=50)
 settings.load_profile("mdms")

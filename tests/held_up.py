@@ -1,4 +1,4 @@
-"""Runs in real time on a machine with other work: one that was held up says so, and is repeated."""
+"""Runs in real time beside other work: a run that was held up says so, and is repeated."""
 
 from collections.abc import Callable
 

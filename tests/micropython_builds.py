@@ -79,10 +79,10 @@ def stage(folder: Path, more: Iterable[Path] = (), *, viper: bool = True) -> Non
 
 
 def compile_staged(folder: Path, architecture: str | None = None) -> None:
-    """Make `.mpy` files of what was staged, as boards get them; what is for CPython alone stays.
+    """Make `.mpy` files of the staged sources, as boards get them; sources for CPython alone stay.
 
     Either build imports them several times as fast, and the 32-bit one has room for more in its
-    heap. Without an architecture what is staged is to be without viper.
+    heap. Without an architecture the staged sources are to be without viper.
     """
     for path in folder.rglob("*.py"):
         place = path.relative_to(folder).as_posix()
@@ -104,7 +104,10 @@ def _bytecode(place: str, source: str, architecture: str | None) -> bytes | None
 
 
 def unix_command() -> list[str]:
-    """What starts the unix port; its arguments follow. MicropythonMissing where it is not there."""
+    """The command that starts the unix port; its arguments follow.
+
+    MicropythonMissing where it is not there.
+    """
     return [sys.executable, "-I", "-S", "-c", _LAUNCH, find_micropython()]
 
 
@@ -129,7 +132,7 @@ def unix(
 def on_32_bits(code: str) -> str:
     """Code as the 32-bit build runs it: with the library in its way, and garbage left alone.
 
-    It does not find what is only referred to from the machine's stack, so it may collect garbage at
+    It does not find objects that only the machine's stack refers to. So it may collect garbage at
     module level alone, where the code says so. The last line after an exception is 'raised'.
     """
     return _ON_32_BITS % code
@@ -152,7 +155,7 @@ def _compiled32() -> tuple[Any, Any]:
 def wasm32(
     folder: Path, code: str, time_limit_s: float = TIME_LIMIT_S, heap_mb: int = HEAP_32_MB
 ) -> str:
-    """Run code on the 32-bit build with `folder` as its library; what it printed.
+    """Run code on the 32-bit build with `folder` as its library; returns its output.
 
     Each run has a memory of its own. Raises wasmtime.Trap after the time limit.
     """

@@ -1,7 +1,7 @@
 """A simulated array in virtual time, on which the host's verbs run as they are.
 
-Whoever waits, for an answer, a frame or a moment, lets the array go on until that has come. So a
-time-out is one of the array's own time, whatever the machine is busy with, and no thread is needed.
+A wait for an answer, a frame or a moment lets the array go on until that has come. So a time-out is
+one of the array's own time, independent of other work of the machine, and no thread is needed.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -165,7 +165,7 @@ class _Queue(SimpleQueue):
 
 
 class _Link:
-    """What `mdms_host.can_link.link.Link` is to a master, without a reader of its own."""
+    """The interface of `mdms_host.can_link.link.Link` to a master, without a reader of its own."""
 
     def __init__(self, time: VirtualTime, deliver: Deliver) -> None:
         self._time = time

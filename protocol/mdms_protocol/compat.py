@@ -1,4 +1,4 @@
-"""What MicroPython's compiler understands, under one name on both interpreters.
+"""Names that MicroPython's compiler understands, available on both interpreters.
 
 On MicroPython `const` folds a number into the code that uses it, `micropython.native` and
 `micropython.viper` compile a function to machine code, and `ptr8`, `ptr16` and `ptr32` are the

@@ -37,11 +37,11 @@ _SOURCES: Mapping[int, str] = {1: "axis 1", 2: "axis 2"}
 
 
 def code_text(code: int) -> str:
-    """A code and what it means, as in '0x8250: no setpoint for 50 ms'."""
+    """A code and its meaning, as in '0x8250: no setpoint for 50 ms'."""
     return f"0x{code:04X}: {CODES.get(code, 'a code that no cell of this version has')}"
 
 
 def error_text(source: int, code: int) -> str:
-    """A code with what it comes from, where that says more."""
+    """A code with its source, where that says more."""
     where = f" ({_SOURCES[source]})" if source in _SOURCES else ""
     return f"{code_text(code)}{where}"

@@ -38,7 +38,7 @@ def figure(value: object) -> str:
 
 
 def print_rows(rows: list[Row]) -> None:
-    """One line a row; what is not a column stands behind it."""
+    """One line a row; keys that are no column stand behind it."""
     for row in rows:
         rest = {
             key: value

@@ -1,4 +1,4 @@
-"""Test modules here find what they share by its plain name, as they do on MicroPython."""
+"""Test modules here find shared modules by their plain names, as they do on MicroPython."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A board as an SLCAN adapter: lines of the protocol, and what does not find room."""
+"""A board as an SLCAN adapter: lines of the protocol, and frames that do not fit."""
 
 from mdms_adapter.adapter import FRAMES_PER_TURN, PENDING_MAX, Adapter
 from mdms_adapter.slcan import BUS_OFF, OVERRUN, RECEIVE_FULL, SEND_FULL

@@ -1,4 +1,4 @@
-"""What a cell answers to what it receives: transcripts of frames, the same on every interpreter."""
+"""The answers of a cell to frames: transcripts of frames, the same on every interpreter."""
 
 from cell_bench import NODE, booted, emergencies, enable, operational
 

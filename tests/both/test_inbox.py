@@ -28,7 +28,7 @@ class Can:
             return None
         can_id, data, flags, errors = self.fifo.pop(0)
         into[0] = can_id
-        into[1] = memoryview(bytearray(data))  # the real one resizes what it is given
+        into[1] = memoryview(bytearray(data))  # the real one resizes the given view
         into[2] = flags
         into[3] = errors
         return into

@@ -1,4 +1,4 @@
-"""The turns of the background loop: what the board is asked and told, and when it is fed."""
+"""The turns of the background loop: the calls of the board, and the feeding of its watchdog."""
 
 from cell_bench import Board as CellBoard
 
@@ -14,7 +14,7 @@ EXTENDED = 2
 
 
 class Board(CellBoard):
-    """A board with all that a runner asks for; it writes down what it is told."""
+    """A board with all methods that a runner calls; it records its calls."""
 
     def __init__(self):
         super().__init__()
@@ -52,7 +52,7 @@ class Board(CellBoard):
 
 
 class Cell:
-    """Writes down what it is told; its tick counts, and raises `error` if there is one.
+    """Records its calls; its tick counts, and raises `error` if there is one.
 
     It takes what these tests send, and has a box for frames with the identifier `BOXED`.
     """

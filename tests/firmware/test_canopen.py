@@ -44,7 +44,7 @@ class Settings:
 
 
 class Board(cell_bench.Board):
-    """Wheels that stand still, and memories that keep what they are given."""
+    """Wheels that stand still, and memories that keep their writes."""
 
     def __init__(self, serial):
         super().__init__()

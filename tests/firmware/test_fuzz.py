@@ -1,4 +1,4 @@
-"""Whatever comes over the bus, a cell raises nothing, stays valid, and replies alike everywhere.
+"""A cell raises nothing, stays valid, and replies alike everywhere, for any frames on the bus.
 
 `python -m tests.soak.fuzz` does the same with a million frames.
 """

@@ -48,7 +48,7 @@ class Bench:
         self.cell.on_frame(can_id, data, self.cell.now_ms)
 
     def pass_ms(self):
-        """One tick and, if it is due, one poll; what was sent, and how the motors are driven."""
+        """One tick and, if it is due, one poll; the sent frames, and the drive of the motors."""
         board, registers = self.board, self.board.registers
         self.now_ms = ticks.after(self.now_ms, 1)
         self.cell.tick()
@@ -78,7 +78,7 @@ def speeds(first, second):
 UP = (words(0x80), words(0x06), words(0x07), words(0x0F))
 START = (cob.NMT, bytes((nmt.START, NODE)))
 HALT = cob.RPDO_BASES[1] + NODE, b"\x0f\x01\x0f\x00"
-#: What changes how a cell spends its time.
+#: Commands that change how a cell spends its time.
 SELDOM = (
     START,
     words(0x00),
@@ -123,7 +123,7 @@ SELDOM = (
 
 
 def happenings(chance):
-    """What befalls a bench in one millisecond."""
+    """The events at a bench in one millisecond."""
     if chance.randrange(10) == 0:
         yield lambda bench: bench.hear(cob.SYNC, b"")
     for axis_speeds in (speeds(60_000, -40_000), speeds(3_000, 0), speeds(0, 900_000)):

@@ -14,7 +14,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
 TICK_S = 0.001
-#: A link waits for a frame no longer than this, whatever it is asked for.
+#: A link waits for a frame no longer than this, even if more is asked.
 READ_TIMEOUT_S = 0.1
 
 
@@ -67,11 +67,11 @@ class CellsLink(Link):
         self._bank.set_bus_off(cell, off)
 
     def number(self, cell: int, index: int, subindex: int) -> int:
-        """What an object of a cell holds."""
+        """The value of an object of a cell."""
         return self._bank._cells[cell]._objects.number(index, subindex)
 
     def targets_um_s(self, cell: int) -> list[int]:
-        """What the axes of a cell (from 0) are to do now: 0 where a motor is off."""
+        """The targets of the axes of a cell (from 0) now: 0 where a motor is off."""
         if cell in self._dead:
             return [0, 0]
         drives = self._bank._cells[cell]._axes._drives

@@ -29,7 +29,7 @@ DROOP = 0.775
 #: Wheels under 2 kg take it along with so much of the difference in a second.
 STIFFNESS_PER_S = 30.0
 
-#: What a controlword makes of a state (CiA 402-2, the transitions that matter here).
+#: The next state after a controlword (CiA 402-2, the transitions that matter here).
 NEXT = {
     (cia402.SWITCH_ON_DISABLED, cia402.SHUTDOWN): cia402.READY_TO_SWITCH_ON,
     (cia402.READY_TO_SWITCH_ON, cia402.SWITCH_ON): cia402.SWITCHED_ON,
@@ -232,7 +232,7 @@ class ServedCells:
         self._bus.shutdown()
 
     def _boot(self) -> None:
-        """Whoever opens the bus finds the cells ready, and what is compiled at its first use so."""
+        """Cells, and code that is compiled at its first use, are ready when the bus is opened."""
         self.bank.tick(self._counts, np.zeros_like(self._counts), self._presence)
         named = (node_id for node_id in self._node_ids if node_id != cob.NODE_NONE)
         waiting = {cob.HEARTBEAT_BASE + node_id for node_id in named}

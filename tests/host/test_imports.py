@@ -1,4 +1,4 @@
-"""What the host's core needs of the machine it is installed on, and how its modules depend."""
+"""The packages that the host's core needs on its machine, and the dependencies of its modules."""
 
 import json
 import pkgutil
@@ -42,7 +42,7 @@ def test_what_decides_needs_no_bus_library(package):
     assert imported_by(modules).isdisjoint({"can", "canopen", "serial", "rich"})
 
 
-#: Verbs for a table of real cells, and what they make of a scenario.
+#: Verbs for a table of real cells, and their reading of a scenario.
 HARDWARE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")

@@ -11,7 +11,7 @@ from mdms_cell.drive import state_machine
 from mdms_cell.perception import suspicion
 from mdms_protocol.emergencies import CODES, code_text, error_text
 
-#: What a cell sends, by the modules that send it.
+#: The codes that a cell sends, by the modules that send them.
 SENT = {
     *(code for _bit, code in state_machine._ERROR_CODES),
     *(runner.BUS_OFF, runner.INTERNAL_ERROR, store.SETTINGS_LOST),

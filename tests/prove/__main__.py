@@ -1,4 +1,4 @@
-"""Explores the tables named, or all, and prints what was seen: `python -m tests.prove [WORD ...]`.
+"""Explores the tables named, or all, and prints the results: `python -m tests.prove [WORD ...]`.
 
 A table is explored if its name contains every word given.
 """

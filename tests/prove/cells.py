@@ -1,7 +1,7 @@
-"""The cells of a table, each decided by the very module, with what is on its way to it.
+"""The cells of a table, each decided by the very module, with the messages on their way to it.
 
-What a cell does within a beat is a function of its own memory, of the estimates that reach it and
-of what stands on it, so each such step is run once and kept.
+The step of a cell within a beat is a function of its own memory, of the estimates that reach it and
+of the parcel on it, so each such step is run once and kept.
 """
 
 from array import array
@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 from mdms_cell.rights import right_of_way
 from mdms_protocol.neighbours import frames as wire
 
-#: Nothing came, and what comes from a cell that lives and has nothing to say: its speeds.
+#: Silence, and the message of a cell that lives and has nothing to say: its speeds.
 SILENCE = (0, 0, 0, 0, 0)
 ALIVE = (0, 0, 0, right_of_way.CLEAR, 0)
 #: Identity, state, whether the receiver is wanted, hold, whether the parcel lies over the receiver.
 Message = tuple[int, int, int, int, int]
-#: What a link may deliver within a beat, each alone: this beat's estimate first, silence at last.
+#: The deliveries of a link within a beat, each alone: this beat's estimate first, silence at last.
 Arrivals = tuple[Message, ...]
 
 
@@ -50,16 +50,16 @@ class Delivery:
         self._fresh[direction] = 1
 
     def hand_over(self, cell: Any) -> None:
-        """Pass on what has come, once."""
+        """Pass on the arrived estimates, once."""
         cell.on_estimates(self._rows, self._fresh)
         self._fresh[:] = bytes(right_of_way.DIRECTIONS)
 
 
 class Memory(NamedTuple):
-    """All that the decisions of a cell depend on; what it sends; what its wheels may do.
+    """The data that decisions of a cell depend on, its message, and the permission of its wheels.
 
-    NEAR is kept as NONE, for no decision depends on it. What lies around is kept where the cell is
-    unsure.
+    NEAR is kept as NONE, for no decision depends on it. The parcels around are kept where the cell
+    is unsure.
     """
 
     down: bool
@@ -90,7 +90,7 @@ class Local(NamedTuple):
 
     @property
     def estimate(self) -> Estimate:
-        """What the cell sends next; what says nothing about right of way shows that it lives."""
+        """The cell's next estimate; an estimate without right of way shows that the cell lives."""
         memory = self.memory
         if memory.down:
             return SILENCE
@@ -100,7 +100,7 @@ class Local(NamedTuple):
 
 
 class Input(NamedTuple):
-    """What stands on a cell, the neighbours that it needs, and those that it stands on, too."""
+    """The parcel on a cell, the neighbours that it needs, and those that it stands on, too."""
 
     over: int
     wants: int
@@ -190,7 +190,7 @@ class Cell:
     def steps(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> tuple[int, ...]:
         """The local states that may follow; first that in which every estimate arrives at once."""
         if not self.locals[number].memory.unsure:
-            # It does not ask who lives, nor what lies here.
+            # It needs neither the living neighbours nor the parcel here.
             inbox = tuple(tuple(dict.fromkeys(map(_plain, arrivals))) for arrivals in inbox)
         key = (number, inbox, given)
         found = self._steps.get(key)
@@ -221,7 +221,7 @@ class Cell:
                 yield self._number(self._after(local, memory))
 
     def _choices(self, inbox: tuple[Arrivals, ...]) -> Iterable[tuple[Message, ...]]:
-        """What may arrive from all neighbours; first all of this beat's estimates, at once."""
+        """The estimates that may arrive from all neighbours; first all of this beat's, at once."""
         if self._rules.disturbed is None:
             yield from product(*inbox)
             return
@@ -316,7 +316,7 @@ class Cell:
 
 
 def _plain(message: Message) -> Message:
-    """A message as a cell takes it that knows what lies over it."""
+    """A message as a cell takes it when it knows the parcel over it."""
     return SILENCE if message == ALIVE else (*message[:4], 0)
 
 

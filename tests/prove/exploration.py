@@ -24,7 +24,7 @@ class CounterexampleError(AssertionError):
 
 
 class Found(NamedTuple):
-    """What an exploration to closure has seen."""
+    """The counts of an exploration to closure."""
 
     states: int
     transitions: int
@@ -83,7 +83,7 @@ class Exploration:
         return self._worlds[state[0]]
 
     def memory(self, state: State, cell: int) -> Memory:
-        """What a cell has in mind in a state."""
+        """The memory of a cell in a state."""
         return self.cells[cell].locals[state[1 + cell]].memory
 
     def _number(self, world: World) -> int:
@@ -143,7 +143,7 @@ class Exploration:
         )
 
     def _arrivals(self, cell: int, number: int) -> tuple[Arrivals, ...]:
-        """What may arrive of what a cell said, at its neighbours by direction.
+        """The possible arrivals of a cell's estimates, at its neighbours by direction.
 
         An estimate replaces what its sender said before, so of several the last one counts.
         """
@@ -181,7 +181,7 @@ class Exploration:
         )
 
     def _worlds_after(self, state: State) -> list[int]:
-        """What parcels may do within a beat; first that nothing changes."""
+        """The possible changes of parcels within a beat; first no change."""
         parcels, crash = self.world(state)
         driven = tuple(
             (self._may_drive(state, identity), self._is_noticed(state, identity))
@@ -249,7 +249,7 @@ class Exploration:
                 yield (*prompt[:place], number, *prompt[place + 1 :])
 
     def _crashes(self, world: int, state: State, options: list[tuple[int, ...]]) -> Iterator[State]:
-        """A cell falls silent or restarts, once; one that is silent restarts at any moment."""
+        """A cell falls silent or restarts, once; a silent cell restarts at any moment."""
         parcels, crash = self._worlds[world]
         after = self._number((parcels, False))
         for place, cell in enumerate(self.cells):

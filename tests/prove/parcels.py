@@ -1,7 +1,8 @@
-"""What parcels do on a small table: stand, wish, enter, leave, by steps of one cell.
+"""The behaviour of parcels on a small table: stand, wish, enter, leave, by steps of one cell.
 
-A parcel that stands covers its place. One that wishes to go covers the same, and needs what it
-would cover there. One that is on its way covers both, until it has arrived or gone back.
+A parcel that stands covers its place. A parcel that wishes to go covers the same, and needs the
+place that it would cover there. A parcel that is on its way covers both, until it has arrived or
+gone back.
 """
 
 from dataclasses import dataclass, replace
@@ -114,7 +115,7 @@ class Grid:
         return [goal for goal in goals if goal is not None]
 
     def next_of(self, now: Situation, may_drive: bool, noticed: bool = True) -> list[Situation]:
-        """What may become of a parcel within a beat; first that it goes on as it is.
+        """The possible situations of a parcel after a beat; first that it goes on as it is.
 
         It is not farther on its way before all cells that it lies over have noticed.
         """

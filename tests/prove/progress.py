@@ -1,10 +1,9 @@
 """Whether every parcel with a free way gets on, once estimates arrive.
 
-Among all states that an exploration has found, whatever was lost on the way there, every estimate
-now arrives in its beat and no cell falls; parcels still choose freely. A parcel that waits is
-stuck if there is a cycle in which it never may drive and nobody ever stands where it wants to go.
-Fair is a cycle in which the others do not stop for ever while they might go on, to a cell that it
-waits for.
+Among all states that an exploration has found, with any losses on the way there, every estimate now
+arrives in its beat and no cell falls. Parcels still choose freely. A parcel that waits is stuck if
+there is a cycle in which it never may drive and nobody ever stands where it wants to go. Fair is a
+cycle in which the others do not stop for ever while they might go on, to a cell that it waits for.
 """
 
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""What must hold in every state of a table: right of way, told from outside."""
+"""The conditions of every state of a table: right of way, told from outside."""
 
 from mdms_cell.rights.right_of_way import PROMISED, UNDER
 from tests.prove.cells import Memory

@@ -52,7 +52,7 @@ class Tool:
 
 
 class PlainTool(Tool):
-    """One that has no word for buses."""
+    """A tool without a method for buses."""
 
     poll_buses = None
 
@@ -61,7 +61,7 @@ class PlainTool(Tool):
 
 
 def life(*faults, until_s=0.6, tool=None, nodes="cpython", **more):
-    """What a tool has heard of a run, and the run."""
+    """A tool that has heard a run, the run, and its bus log."""
     tool, log = tool or Tool(), BytesIO()
     scene = scenario(*faults, **more)
     with closing(open_bank(nodes, addresses_of(scene).node_ids)) as bank:

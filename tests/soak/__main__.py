@@ -1,7 +1,7 @@
 """Lets a cell live for simulated hours, and looks at it all the time.
 
-`python -m tests.soak [--hours H] [--nodes cpython|micropython|wasm] [--seed N]` prints what it
-found and how steady the memory is; it ends with 1 if anything was found. The same seed gives the
+`python -m tests.soak [--hours H] [--nodes cpython|micropython|wasm] [--seed N]` prints its findings
+and the steadiness of the memory. It ends with 1 if there was a finding. The same seed gives the
 same frames on every interpreter, which the sum over them shows.
 """
 

@@ -1,4 +1,4 @@
-"""A cell's simulated day on one interpreter: run it, and judge what it reports."""
+"""A cell's simulated day on one interpreter: run it, and judge its reports."""
 
 import math
 import sys
@@ -24,7 +24,7 @@ while life.live({until_ms}, 20):
         life.tell_sample(used())
 life.tell()
 """
-#: What counts as noise, beyond three standard errors of the slope: bytes, or blocks of CPython.
+#: The limit of noise, beyond three standard errors of the slope: bytes, or blocks of CPython.
 _NOISE = {"cpython": 60.0, "micropython": 500.0, "wasm": 500.0}
 _RESIDENT_NOISE_KB = 1024
 _MS_PER_HOUR = 3_600_000
@@ -41,7 +41,7 @@ class Sample:
 
 @dataclass(slots=True)
 class Day:
-    """What came of it; `findings` are sentences with their simulated time."""
+    """The outcome of a day; `findings` are sentences with their simulated time."""
 
     nodes: str
     samples: list[Sample] = field(default_factory=list)

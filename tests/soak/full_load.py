@@ -22,12 +22,12 @@ LOGGERS = 2
 #: Below all else, so that the array's own frames go first and these fill the bus.
 FLOOD_ID = 0x7F0
 LAST_ID = 0x7F1
-#: What a full bus carries at least, by its own timestamps.
+#: The least frame rate of a full bus, by its own timestamps.
 FULL_FRAMES_PER_S = 6000
 
 
 class FullLoad(NamedTuple):
-    """The numbers that each logger has, and what the bus carried a second of its own time."""
+    """The numbers that each logger has, and the frames of the bus in a second of its own time."""
 
     logged: list[list[int]]
     frames_per_s: float
@@ -63,7 +63,7 @@ def flood(bus: can.BusABC, frames: int) -> None:
 
 
 def full_load(served: Served, folder: Path, frames: int) -> FullLoad:
-    """Fill the bus of a served array while loggers of python-can write what they receive."""
+    """Fill the bus of a served array while loggers of python-can write the received frames."""
     logs = [folder / f"{number}.log" for number in range(LOGGERS)]
     loggers = [
         served.start("can_logger", "-i", "mdms", "-c", served.channel, "-f", log) for log in logs
@@ -82,7 +82,7 @@ def full_load(served: Served, folder: Path, frames: int) -> FullLoad:
 
 
 def frames_per_s(log: Path) -> float:
-    """What the bus carried from the first flood frame to the last, by its own timestamps."""
+    """The frame rate of the bus from the first flood frame to the last, by its own timestamps."""
     messages = list(can.CanutilsLogReader(str(log)))
     flooded = [n for n, message in enumerate(messages) if message.arbitration_id == FLOOD_ID]
     first, last = flooded[0], flooded[-1]

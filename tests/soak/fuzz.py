@@ -32,7 +32,7 @@ print("replies", bench.board.frames, bench.board.sum)
 """
 #: Frames between two collections on a build that collects here only, and has 1 MB.
 _PIECE = {"cpython": 10_000, "micropython": 10_000, "wasm": 50}
-#: What the second half may have in use beyond the first: blocks of CPython, bytes of MicroPython.
+#: The growth allowed in the second half: blocks of CPython, bytes of MicroPython.
 _MORE = {"cpython": 100, "micropython": 1024, "wasm": 1024}
 
 

@@ -1,7 +1,6 @@
 """Runs one program on CPython, on MicroPython's unix port or on the 32-bit build, line by line.
 
-What runs sees the firmware, the faked peripherals and the modules it is given, and nothing else of
-ours.
+The program sees the firmware, the faked peripherals and its own modules, and nothing else of ours.
 """
 
 import os

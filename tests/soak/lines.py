@@ -39,7 +39,7 @@ def _lines(code: CodeType, outermost: bool) -> Iterator[int]:
     """Lines of functions; those of modules and classes run when they are imported."""
     function = code.co_flags & 0x02  # CO_NEWLOCALS
     if not outermost and function:
-        # The first line is that of `def`, which belongs to what is around it.
+        # The first line is that of `def`, which belongs to the code around it.
         yield from (line for _, _, line in code.co_lines() if line and line > code.co_firstlineno)
     for constant in code.co_consts:
         if isinstance(constant, CodeType):

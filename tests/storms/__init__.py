@@ -1,1 +1,1 @@
-"""Storms: random runs full of trouble, which search for what the referee forbids."""
+"""Storms: random runs full of trouble, which search for violations of the referee's rules."""

@@ -1,4 +1,4 @@
-"""Runs a storm, and tells what the referee has noted, and how the run has ended.
+"""Runs a storm, and tells the notes of the referee, and the end of the run.
 
 `python -m tests.storms.run SEED` draws a storm, prints it, and runs it; a file in place of a seed
 is read.
@@ -61,8 +61,9 @@ class Ended:
     """How a storm has ended.
 
     `reached` is whether all has happened that the scenario asks for: goals by truth, tasks by the
-    program. `reason` is what the host says in place of it, and `explained` whether that, or one of
-    its messages, names a trouble of the storm. `crash` is an exception that has ended the run.
+    program. `reason` is the host's explanation in place of it. `explained` tells whether that, or
+    one of its messages, names a trouble of the storm. `crash` is an exception that has ended the
+    run.
     """
 
     violations: tuple[Violation, ...]
@@ -95,7 +96,7 @@ def run(storm: Storm) -> Ended:
         try:
             simulation.run_until(scenario.run.duration_s, over=_Over(simulation, storm, host))
         except Exception:
-            # Whatever it is, the storm has found it.
+            # The storm has found it, even if it is unexpected.
             crash = traceback.format_exc()
         simulation.referee.finish()
         reason = host.reason
@@ -154,9 +155,9 @@ class Host:
 
     @property
     def report(self) -> HostReport:
-        """What it says now; of a killed program whoever has killed it knows."""
+        """The report of the program now; for a killed program the report names the kill."""
         if self.coordinator is not None:
-            # What a program has said before it was killed has been said.
+            # The words of a program before it was killed have been said.
             told_s = max([self._told_s, *(time_s for time_s, _ in self.troubles)])
             return replace(host_report_of(self.coordinator), trouble_s=told_s)
         goals = host_report_of(self._before[-1]).goals
@@ -164,13 +165,13 @@ class Host:
 
     @property
     def troubles(self) -> list[tuple[float, str]]:
-        """What all programs have found amiss."""
+        """The troubles that all programs have found."""
         programs = [*self._before, *filter(None, [self.coordinator])]
         return [trouble for one in programs for trouble in one.troubles]
 
     @property
     def said(self) -> list[str]:
-        """What a person is told: troubles, why it cannot go on, and that it stops."""
+        """The messages to a person: troubles, why it cannot go on, and that it stops."""
         programs = [*self._before, *filter(None, [self.coordinator])]
         stops = [text for one in programs for _, text in one.events if "stop" in text]
         reasons = [one.fault or one.lost or one.stuck for one in programs]
@@ -190,11 +191,11 @@ class Host:
             self.coordinator.on_frame(frame, now_s, bus)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
-        """What to send now, where there is one bus."""
+        """The frames to send now, where there is one bus."""
         return [frame for _, frame in self.poll_buses(now_s)]
 
     def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
-        """What to send now, each frame with its bus."""
+        """The frames to send now, each frame with its bus."""
         self._now_s = now_s
         one = self.coordinator
         if one is not None and one.stopped and self._pause_s is not None:
@@ -208,7 +209,7 @@ class Host:
 
 
 class _Events:
-    """What people and other programs do during a storm."""
+    """The actions of people and other programs during a storm."""
 
     def __init__(
         self, simulation: Simulation, bank: PythonBank, scenario: Scenario, host: Host
@@ -247,7 +248,7 @@ class _Events:
         self._at(self._now_s + duration_s, driver.leave)
 
     def _commission(self, cell: int, duration_s: float) -> None:
-        """What `mdms commission` does to a cell; its process may be killed before it is done.
+        """The work of `mdms commission` on a cell; its process may be killed before it is done.
 
         It waits for its answers, so the simulation goes on within this call.
         """
@@ -421,7 +422,7 @@ def _reached(scenario: Scenario, simulation: Simulation, host: Host) -> bool:
     )
 
 
-#: What a message has that names a trouble, by its kind; {cell} and {parcel} are those struck.
+#: The part of a message that names a trouble, by its kind; {cell} and {parcel} are those struck.
 _NAMED: Mapping[str, str] = {
     "supply": r"supply|voltage|0x3[0-9A-F]{3}",
     "host": r"host|heartbeat|late|silent|setpoint",
@@ -458,7 +459,7 @@ _NAMED: Mapping[str, str] = {
 
 
 def _explained(storm: Storm, said: Iterable[str]) -> bool:
-    """Whether what a person is told names a trouble of the storm."""
+    """Whether a message to a person names a trouble of the storm."""
     if any(fault["kind"] == "host" and "duration_s" not in fault for fault in storm.faults):
         # Nobody is left to say anything.
         return True

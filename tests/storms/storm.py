@@ -295,7 +295,7 @@ def _parcels(random: Random, setting: Setting) -> Table:
         goal = place(random, setting, parcel, goals)
         if start is None or goal is None:
             continue
-        # Goals of the host are taken straight, whoever is in the way; programs plan.
+        # Goals of the host are taken straight, even past others; programs plan.
         way = _way(parcel, start, goal)
         if (setting.control, setting.field) == ("host", "goal"):
             if any(gap_m(*one, *other) < APART_M for one in way for other in ways):
@@ -417,7 +417,7 @@ def _corners(parcel: Table, pose: Pose) -> Any:
 
 
 class _Troubles:
-    """Draws what goes wrong; each method is a kind of trouble, and returns a fault or an event."""
+    """Draws troubles; each method is a kind of trouble, and returns a fault or an event."""
 
     def __init__(self, random: Random, setting: Setting, tables: Table) -> None:
         self._random = random
@@ -704,7 +704,7 @@ _ONE_AT_A_TIME = ("off", "hang", "lift", "supply", "wrong_place", "delay", "cut"
 
 
 def _clashes(trouble: Table, faults: list[Table]) -> bool:
-    """Whether a fault meets another one that the same cell, parcel or wire cannot have at once."""
+    """Whether the same cell, parcel or wire would have two faults that exclude each other."""
     return trouble["kind"] in _ONE_AT_A_TIME and any(
         trouble["kind"] in (other["kind"], _ALSO.get(other["kind"]))
         and _share(trouble, other)

@@ -49,7 +49,7 @@ def test_a_storm_gives_the_same_bytes_twice() -> None:
 
 
 def told(ended: Ended) -> Ended:
-    """All but what the machine has a say in."""
+    """All fields that do not depend on the machine."""
     return replace(ended, wall_s=0.0)
 
 

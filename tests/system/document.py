@@ -1,4 +1,4 @@
-"""The fenced blocks of a document: what a reader types, saves and runs, in order."""
+"""The fenced blocks of a document: the texts that a reader types, saves and runs, in order."""
 
 import re
 import shlex
@@ -59,7 +59,7 @@ def blocks_of(path: Path) -> list[Block]:
 
 
 def inline_commands(path: Path) -> set[str]:
-    """What stands in single backquotes and begins with `mdms`, or with where that is."""
+    """Texts in single backquotes that begin with `mdms`, or with its folder."""
     prose = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
     return {" ".join(text.split()) for text in re.findall(r"`(?:\.venv/bin/)?(mdms [^`]+)`", prose)}
 

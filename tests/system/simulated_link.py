@@ -11,7 +11,7 @@ from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
 
 #: How far time goes before a frame that has come is handed over.
 STEP_NS = 200_000
-#: A link waits for a frame no longer than this, whatever it is asked for.
+#: A link waits for a frame no longer than this, even if more is asked.
 READ_TIMEOUT_S = 0.1
 
 

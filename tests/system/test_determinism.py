@@ -25,7 +25,7 @@ BY_CELLS += ["--set", "array.columns=4"]
 
 @pytest.fixture
 def run_of(capsys):
-    """What comes over the bus, and where parcels are."""
+    """The traffic of the bus, and the places of parcels."""
 
     def run(command, *arguments, nodes="cpython"):
         assert main([*command, "--nodes", nodes, *arguments]) == Exit.TIME_LIMIT

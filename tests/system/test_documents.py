@@ -1,4 +1,4 @@
-"""What the documents show is so: every command, program and file in them is run."""
+"""The documents are true: every command, program and file in them is run."""
 
 import io
 import os
@@ -40,7 +40,7 @@ DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 #: With those of the folders, which are read beside the code.
 FOLDERS = ("docs", "firmware", "host", "protocol", "sim_bus")
 ALL = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]
-#: What the changelog says is no more.
+#: The names that the changelog calls removed.
 GONE = {"mdms flash --crash-log"}
 RUN = [
     path.name for path in DOCUMENTS if any(block.language != "text" for block in blocks_of(path))
@@ -49,14 +49,14 @@ RUN = [
 ON_A_BUS = {"commission", "doctor", "identify", "jog", "scan", "configure", "stop"}
 #: The reader's own table is empty until a person puts the box onto it, before a program runs.
 EMPTY = "fault=[]"
-#: What another test runs as it stands, and which call of it; nothing else goes on with it.
+#: Blocks that another test runs as they stand, with the call; nothing else goes on with them.
 ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_simulate.py", 'main(["demo", "--out"')}
-#: What a person types at `mdms commission`: Enter to all questions but the one that wants a yes.
+#: The answers of a person at `mdms commission`: Enter to all questions but the yes.
 CELLS = 18
 ANSWERS = CELLS * "\n" + "y\n" + 2 * CELLS * "\n"
 
 
-#: What the reader of a page has done before it.
+#: The commands that the reader of a page has run before it.
 BEFORE = {"updates.md": "mdms commission --columns 6 --rows 3"}
 
 
@@ -112,7 +112,7 @@ class Reader:
             self.do(" ".join(line.partition("  #")[0].split()))
 
     def _export(self, assignments):
-        """The bus of the document is the virtual one, whatever it is called there."""
+        """The bus of the document is the virtual one, under any name there."""
         named = dict(each.split("=") for each in assignments)
         assert named.keys() <= {"CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE"}
         for name, value in named.items():
@@ -170,7 +170,7 @@ class Reader:
 
     @contextmanager
     def _open_links(self, arguments, _channels=()):
-        """The reader's own table if there is one, or else the one that the program is for."""
+        """The reader's own table if there is one, or else the table of the program."""
         if self._table is not None:
             with self._open_link(arguments) as opened:
                 yield opened
@@ -210,7 +210,7 @@ def write_array(path):
 
 
 def recipe(target):
-    """What `make` runs for a target, which is one command of ours."""
+    """The command that `make` runs for a target, which is one of ours."""
     text = (ROOT / "Makefile").read_text()
     found = re.search(rf"^{target}: .*\n\t\$\(BIN\)/(mdms .*)$", text, re.MULTILINE)
     assert found, f"make {target} runs no command of ours"
@@ -218,7 +218,7 @@ def recipe(target):
 
 
 class UntilALine(io.StringIO):
-    """What a terminal shows to somebody who presses Ctrl-C as soon as there is a line."""
+    """The screen of a person that presses Ctrl-C as soon as there is a line."""
 
     def write(self, text):
         done = super().write(text)
@@ -228,7 +228,7 @@ class UntilALine(io.StringIO):
 
 
 def start_and_end(words):
-    """Run what goes on until Ctrl-C, and press that when it has said something."""
+    """Run a command that goes on until Ctrl-C, and press that when it has printed a line."""
     with redirect_stdout(UntilALine()) as shown, suppress(KeyboardInterrupt):
         assert main(words[1:]) in (Exit.OK, INTERRUPTED), words
     assert "\n" in shown.getvalue(), words

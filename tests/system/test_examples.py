@@ -10,7 +10,7 @@ import pytest
 from mdms_host.cli import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-#: All but the table that some of them share, and what is run by Python itself.
+#: All but the table that some of them share, and the file that Python itself runs.
 PROGRAMS = sorted(
     path.name
     for path in EXAMPLES.iterdir()

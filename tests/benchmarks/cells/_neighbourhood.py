@@ -1,4 +1,4 @@
-"""What one cell of a growing table costs: time, memory and bytes of a cell that steers.
+"""The costs of one cell of a growing table: time, memory and bytes of a cell that steers.
 
 A box goes over the cell in the middle of 18, 54 and 180 cells, at the same speed and at the same
 places about it, so that the traffic of its neighbourhood is the same. Counted over the beats in
@@ -100,7 +100,7 @@ def middle_of(columns: int, rows: int) -> int:
 
 
 def lap(columns: int, rows: int, *, by_calls: bool = False) -> tuple[Watched, Counted, int]:
-    """One run: what the cell in the middle has spent, everyone's bytes, and the cell's memory."""
+    """One run: the middle cell's effort, the bytes of all cells, and the middle cell's memory."""
     middle = middle_of(columns, rows)
     x_m = (middle % columns - (columns - 1) / 2) * PITCH_M
     y_m = (middle // columns - (rows - 1) / 2) * PITCH_M
@@ -122,7 +122,7 @@ def lap(columns: int, rows: int, *, by_calls: bool = False) -> tuple[Watched, Co
 
 
 def own_bytes(cell: Cell) -> int:
-    """What a cell and all that it refers to take, without code and without its board."""
+    """Size of a cell and of all objects that it refers to, without its code and its board."""
     seen = {id(cell._board)}
     waiting: list[Any] = [cell]
     total = 0

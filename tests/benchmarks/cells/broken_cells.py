@@ -35,7 +35,7 @@ FAULTS = {
 
 
 class Case(NamedTuple):
-    """What came of a case, and whether a neighbour has named the cell."""
+    """The outcome of a case, and whether a neighbour has named the cell."""
 
     ended: str
     named: bool
@@ -63,7 +63,7 @@ def case(kind: str, seed: int) -> Case:
 
 
 def outcome(finished: Run) -> str:
-    """What came of it, in a word."""
+    """The outcome of a run, in a word."""
     if finished.arrived():
         return "arrived"
     if not finished.tipped and finished.stands() and not finished.claims_arrival():

@@ -25,7 +25,7 @@ LOSSES = (0.0, 0.02, 0.10)
 
 
 class Crossing(NamedTuple):
-    """What came of a case; `held` and `cut_off` are boxes that stand, and cells report why."""
+    """The outcome of a case; `held` and `cut_off` are boxes that stand, and cells report why."""
 
     touches: int
     arrived: int
@@ -75,7 +75,7 @@ def case(boxes: int, seed: int, loss: float) -> Crossing:
 
 
 def how_it_ended(finished: Run, box: int) -> str:
-    """What came of a box, in a word."""
+    """The outcome of a box, in a word."""
     if finished.arrived(box):
         return "arrived"
     if finished.stands(box) and finished.is_held(box):

@@ -3,11 +3,11 @@
 Boxes of three sizes get seeded start and goal poses on 6 x 3 cells, with motors and friction that
 differ by up to 30 %. A box has arrived that ends within 5 mm and 2 degrees of its goal, and `bound`
 is the lower end of a one-sided 95 % confidence interval of that share (Clopper and Pearson). A
-belief is what a cell under the box sends at SYNC, after sensors have changed three times; beside it
-stands the host's own estimate in the same runs, as long as there is a host. `MDMS_CASES` is the
-number of cases of each kind (default 20), `MDMS_SEED` the first seed (default 1), `MDMS_KIND` what
-the name of a kind begins with (default: all); a case takes some 2 s. A box that has not arrived
-stands where it was held, unless it is among those `fallen`.
+belief is the estimate that a cell under the box sends at SYNC, after three changes of its sensors.
+The host's own estimate in the same runs stands beside it, as long as there is a host. `MDMS_CASES`
+is the number of cases of each kind (default 20), `MDMS_SEED` the first seed (default 1),
+`MDMS_KIND` the beginning of the name of a kind (default: all); a case takes some 2 s. A box that
+has not arrived stands where it was held, unless it is among those `fallen`.
 """
 
 import os
@@ -110,7 +110,7 @@ class Watching:
             self._estimate = np.array([estimate.x_m, estimate.y_m, estimate.yaw_rad])
 
     def _compare(self) -> None:
-        """Take in what was sent at the last SYNC."""
+        """Take in the reports of the last SYNC."""
         if self._truth is None:
             return
         sync_s, pose, twist = self._truth
@@ -192,7 +192,7 @@ def case(scenario: Scenario, tally: Tally) -> None:
 
 
 def kinds(seed: int) -> dict[str, tuple[str, ...]]:
-    """What is different in each kind of case, by seed."""
+    """The overrides of each kind of case, by seed."""
     random = Random(f"kind {seed}")
     gone_s, dead_s = random.uniform(0.8, 3.0), random.uniform(1.0, 3.0)
     gone = f"{{kind='host', start_s={gone_s}}}"

@@ -26,7 +26,7 @@ SAMPLE_S = 0.01
 
 
 class Pass(NamedTuple):
-    """What came of a pass."""
+    """The outcome of a pass."""
 
     swaps: int
     touches: int

@@ -32,7 +32,7 @@ FIRST_S, LAST_S = 0.8, 1.8
 
 
 def defects(row: Row, ended: Ended) -> list[str]:
-    """What was not as documented."""
+    """The differences from the documented outcome."""
     found = []
     if ended.ends not in (row.ends, *row.otherwise):
         found.append(f"ended with {ended.ends.name}")

@@ -59,7 +59,7 @@ class Driven:
 
 
 class Traffic:
-    """What a cell receives; `live` is called until it returns False."""
+    """Frames that a cell receives; `live` is called until it returns False."""
 
     def __init__(self, cell):
         self._cell = cell

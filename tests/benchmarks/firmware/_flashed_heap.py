@@ -1,6 +1,6 @@
 """The heap that all takes that is flashed, on the 32-bit MicroPython and faked peripherals.
 
-That build makes no machine code, so what a board has as such is bytecode here.
+That build makes no machine code, so the machine code of a board is bytecode here.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ _FAKED = ("machine", "pyb", "stm", "world", "pin_names", "can_controller", "can_
 _FAKED += ("can_fd",)
 FAKES = tuple(Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py" for name in _FAKED)
 BOARD = "pybv11"
-#: What only boards load that have room for a second firmware; `main` loads `mdms_boot` from files.
+#: Modules of boards with room for a second firmware; `main` loads `mdms_boot` from files.
 ROOMY = ("mdms_cell.update.update",)
 ROOMY += ("mdms_cell.update.signature", "mdms_protocol.update.bundle", "mdms_boot")
 OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt")
 #: From files, from a ROMFS in flash, and from a slot, whose image lies in the heap besides.
 WAYS = ("copies", "romfs", "slot")
-#: What the interpreter itself has taken.
+#: The memory of the interpreter itself.
 _BARE = "import gc; print(gc.mem_alloc())"
-#: What measures, and the peripherals, do not count. That build finds garbage at module level only.
+#: Measuring code and peripherals do not count. That build finds garbage at module level only.
 _MEASURE = """
 import gc, sys
 def note():
@@ -82,8 +82,8 @@ OPERATIONAL = 5
 class FlashedHeap:
     """Bytes in use: code alone, cell made, operational, after traffic, with every module loaded.
 
-    `half` is amid the traffic. All but `code` have in them what the interpreter takes. `left` is
-    what the image of a slot leaves of the heap, `garbage` that of a second.
+    `half` is amid the traffic. All figures but `code` include the memory of the interpreter. `left`
+    is the rest of the heap beside the image of a slot, `garbage` the growth in a second of traffic.
     """
 
     code: int
@@ -97,7 +97,7 @@ class FlashedHeap:
 
 
 def flashed_heap(folder: Path, way: str, cycles: int) -> FlashedHeap:
-    """Start what is flashed as `main` does, boot it, and let so many SYNC periods pass."""
+    """Start the flashed firmware as `main` does, boot it, and let this many SYNC periods pass."""
     folder.mkdir()
     modules = _staged(folder, way)
     loads = "\n".join(f"load({name!r})" for name in modules)

@@ -111,7 +111,7 @@ def beat_us(turns, replay=Loop.replay):
 
 
 def layer_bytes():
-    """What the layer's data take of the heap; 0 on CPython, which does not say."""
+    """Bytes of the heap for the layer's data; 0 on CPython, which gives no figure."""
     if not hasattr(gc, "mem_alloc"):
         return 0
     from mdms_cell.neighbour_layer import Layer

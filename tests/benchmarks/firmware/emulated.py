@@ -38,7 +38,7 @@ HOST_ALONE = ("mdms_protocol/neighbours/messages.py",)
 KEPT_PLACES = (128, 1024)
 HEAP_BYTES = 2_500_000
 TIME_LIMIT_S = 300
-#: What MicroPython's build reads of a board.
+#: The files that MicroPython's build reads of a board.
 _BOARD = f"""
 QEMU_ARCH = arm
 CFLAGS += -mthumb -mcpu={CORE} -mfloat-abi=soft -DQEMU_SOC_MPS2
@@ -116,7 +116,7 @@ def _built(micropython: Path, folder: Path, kept: int) -> Path:
 
 
 def _emulated(firmware: Path) -> str:
-    """What the measurement prints; it is typed at MicroPython's prompt."""
+    """The output of the measurement; it is typed at MicroPython's prompt."""
     clock = ["-icount", "shift=0,sleep=off"]
     quiet = ["-nographic", "-monitor", "none", "-serial", "stdio", "-semihosting"]
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""What acceptance filters let through that a cell drops, where the cells of a table steer."""
+"""Frames that acceptance filters pass and a cell drops, where the cells of a table steer."""
 
 import sys
 from collections.abc import Iterable

@@ -9,8 +9,8 @@ in 6 us). It leaves out the calls around it and the peripherals.
 The estimate for the neighbour layer rests on the instructions of the unix port under valgrind that
 a beat takes, and on how many of an emulated Cortex-M4 it takes for each (`emulated`). Beats are
 replayed as a board gets them: each frame from the controller through the inbox, with five that
-filters let through and the cell drops, and turns of the background loop. What stands for the
-controller, which on a board is C, and what replays is counted apart, and left out.
+filters let through and the cell drops, and turns of the background loop. The replay and the
+stand-in for the controller, which on a board is C, are counted apart and left out.
 """
 
 import os
@@ -58,7 +58,7 @@ SYNC_HZ = 100
 LAYER_BEATS = (20, 60)
 #: SYNC periods of 10 ms in an hour.
 HOUR_CYCLES = 360_000
-#: What a board has to have free; firmware of a slot has what its image leaves.
+#: The required free heap of a board; firmware of a slot has the rest beside its image.
 NEEDS = {"copies": COPIES_HEAP, "romfs": ROM_HEAP}
 #: A cell with its loop and queues, every tick and poll; garbage is collected at 100 KB more.
 _HOUR = """
@@ -162,7 +162,7 @@ def _layer_bytes32(folder: Path) -> int:
 
 
 def _share(folder: Path) -> list[Row]:
-    """What that beat would take of a Cortex-M4, counted by valgrind; nothing where it is not."""
+    """The cost of that beat on a Cortex-M4, counted by valgrind; no rows without valgrind."""
     if shutil.which("valgrind") is None:
         return []
     stand_ins = _a_beat(folder, "apart")
@@ -177,7 +177,7 @@ def _share(folder: Path) -> list[Row]:
 
 
 def shares(instructions: float) -> list[Row]:
-    """What a beat of so many instructions takes of each board's processor."""
+    """The share of each board's processor for a beat of this many instructions."""
     return [
         row(
             f"its share of a {board} at 100 Hz",
@@ -217,7 +217,7 @@ def row(name: str, ours: float, unit: str, peer: float | None = None, **more: ob
 
 
 def _heap(folder: Path) -> list[Row]:
-    """What the firmware takes of a heap, with what the interpreter has taken at its start."""
+    """The firmware's share of a heap, including the interpreter's share at its start."""
     rows = [row for way in WAYS for row in _flashed(folder / way, way)]
     return [*rows, *_full_hour(folder / "hour")]
 

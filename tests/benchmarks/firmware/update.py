@@ -3,7 +3,7 @@
 The time is that of the virtual bus, with the cells' firmware and the host's updater; a cell stands
 still for as long as its flash needs, at most, to erase a block and to program pages (W25Q64). Then
 a cell of real MicroPython is ended by kill -9 at operations of its flash and at frames, each on a
-flash of its own: afterwards it has to boot with the motors off, say what it runs, have its
+flash of its own: afterwards it has to boot with the motors off, report its version, have its
 settings, and take the firmware.
 """
 
@@ -67,7 +67,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def row(name: str, ours: float, limit: float, unit: str, **more: object) -> dict[str, Any]:
-    """One line of the table; the peer is what is asked for."""
+    """One line of the table; the peer is the required limit."""
     return {
         "name": name,
         "ours": ours,
@@ -161,14 +161,14 @@ class Cut:
 
 
 def every_operation(first: bytes, folder: str) -> Iterator[str | None]:
-    """A bundle of what a board has of its own, cut at each operation of its way into flash."""
+    """A bundle of the board's own files, cut at each operation of its way into flash."""
     sent = small()
     for operation in range(operations(first, folder, sent)):
         yield survives(first, folder, Cut(sent, operation))
 
 
 def every_operation_on_trial(first: bytes, folder: str) -> Iterator[str | None]:
-    """A bundle of what a board has of its own, cut from its first start to its confirmation."""
+    """A bundle of the board's own files, cut from its first start to its confirmation."""
     sent = small()
     for operation in count():
         with powered(fresh(folder), first) as cell:
@@ -209,7 +209,7 @@ def operations(first: bytes, folder: str, sent: Bundle) -> int:
 
 
 def survives(first: bytes, folder: str, cut: Cut) -> str | None:
-    """What is wrong with a cell after a cut, or with its next update; None if nothing is."""
+    """The fault of a cell after a cut, or of its next update; None without a fault."""
     with powered(fresh(folder), first, cut.operation) as cell:
         booted(cell)
         if update(cell, cut.sent, lambda frames: frames >= cut.frames).over:
@@ -242,7 +242,7 @@ def fresh(folder: str) -> Path:
 
 
 def counted(name: str, outcomes: Iterator[str | None]) -> dict[str, Any]:
-    """How many cells are well, of how many; what is wrong with the others."""
+    """The number of cells that are well, of all cells; the faults of the others."""
     found = list(outcomes)
     wrong = [text for text in found if text is not None]
     return row(name, len(found) - len(wrong), len(found), "cells", wrong="; ".join(wrong) or None)

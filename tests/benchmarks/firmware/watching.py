@@ -1,4 +1,4 @@
-"""What a healthy wheel shows to the watching of stall and reversal, which is on by default.
+"""The detection of stall and reversal, which is on by default, at a healthy wheel.
 
 `python -m tests.benchmarks watching` drives a box to and fro by all cells at once, over masses,
 frictions, spreads of the motors and speeds up to 1 m/s, and counts faults: there must be none.
@@ -56,7 +56,7 @@ class ToAndFro:
 
 
 def faults(seed: int) -> tuple[str, list[tuple[float, int, int]]]:
-    """What was tried with this seed, and the emergencies that came of it."""
+    """The conditions that this seed draws, and the emergencies that came of them."""
     random = Random(seed)
     mass_kg = random.choice((0.5, 1.0, 2.0, 5.0, 10.0))
     friction = random.choice((0.1, 0.2, 0.3, 0.6))

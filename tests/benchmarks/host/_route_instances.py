@@ -113,7 +113,7 @@ def started(table: Table, random: Random, count: int) -> list[RouteTask]:
 
 
 def with_goals(table: Table, random: Random, tasks: Sequence[RouteTask]) -> list[RouteTask] | None:
-    """The same with goals, one after another; None: one that is left finds none."""
+    """The same with goals, one after another; None: a remaining task finds no goal."""
     taken = np.zeros(table.planner.tiles.count, dtype=bool)
     for task in tasks:
         taken[table.planner.stand(task.shape, task.start)] = True

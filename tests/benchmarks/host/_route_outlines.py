@@ -107,7 +107,7 @@ class Swept:
         return poses[:1] if (poses == poses[0]).all() else poses
 
     def over(self, from_s: float, to_s: float) -> Polygon:
-        """What the outline meets within a span, and a little more: what a turn bulges out."""
+        """The area that the outline meets within a span, and a little more: the bulge of a turn."""
         if (from_s, to_s) not in self.spans:
             parts_m = self.corners_m(self.key_poses(from_s, to_s))
             hull = Polygon(parts_m[0])
@@ -150,7 +150,7 @@ def hangs_over(half_m: np.ndarray, one: Swept, from_s: float, to_s: float) -> bo
 
 
 def faults(size_m: tuple[float, float], tasks: Sequence[RouteTask], plan: Plan) -> list[str]:
-    """What is wrong with a plan for a table of this size: who does not arrive, or touches whom."""
+    """The faults of a plan for a table of this size: parcels that touch or do not arrive."""
     found = [str(blocked) for blocked in plan.blocked.values()]
     swept = [Swept(task, plan.routes[task.parcel]) for task in tasks]
     half_m = np.array(size_m) / 2 + EDGE_M

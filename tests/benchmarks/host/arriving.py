@@ -1,4 +1,4 @@
-"""Parcels of three kinds between random poses on 6 x 3 cells: who arrives, and what is believed.
+"""Parcels of three kinds between random poses on 6 x 3 cells: arrivals and beliefs.
 
 Two boxes and a disc get seeded start and goal poses on the cells of `array18`, no nearer to tipping
 than a run allows, and are carried as fast as friction lets them. `python -m tests.benchmarks
@@ -215,7 +215,7 @@ def _judge(
 
 
 def run_kind(kind: str, seeds: range) -> list[Row]:
-    """Rows: the share that arrives, and what the belief is off."""
+    """Rows: the share that arrives, and the error of the belief."""
     cases = {seed: case(kind, seed) for seed in seeds}
     missed = {seed: one.reason for seed, one in cases.items() if not one.arrived}
     well = len(cases) - len(missed)

@@ -1,4 +1,4 @@
-"""What the host's belief of a parcel is worth, against the truth of the simulation.
+"""The quality of the host's belief of a parcel, against the truth of the simulation.
 
 `python -m tests.benchmarks belief` carries a box of 0.36 m x 0.30 m over 18 cells, from places to
 others that are drawn by seed, and prints
@@ -138,7 +138,7 @@ def ride(seed: int, more: Callable[[int], list[str]]) -> Ride:
 
 
 class _Instants:
-    """Keeps what a tracker believes every 20 mm of way from the third edge on, and at last."""
+    """Keeps a tracker's beliefs every 20 mm of way from the third edge on, and the last one."""
 
     def __init__(self, tracker: Tracker) -> None:
         self._kept: list[tuple[float, np.ndarray, np.ndarray]] = []
@@ -171,7 +171,7 @@ class _Instants:
 
 
 def _off(believed: np.ndarray, truth: list[float]) -> np.ndarray:
-    """What a belief is off; a box looks the same after half a turn."""
+    """The error of a belief; a box looks the same after half a turn."""
     off: np.ndarray = believed - truth
     off[2] = (off[2] + pi / 2) % pi - pi / 2
     return off

@@ -61,7 +61,7 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
 
 @dataclass(slots=True)
 class Case:
-    """How a case has ended, and what the referee has noted."""
+    """How a case has ended, and the violations that the referee has noted."""
 
     arrived: bool = False
     untrue: str = ""
@@ -141,7 +141,7 @@ def off_goal(simulation: Simulation) -> tuple[float, float]:
 
 
 def row_of(kind: str, cases: dict[int, Case]) -> dict[str, Any]:
-    """How many boxes of a kind arrive, and what was said or done against the rules, by seed."""
+    """How many boxes of a kind arrive; their untrue reports and broken rules, by seed."""
     well, count = sum(one.arrived for one in cases.values()), len(cases)
     untrue = {seed: one.untrue for seed, one in cases.items() if one.untrue}
     broken = {seed: one.broken for seed, one in cases.items() if one.broken}
@@ -166,7 +166,7 @@ def row_of(kind: str, cases: dict[int, Case]) -> dict[str, Any]:
 
 
 def by_seed(texts: dict[int, str]) -> str | None:
-    """What has happened in each case, in one line."""
+    """The text of each case, in one line."""
     return "; ".join(f"{seed}: {text}" for seed, text in texts.items()) or None
 
 

@@ -2,7 +2,7 @@
 
 Each is imported in processes of its own, by turns. The least processor time counts, less that of an
 interpreter that imports nothing: what else the machine does only adds. The import is to take less
-than a quarter; what the name `connect` loads is shown beside it.
+than a quarter; the time for the name `connect` is shown beside it.
 """
 
 import os

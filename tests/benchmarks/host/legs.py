@@ -8,12 +8,12 @@ with. `MDMS_INSTANCES` is the number of instances a table (default 60).
 The last row is of firmware and buses of 54 cells: instances in which a parcel has been given a way
 of four legs or more when the host is killed for good, at an instant that is drawn by seed. Of the
 parcels that had a way by then, `arrived` are those within 5 mm and 2 degrees of their goals at
-rest; `beside` are those that stand within 40 mm of them, for their places were not known better;
-`blocked` ones stand elsewhere though they had all of their way, `short` ones at the end of what
-they had; `failed` ones are of cases in which a parcel tipped, touched another, or still moves, and
-`waiting` ones had no way then. `bound` is the lower end of a one-sided 95 % confidence interval of
-the share that arrives (Clopper and Pearson). `MDMS_CASES` is the number of cases (default 2),
-`MDMS_SEED` the first seed (default 1).
+rest. `beside` are those that stand within 40 mm of them, because their places were not known
+better. `blocked` ones stand elsewhere though they had all of their way. `short` ones stand at the
+end of the part of their way that they had. `failed` ones are of cases in which a parcel tipped,
+touched another, or still moves. `waiting` ones had no way then. `bound` is the lower end of a
+one-sided 95 % confidence interval of the share that arrives (Clopper and Pearson). `MDMS_CASES` is
+the number of cases (default 2), `MDMS_SEED` the first seed (default 1).
 """
 
 import os
@@ -119,7 +119,7 @@ def over(legs: Counter[int], most: int) -> int:
 
 @dataclass
 class Given:
-    """What the host has given the cells of each parcel, by identity, as the bus shows it."""
+    """The places that the host has given to cells, by the parcel's identity, seen on the bus."""
 
     until_s: float
     places: dict[int, dict[int, tuple[int, int]]] = field(default_factory=dict)
@@ -136,7 +136,7 @@ class Given:
             return
         leg = page.leg if page.leg < wire.JOINS else 0
         if not leg and page.sequence != self.sequence.get(page.identity):
-            # The rest of a way joins what is there; else nothing of that counts any more.
+            # The rest of a way joins the given places; else none of them counts any more.
             old = self.places.get(page.identity, {})
             kept = {number - 1: place for number, place in old.items() if number > 1}
             self.places[page.identity] = kept if page.leg == wire.JOINS else {}
@@ -190,7 +190,7 @@ def winding(table: CellsTable, first: int) -> Iterator[tuple[int, Sequence[Route
 
 
 def alone(tasks: Sequence[RouteTask], seed: int, gone_s: float) -> Mapping[str, str]:
-    """What becomes of each parcel when the host is killed then.
+    """The outcome of each parcel when the host is killed at that time.
 
     Nothing, where none has been given a way of many legs by then: from where parcels are found,
     some mm beside, there may be another way, or none.
@@ -236,7 +236,7 @@ def alone(tasks: Sequence[RouteTask], seed: int, gone_s: float) -> Mapping[str, 
 
 
 def outcome(task: RouteTask, pose: Sequence[float], identity: int, given: Given) -> str:
-    """What has become of one parcel that stands."""
+    """The outcome of one parcel that stands."""
     assert task.goal is not None
     if identity not in given.places:
         return "waiting"
@@ -267,7 +267,7 @@ def parcel_text(task: RouteTask) -> str:
 
 
 def task_text(number: int, task: RouteTask) -> str:
-    """What is to be done with it, beside those before it."""
+    """The task of a parcel, beside the tasks before it."""
     assert task.goal is not None
     x_m, y_m, yaw_rad = task.goal
     turn = "" if isinstance(task.shape.footprint, Disc) else f", yaw_rad={yaw_rad:.4f}"

@@ -179,12 +179,12 @@ def _thread_s(name: str) -> float:
 
 
 def large() -> list[dict[str, Any]]:
-    """Times of frames in a browser, and what the server costs meanwhile."""
+    """Times of frames in a browser, and the cost of the server meanwhile."""
     chromium = shutil.which("chromium")
     if chromium is None:
         print("  no browser: install chromium")
         return []
-    # What a server does not need.
+    # A server does not need this.
     from playwright.sync_api import sync_playwright
 
     with Page(Dancing(), MonotonicClock()) as page, attended(page), sync_playwright() as playwright:

@@ -1,4 +1,4 @@
-"""What it takes to follow many parcels, and how well sizes are learned that nobody told.
+"""The cost of following many parcels, and the accuracy of sizes that nobody told.
 
 `python -m tests.benchmarks parcels` prints
 
@@ -47,7 +47,7 @@ Row = dict[str, object]
 
 
 class Learning(FieldProgram):
-    """Names what is unknown by its size at rest, then moves it to and fro."""
+    """Names an unknown parcel by its size at rest, then moves it to and fro."""
 
     def __init__(self, layout: Layout, droop: float) -> None:
         super().__init__(np.zeros(len(layout.wheel_cells)))
@@ -81,7 +81,7 @@ class Learning(FieldProgram):
 
 
 def learned(seed: int) -> tuple[list[float], list[float], list[float]]:
-    """What the size of a box is off: at rest, after it has moved, and its standard deviations."""
+    """The error of the size of a box: at rest, after it has moved, and its standard deviations."""
     random = Random(f"parcels/{seed}")
     sides_m = sorted((random.uniform(0.24, 0.40), random.uniform(0.24, 0.34)), reverse=True)
     keys = [

@@ -1,10 +1,10 @@
-"""What real time costs the host: how evenly SYNC goes out, and how long setpoints take.
+"""The costs of real time for the host: how evenly SYNC goes out, and how long setpoints take.
 
 18 served cells carry the box of a program back and forth, through the plug-in. Setpoints are due
-halfway between two SYNCs, when all states have long come; from then on until the last of them has
-been handed to the bus is what the host takes for belief, plan, allocation and encoding. What the
-machine does besides is in these figures, and its load average beside them; it is not in the
-processor time of the same.
+halfway between two SYNCs, when all states have long come. The host's time for belief, plan,
+allocation and encoding runs from then until the last setpoint is handed to the bus. Other work of
+the machine is in these figures, and its load average stands beside them. Other work is not in the
+processor time of the same steps.
 """
 
 import os

@@ -1,11 +1,11 @@
 """Random well-formed instances of many parcels: does every parcel arrive, and touch no other?
 
-Instances are of `_route_instances`; what is planned is checked by `_route_outlines`, which has no
-code in common with the planner. Times are of the processor, for all parcels at once (`ours`), and
-for one that is planned anew while the others keep their routes (`one_ms`). Where somebody would
-then have waited for it for ever, all were planned anew: in `anew` instances, the times of which are
-counted apart (`anew_ms`, that of the vain plan for one included).
-`bound` is the upper end of a one-sided 95 % confidence interval of the share that fails.
+Instances are of `_route_instances`. Plans are checked by `_route_outlines`, which has no code in
+common with the planner. Times are of the processor, for all parcels at once (`ours`), and for a
+single parcel that is planned anew while the others keep their routes (`one_ms`). Where somebody
+would then have waited for it for ever, all were planned anew: in `anew` instances, with their times
+counted apart (`anew_ms`, including the time of the vain plan for one). `bound` is the upper end of
+a one-sided 95 % confidence interval of the share that fails.
 
 `python -m tests.benchmarks.host.routes [--instances N] [--seed S] [--seconds T] [--table 9x6]`
 prints more of it, by table.
@@ -32,7 +32,7 @@ CONFIDENCE = 0.95
 
 @dataclass
 class Count:
-    """What came of the instances of a table."""
+    """The outcome of the instances of a table."""
 
     instances: int = 0
     parcels: int = 0
@@ -70,7 +70,7 @@ def try_one(table: Table, seed: int, count: Count) -> None:
 
 
 def held(plan: Plan) -> frozenset[str]:
-    """Who never arrives while all keep to the order over tiles, from the begin of their routes."""
+    """Parcels that never arrive from the begin of their routes while all keep to the tile order."""
     return plan.authority.held(begun_m(plan), ())
 
 
@@ -106,8 +106,8 @@ def rows_of(
     """So many instances of each table, or as many as so long a time allows."""
     for table in tables:
         count = Count()
-        try_one(table, seed - 1, Count())  # what is worked out once a shape, and compiled
-        # As in runs in real time: what is there already is not looked through for garbage.
+        try_one(table, seed - 1, Count())  # results that are worked out once a shape, and compiled
+        # As in runs in real time: present objects are not looked through for garbage.
         gc.collect()
         gc.freeze()
         end_s = monotonic() + seconds

@@ -26,7 +26,7 @@ WAYS = ("mdms", "terminal", "tcp")
 #: An idle machine, one busy core, and all of them.
 BUSY = tuple(sorted({0, 1, os.cpu_count() or 1}))
 CONFIDENCE = 0.95
-#: What a fault says that a delay of the computer is the reason of.
+#: The text of a fault whose reason is a delay of the computer.
 DELAYED = ("held up", "too busy or too slow")
 DONE, DELAY, OTHER = "done", "fault by a delay", "other"
 
@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("--busy", type=int, nargs="+")
     parser.add_argument("--ways", nargs="+", choices=WAYS, default=WAYS)
     told = parser.parse_args()
-    # What was started ends with this, however it ends.
+    # Started processes end with this, however it ends.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     for busy in told.busy if told.busy is not None else BUSY:
         for way in told.ways:

@@ -1,8 +1,8 @@
-"""How often a parcel is led around what it might tip on, and what looking for its way takes.
+"""How often a parcel is led around places where it might tip, and the time of that search.
 
-Random ways of one parcel on 6 x 3 and 14 x 9 cells, of those that goals may have: straight, with
-10 mm of margin for a parcel that keeps to them. Processor times are of one step of the search
-(`motion.way_search`), which is what a cycle waits for; with NUMBA_DISABLE_JIT=1 they are those
+Random ways of one parcel on 6 x 3 and 14 x 9 cells, of those that goals may have: straight, with 10
+mm of margin for a parcel that keeps to them. Processor times are of one step of the search
+(`motion.way_search`), the part that a cycle waits for. With NUMBA_DISABLE_JIT=1 they are those
 without numba. `MDMS_CASES` is the number of ways a row (default 200), `MDMS_SEED` the seed.
 """
 

@@ -1,8 +1,8 @@
 """Tables that grow: the array in closed loop on one, three and ten buses of 18 cells.
 
-A box is steered in the middle, and gateways forward the states of cells at a border. What a cell
-sends and receives must not depend on the table's size; counted are the bytes of data in frames that
-cells send, and that pass their filters, the mean of all cells and the most of one.
+A box is steered in the middle, and gateways forward the states of cells at a border. The traffic of
+a cell must not depend on the table's size. Counted are the bytes of data in frames that cells send,
+and in frames that pass their filters: the mean of all cells and the most of one.
 """
 
 import time
@@ -51,12 +51,12 @@ class Counted:
         return getattr(self._bank, name)
 
     def deliver(self, cell: int, frame: Frame) -> None:
-        """Counts what a cell gets."""
+        """Counts the bytes that a cell receives."""
         self.received[cell] += len(frame.data)
         self._bank.deliver(cell, frame)
 
     def collect(self, cell: int) -> list[Frame]:
-        """Counts what a cell gives."""
+        """Counts the bytes that a cell sends."""
         return self._count(cell, self._bank.collect(cell))
 
     def collect_all(self) -> list[tuple[int, list[Frame]]]:

@@ -2,7 +2,7 @@
 
 Ours keeps time, arbitrates, counts stuff bits and filters; `virtual` copies every message into the
 queue of every other member. The array is `array18` with its coordinator in closed loop; `cells` and
-`coordinator` are their shares of its time, what is left are bus, log, physics and kernel. Then
+`coordinator` are their shares of its time, and the rest is bus, log, physics and kernel. Then
 tables that grow, with 18 cells a bus, and what one cell in their middle costs.
 """
 
@@ -69,7 +69,7 @@ def traffic(stations: int, frames: int) -> list[Frame]:
 
 
 def frames_a_second(stations: int) -> float:
-    """What a bus that is never idle carries, every frame filtered by all but one station."""
+    """Frame rate of a bus that is never idle, with every frame filtered by all but one station."""
     frames = traffic(stations, FRAMES)
     return FRAMES / best(ROUNDS, lambda: one_bus(stations, frames))
 
@@ -99,7 +99,7 @@ def one_bus(stations: int, frames: list[Frame]) -> Callable[[], None]:
 
 
 def virtual_frames_a_second(stations: int) -> float:
-    """What python-can's virtual bus carries when every member reads what it is sent."""
+    """Frame rate of python-can's virtual bus when every member reads its messages."""
     frames = traffic(stations, PEER_FRAMES)
     members = [can.Bus("benchmark", interface="virtual") for _ in range(stations)]
     messages = [
@@ -120,7 +120,7 @@ def virtual_frames_a_second(stations: int) -> float:
 
 
 def best(rounds: int, prepare: Callable[[], Callable[[], None]]) -> float:
-    """Shortest wall time of what is prepared each time [s]."""
+    """Shortest wall time of the functions that `prepare` returns [s]."""
     times = []
     for _ in range(rounds):
         drive = prepare()

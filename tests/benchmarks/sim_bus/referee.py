@@ -1,4 +1,4 @@
-"""What the referee costs: runs in closed loop with it and without, side by side.
+"""The cost of the referee: runs in closed loop with it and without, side by side.
 
 `ours` is how much longer a run takes with it, as a share; its share of the whole is to be a tenth
 at most. Runs take turns, the processor's time counts, and the shortest of each kind is compared.

@@ -45,7 +45,7 @@ class Way:
 
 
 def hardware(form: str, mass_kg: float, speed_m_s: float) -> Way:
-    """The way on after a stop in hardware, whatever the cells do: coasting, short, category 1."""
+    """The way on after a stop in hardware, without the cells: coasting, short, category 1."""
     world = _running(mass_kg, speed_m_s)
     bridges, still = world.bridges, np.zeros((COLUMNS * 3, 2), np.int32)
     start_m, start_s = world.pose[0, 0], world.time_s
@@ -75,7 +75,7 @@ def _running(mass_kg: float, speed_m_s: float) -> World:
     along[:, 0] = speed_m_s
     while True:
         wheels_m_s = world.wheel_speed_m_s[first]
-        # What the speed loop asks for, with its droop made up for.
+        # The voltage that the speed loop asks for, with its droop made up for.
         along[:, 0] += 0.02 * (speed_m_s - wheels_m_s)
         volts = GAIN_VS_PER_M * (along[:, 0] - wheels_m_s)
         world.step_cells(np.column_stack((volts, 0 * volts)) * 1e6, STEP_S)

@@ -106,7 +106,7 @@ def run(arguments: list[str] | None = None) -> list[dict[str, Any]]:
 
 
 def _remarks(one: Case) -> Iterator[str]:
-    """What broke, as it happened: the first violation of each rule."""
+    """The violations in the order of time: the first violation of each rule."""
     seen: set[str] = set()
     for each in one.ended.violations:
         if each.rule not in seen:

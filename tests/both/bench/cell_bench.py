@@ -1,4 +1,4 @@
-"""A cell on a board that writes down what is sent, for tests on every interpreter."""
+"""A cell on a board that records the sent frames, for tests on every interpreter."""
 
 from array import array
 
@@ -11,7 +11,7 @@ NODE = 5
 
 
 class Board:
-    """Records what is sent; the wheels stand still."""
+    """Records the sent frames; the wheels stand still."""
 
     def __init__(self):
         self.registers = array("i", [0] * speed_loop.REGISTERS)

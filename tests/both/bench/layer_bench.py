@@ -29,7 +29,7 @@ def _u32(number):
 class Middle:
     """The cell, and what its neighbours would send while the parcel goes along x at a speed."""
 
-    #: What the cell is told of its neighbours, and where the parcel lies; along y as is said.
+    #: The neighbours that the cell is told of, and the place of the parcel.
     neighbours = NEIGHBOURS
     placed_x_um = -60_000
     placed_y_um = 0
@@ -46,7 +46,7 @@ class Middle:
         self.silent = None
         self.sequence = 1
         self.program_flags = 0
-        #: What all neighbours report of their program.
+        #: The reports of all neighbours about their program.
         self.its_sequence = 1
         self.its_flags = 0
         self.lifted = False

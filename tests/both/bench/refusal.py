@@ -1,4 +1,4 @@
-"""How the objects of a cell refuse what a client asks, for tests on every interpreter."""
+"""How the objects of a cell refuse a request of a client, for tests on every interpreter."""
 
 from mdms_protocol.codecs import sdo
 

@@ -1,4 +1,4 @@
-"""How a cell comes by its node id, and what it says when somebody else has it."""
+"""How a cell comes by its node id, and its report when another node has it."""
 
 from cell_bench import NODE, Board, booted, enable
 

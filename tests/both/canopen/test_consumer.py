@@ -1,4 +1,4 @@
-"""The heartbeat consumer by itself: whom it watches, and when somebody counts as silent."""
+"""The heartbeat consumer by itself: its watched nodes, and the time until one counts as silent."""
 
 from refusal import code_of
 

@@ -1,4 +1,4 @@
-"""What a cell does when somebody falls silent, a frame does not come, or its node id is taken."""
+"""The reaction of a cell when a node falls silent, a frame is missing, or its node id is taken."""
 
 from cell_bench import emergencies, enable, operational
 

@@ -28,7 +28,7 @@ class Bench:
         return self.room
 
     def poll(self, elapsed_ms, state=nmt.PRE_OPERATIONAL):
-        """What was sent, and in how many milliseconds the next poll is wanted."""
+        """The number of sent frames, and the milliseconds until the next wanted poll."""
         self.sent.clear()
         wait_ms = self.heartbeat.poll(ticks.after(self.start_ms, elapsed_ms), NODE, state)
         return len(self.sent), wait_ms
@@ -56,7 +56,7 @@ def test_those_that_were_missed_altogether_are_not_made_up_for():
     assert bench.poll(450) == (1, 100)
     assert bench.poll(549) == (0, 1)
     assert bench.poll(550) == (1, 100)
-    # Late by exactly a period: the one that is due now has been missed, too.
+    # Late by exactly a period: the heartbeat due now has been missed, too.
     assert bench.poll(750) == (1, 100)
     assert bench.poll(750) == (0, 100)
 

@@ -1,4 +1,4 @@
-"""The NMT slave by itself: every command in every state, and what the cell is told of it."""
+"""The NMT slave by itself: every command in every state, and the calls that the cell gets."""
 
 from mdms_cell.canopen.nmt import COMMUNICATION, EVERYTHING, Nmt
 from mdms_protocol.codecs import cob, nmt
@@ -9,7 +9,7 @@ RUNNING = (nmt.STOPPED, nmt.OPERATIONAL, nmt.PRE_OPERATIONAL)
 
 
 class Cell:
-    """Writes down what it is told."""
+    """Records its calls."""
 
     def __init__(self):
         self.told = []

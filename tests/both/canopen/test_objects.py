@@ -1,4 +1,4 @@
-"""The packed dictionary of a cell says what the object table says, entry by entry."""
+"""The packed dictionary of a cell agrees with the object table, entry by entry."""
 
 from mdms_cell.canopen.objects import Objects, find
 from mdms_protocol import record

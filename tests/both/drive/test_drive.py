@@ -16,7 +16,7 @@ COMMANDS = (
     c.FAULT_RESET,
 )
 
-# What each controlword does in each state, written out from figure 'state machine' of CiA 402-2:
+# The next state by controlword and state, written out from figure 'state machine' of CiA 402-2:
 # columns as COMMANDS, 0 for no transition.
 EXPECTED = {
     c.SWITCH_ON_DISABLED: (c.READY_TO_SWITCH_ON, 0, 0, 0, 0, 0),

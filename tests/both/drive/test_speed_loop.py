@@ -365,7 +365,7 @@ def test_an_axis_that_goes_off_brakes_until_it_stands_and_then_the_bridges_sleep
     assert made[s.AWAKE] == 1
     go_on(60, 0)
     assert made[s.AWAKE] == 0
-    # What is pushed later rolls freely.
+    # A wheel that is pushed later rolls freely.
     go_on(60, 200_000)
     assert made[s.AWAKE] == 0
 

@@ -1,4 +1,4 @@
-"""Throws seeded frames at a cell and sums up what it replies; the sum is the same everywhere.
+"""Throws seeded frames at a cell and sums up its replies; the sum is the same everywhere.
 
 Frames come as the CAN interrupt finds them, and every so many a millisecond passes, in which the
 cell ticks and the background makes a turn.
@@ -49,7 +49,7 @@ class Memory:
 
 
 class Board:
-    """Sums up what the cell sends and how it drives; now and then there is no room."""
+    """Sums up the frames and the drive of the cell; now and then there is no room."""
 
     def __init__(self, chance):
         self.registers = array("i", [0] * speed_loop.REGISTERS)
@@ -84,7 +84,7 @@ class Board:
         self.inbox.take(self)
 
     def recv(self, frame):
-        """What has come, as a CAN controller gives it."""
+        """The received frame, as a CAN controller gives it."""
         if self._received is None:
             return None
         frame[0], data, frame[2] = self._received
@@ -92,7 +92,7 @@ class Board:
         self._received = None
         return frame
 
-    # What the background calls
+    # The calls of the background
 
     def service(self, now_ms):
         pass
@@ -116,7 +116,7 @@ class Board:
 
 
 def check(cell, registers):
-    """What must hold whatever came."""
+    """Assert the conditions that hold after any frame."""
     assert cell.state in _STATES
     assert cell.node_id == cob.NODE_NONE or cob.NODE_MIN <= cell.node_id <= cob.NODE_MAX
     for base in (0, speed_loop.AXIS):
@@ -145,7 +145,7 @@ class Bench:
         self.pause(60)
 
     def replace(self):
-        """Take a cell out of the box for one that has lost its node id, and would sleep on."""
+        """Put in a new cell for a cell that has lost its node id, and would sleep on."""
         self.board.settings = Memory()
         self.power_up()
 
@@ -158,7 +158,7 @@ class Bench:
         """Let the cell tick once, and the background turn once."""
         self._now_ms = (self._now_ms + elapsed_ms) & _MS_MASK
         self._runner.tick()
-        # What the background did last must show in this tick.
+        # The last work of the background must show in this tick.
         check(self.cell, self.board.registers)
         self._runner.turn(self._now_ms)
 

@@ -10,7 +10,7 @@ from mdms_protocol.codecs import sdo
 
 #: Flags of `machine.CAN`: remote, extended.
 _FLAGS = 4
-#: What `Frames` writes of an axis: all its settings and its target.
+#: The registers that `Frames` writes of an axis: all its settings and its target.
 _SETTINGS = tuple(
     [index for index in range(0x2000, 0x2009) if index != 0x2003]
     + [0x606D, 0x606E, 0x6073, 0x6075, 0x607E, 0x6083, 0x6084, 0x6085, 0x60F8, 0x60FF]

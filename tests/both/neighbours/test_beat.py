@@ -25,7 +25,7 @@ class Line:
         return beat
 
     def turn(self, ms, crossing=False, host_every=0):
-        """So many milliseconds; `crossing`: all poll before any sees what the others sent."""
+        """So many milliseconds; `crossing`: all poll before any sees the frames of the others."""
         for _ in range(ms):
             self.now_ms = ticks.after(self.now_ms, 1)
             if host_every and self.now_ms % host_every == 0:

@@ -35,7 +35,7 @@ class Bus:
 class Machine:
     """The cell; each update keeps its processor busy for `update_ms`, with interrupts going on.
 
-    The speed loop does not run: of a tick there is only what it counts.
+    The speed loop does not run: a tick only counts.
     """
 
     def __init__(self, update_ms):
@@ -49,7 +49,7 @@ class Machine:
         self._runner = Runner(self.board, self.cell)
         self._now_ms = self._busy_until_ms = self.middle.now_ms
         self._received = None
-        #: Beats in which the wheels were fed, the greatest age of a setpoint [ms], what was sent.
+        #: Beats in which the wheels were fed, the greatest age of a setpoint [ms], the sent frames.
         self.fed = []
         self.oldest_ms = 0
         self.sent = []
@@ -72,7 +72,7 @@ class Machine:
         self._busy_until_ms = max(self._busy_until_ms, self._now_ms) + pause_ms
 
     def beat(self, pause_at_ms=None, pause_ms=0):
-        """Ten milliseconds from SYNC on; what was sent, with the parcel's place at that SYNC."""
+        """Ten milliseconds from SYNC on; the sent frames, with the parcel's place at that SYNC."""
         sent_from_um = self.middle.x_um
         self.middle.beat()
         frames, self._bus.frames = self._bus.frames, []

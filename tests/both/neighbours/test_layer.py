@@ -1,4 +1,4 @@
-"""One cell of nine under a parcel, on every interpreter: what it sends, and what its wheels do."""
+"""One cell of nine under a parcel, on every interpreter: its frames, and its wheels' motion."""
 
 from array import array
 

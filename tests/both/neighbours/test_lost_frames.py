@@ -1,4 +1,4 @@
-"""What a cell makes of frames of its neighbours that are lost, on every interpreter."""
+"""How a cell handles lost frames of its neighbours, on every interpreter."""
 
 from array import array
 

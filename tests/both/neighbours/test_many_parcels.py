@@ -1,4 +1,4 @@
-"""A cell at one of 63 parcels, on every interpreter: it keeps what it needs of all their pages."""
+"""A cell at one of 63 parcels, on every interpreter: it keeps the needed parts of all pages."""
 
 from array import array
 

@@ -65,7 +65,7 @@ class Asked(Middle):
         self.cell.on_frame(cob.PROGRAM, frame, self.now_ms)
 
     def beats(self, count, with_host=False):
-        """Whom the cell is promised to after so many beats; 0: nobody."""
+        """The parcel that the cell is promised to after this many beats; 0: nobody."""
         promised = 0
         for _ in range(count):
             if with_host:

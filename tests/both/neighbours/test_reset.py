@@ -1,6 +1,6 @@
-"""A cell that has been stopped and started behaves as one that has just been set up.
+"""A cell that has been stopped and started behaves like a newly set up cell.
 
-The one has lived through a while of whatever comes, the other has not; from then on both get the
+The one has lived through a while of random events, the other has not. From then on both get the
 same frames, and are to send the same. The clock and the number of the beat go on.
 """
 
@@ -21,7 +21,7 @@ PAUSE_BEATS = 12
 #: Enough to be promised again after a restart, and to drive.
 FOLLOWING_BEATS = 130
 SEEDS = (2, 3, 5, 8, 15)
-#: What a cell sends of a parcel, hands on of its program, and reports.
+#: The frames of a cell about a parcel, the pages that it hands on, and its reports.
 SENT = cob.TPDO_BASES[2] + NODE, cob.PROGRAM_BASE + NODE, cob.EMCY_BASE + NODE
 #: When the host repeats the program, a neighbour's wheels slip, and another lacks the program.
 REPEATED, SLIPPED, LACKED = 5, 55, 75
@@ -111,7 +111,7 @@ class Lived(Middle):
         self._start()
 
     def shown(self, beat):
-        """What it sends of the parcel in a beat, and the speeds of its wheels."""
+        """The frames of the cell about the parcel in a beat, and the speeds of its wheels."""
         self.board.take()
         if beat == REPEATED:
             self._pages()
@@ -154,8 +154,8 @@ def test_what_was_before_a_stop_has_no_say_after_it():
         assert kinds == set(SENT)
 
 
-#: What may stay: clocks, scratch, what a known shape or a number of edges makes valid, and what a
-#: neighbour has said that counts for no more beats.
+#: These may stay: clocks, scratch, data that a known shape or a number of edges makes valid, and
+#: words of a neighbour that count for no more beats.
 STAYS = {"_came_ms", "_updated_ms", "_step_ms", "_period_ms", "_there", "_outline"}
 STAYS |= {"_pose", "_middle_pose", "_sums", "_change", "_targets", "normal", "_box", "said"}
 STAYS |= {"reach_um", "edge_late_ms", "node_id", "_registers", "_estimates", "nonsense"}

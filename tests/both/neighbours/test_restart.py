@@ -1,4 +1,4 @@
-"""A cell that has restarted: whom it promises itself to, by what its neighbours report."""
+"""A cell that has restarted: the parcel of its promise, by the reports of its neighbours."""
 
 from array import array
 
@@ -10,7 +10,7 @@ from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 
 EAST, WEST = 0, 4
-#: One that overhangs the cell by 20 mm, where there is no sensor and no wheel, and one that waits.
+#: A parcel that overhangs the cell by 20 mm beside its sensors and wheels, and a waiting parcel.
 LYING, WAITING = IDENTITY, 3
 LENGTH_UM, WIDTH_UM = 200_000, 100_000
 EDGE_UM = PITCH_UM // 2
@@ -33,7 +33,7 @@ class Restarted(Middle):
         self.reports = dict(reports)
         self.known = known
         self.alive = set(alive)
-        #: What the cell has announced: identity and state, when they changed.
+        #: The announcements of the cell: identity and state, when they changed.
         self.said = []
         #: The flags of its last estimate.
         self.flags = 0
@@ -87,7 +87,7 @@ class Restarted(Middle):
         return bytes(frame)
 
     def promised(self, beats):
-        """Whom the cell is promised to after so many beats, 0 for nobody."""
+        """The parcel that the cell is promised to after this many beats, 0 for none."""
         for _ in range(beats):
             self.beat()
         identity, state = self.said[-1] if self.said else (0, 0)

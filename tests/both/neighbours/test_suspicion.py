@@ -1,4 +1,4 @@
-"""What a cell makes of neighbours that contradict it, and of itself."""
+"""How a cell judges neighbours that contradict it, and itself."""
 
 from array import array
 
@@ -14,7 +14,7 @@ PRESENCE, WHEELS, POSE, SILENCE = 1, 2, 4, 8
 
 
 class Broken(Middle):
-    """One neighbour is broken while `broken`; what the cell sends is kept by beat."""
+    """One neighbour is broken while `broken`; the reports of the cell are kept by beat."""
 
     def __init__(self, speed_um_s=40_000):
         self.broken = False

@@ -1,4 +1,4 @@
-"""Firmware over the bus as a cell takes it: what it refuses and why, and the trial."""
+"""Firmware over the bus as a cell takes it: the refusals with their reasons, and the trial."""
 
 from cell_bench import enable
 from update_bench import (
@@ -56,7 +56,7 @@ def test_firmware_on_trial_that_nobody_confirms_makes_way_for_the_one_before():
     bench.power_up()
     assert bench.read(0x1F56, 1) == identification(PACKED)
     assert bench.reason() == codes.ROLLED_BACK
-    # It may be tried again, and then what is said of it is gone.
+    # It may be tried again, and then its message is gone.
     bench.start_trial(bundle_of(NEWER, counter=2))
     assert bench.reason() == 0
     assert bench.read(0x1F56, 1) == identification(NEWER)

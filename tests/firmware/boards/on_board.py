@@ -1,4 +1,4 @@
-"""What a board does from start to stop, told by its faked peripherals; runs on MicroPython."""
+"""A board from start to stop, seen in its faked peripherals; runs on MicroPython."""
 
 import binascii
 

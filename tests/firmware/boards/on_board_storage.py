@@ -1,4 +1,4 @@
-"""When a board writes to flash, and what it does where it has none to write; on MicroPython.
+"""When a board writes to flash, and its behaviour without flash to write; on MicroPython.
 
 The faked flash counts as stopping the processor whenever a sector is erased or a word programmed.
 """
@@ -143,7 +143,7 @@ def test_bridges_stay_asleep_while_firmware_comes_in_right_after_the_motors_were
 
 
 def has_room(bench):
-    """Whether a board takes firmware over the bus; one that does has the array's key from now."""
+    """Whether a board takes firmware over the bus; such a board has the array's key from now."""
     if bench.name not in ("teensy41", "weact_h743"):
         return False
     with open("/flash/update.key", "wb") as file:

@@ -29,7 +29,7 @@ def always():
 
 
 def mounted(chip, action, sizes):
-    """What an action returns with the chip's file system in the folder."""
+    """The result of an action with the chip's file system in the folder."""
     vfs.mount(vfs.VfsLfs2(chip, **sizes), FOLDER)
     try:
         return action(flash.memory(FOLDER, always))
@@ -86,7 +86,7 @@ def chip_with(saves, sizes):
 
 
 def outcomes(content, action, sizes):
-    """What a cell starts with, by the operation in which the action was cut off; then uncut."""
+    """A cell's settings at its start, by the operation that was cut off; then uncut."""
     found = []
     cut = True
     while cut:

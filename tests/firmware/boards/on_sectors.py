@@ -62,7 +62,7 @@ def reboot(content, budget=None, seed=1):
 
 
 def outcomes(content, change, stride=1):
-    """What the cell starts with after a change that was cut off, everywhere in turn; then uncut.
+    """The cell's settings at its start after a change, cut off at each operation; then uncut.
 
     A stride leaves operations out where there are thousands.
     """
@@ -146,7 +146,7 @@ def test_power_may_fail_at_any_erase_or_word_of_a_file_without_harm_to_settings(
 
 
 class Worn(InternalFlash):
-    """Flash of which a byte in each sector is stuck."""
+    """Flash with one stuck byte in each sector."""
 
     def _program(self):
         super()._program()
@@ -207,7 +207,7 @@ def test_two_files_on_this_flash_lose_both_whatever_the_file_system():
         system.mkfs(Flash(start=0))
 
         def mounted(action, system=system):
-            """What an action returns in a freshly mounted file system, None where there is none."""
+            """The result of an action in a freshly mounted file system, None without one."""
             try:
                 vfs.mount(system(Flash(start=0)), "/cut")
             except OSError:

@@ -1,4 +1,4 @@
-"""The boards on MicroPython, with peripherals that remember what they were told."""
+"""The boards on MicroPython, with peripherals that remember their commands."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
 BOARDS = ROOT / "firmware" / "boards"
 MODULES = ("on_board", "on_board_bus", "on_board_storage")
-#: What only one of the boards has.
+#: Modules of tests for a single board.
 OF_ONE = {"on_sectors": "pybv11", "on_littlefs": "teensy41"}
 NAMES = ("teensy41", "weact_h743", "nucleo_g474re", "pybv11")  # as in the table of the wiring
 WIRED = ("encoders", "pulses", "phases", "wake", "fault", "currents", "supply", "sensors")

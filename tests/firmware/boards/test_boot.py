@@ -1,4 +1,4 @@
-"""What `main.py` does before any firmware runs, on real MicroPython."""
+"""The work of `main.py` before any firmware runs, on real MicroPython."""
 
 from pathlib import Path
 
@@ -40,7 +40,7 @@ print(world.told, sys.path[0])
     [
         (False, IMAGE, ["/slot/cell_of_the_slot.py", "[] /slot"]),
         (True, IMAGE, ["/slot/cell_of_the_slot.py", "[('watchdog', 10000)] /slot"]),
-        # The watchdog sees to what is signed and yet cannot be started.
+        # The watchdog handles firmware that is signed and yet cannot be started.
         (True, b"no file system", ["OSError", "[('watchdog', 10000)] "]),
         (False, None, ["ImportError", "[] "]),
     ],

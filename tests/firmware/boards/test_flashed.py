@@ -1,4 +1,4 @@
-"""What is flashed is the cell of the sources: the same bytes on the bus, from files and ROMFS."""
+"""Flashed firmware is the cell of the sources: the same bytes on the bus, from files and ROMFS."""
 
 import shutil
 import sys
@@ -52,7 +52,7 @@ def put(folder, way):
 
 @pytest.fixture(scope="module")
 def replies():
-    """What a cell of the sources replies, on CPython."""
+    """The replies of a cell of the sources, on CPython."""
     sys.path.insert(0, str(FUZZERS))
     try:
         from fuzz_cell import fuzz

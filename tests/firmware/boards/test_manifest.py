@@ -1,4 +1,4 @@
-"""What a build of MicroPython freezes by `firmware/manifest.py`."""
+"""The modules that a build of MicroPython freezes by `firmware/manifest.py`."""
 
 from pathlib import Path
 

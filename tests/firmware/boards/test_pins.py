@@ -1,4 +1,4 @@
-"""Each pin of a board is the one that the wiring table names, as MicroPython finds its name."""
+"""Each pin of a board is that of the wiring table, as MicroPython finds its name."""
 
 import ast
 import re
@@ -19,7 +19,7 @@ LED_ROW = "run LED, error LED"
 
 
 def pins(board):
-    """All pins of a board's wiring but CAN's, by what they are for."""
+    """All pins of a board's wiring but CAN's, by their purpose."""
     for node in ast.parse((BOARDS / f"{board}.py").read_text()).body:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
             values = {each.arg: each.value for each in node.value.keywords}
@@ -33,7 +33,7 @@ def pins(board):
 
 
 def named_in(values):
-    """Names of pins and what each is for, without what is a number."""
+    """Names of pins and the purpose of each, without numbers."""
     for key, value in values.items():
         items = value if isinstance(value, tuple) else (value,)
         flat = [each for item in items for each in (item if isinstance(item, tuple) else (item,))]

@@ -1,7 +1,7 @@
 """A DC motor with its wheel and encoder, exact over a tick of held voltage (paper, eq 8).
 
-`python tests/firmware/drive/motor.py` prints what a step of the reference looks like, and a
-wheel that is let go, with an observer that is told of the voltage and with one that is not.
+`python tests/firmware/drive/motor.py` prints the response to a step of the reference, and that of a
+wheel that is let go. Each is printed with an observer that is told of the voltage and without.
 """
 
 import itertools

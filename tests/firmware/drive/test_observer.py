@@ -1,4 +1,4 @@
-"""What the observer makes of an ideal quadrature encoder."""
+"""The observer's speed of an ideal quadrature encoder."""
 
 import itertools
 import math

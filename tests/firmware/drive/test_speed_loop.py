@@ -112,7 +112,7 @@ def test_no_intermediate_value_leaves_31_bits_on_random_streams(seed):
         s.step(registers)
 
 
-#: What new voltage may add to RATE in a tick.
+#: The most that new voltage may add to RATE in a tick.
 FEED_LIMIT = (2 * s.VOLTAGE_MAX_UV + 2048 >> 12) * s.FEED_MAX >> 4
 SMALL = st.integers(LOW, HIGH) | st.sampled_from((LOW, LOW + 1, -1, 0, 1, HIGH - 1, HIGH))
 

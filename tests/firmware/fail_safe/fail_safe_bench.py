@@ -1,4 +1,4 @@
-"""What rows of the fail-safe table share; `bench` drives both wheels at 1.3 V as one begins."""
+"""Functions for rows of the fail-safe table; `bench` drives both wheels at 1.3 V as one begins."""
 
 import world
 from bench import NODE, Bench
@@ -28,7 +28,7 @@ def keep(bench, ms):
 
 
 def brakes(bench, ms, hold_ms=300):
-    """The wheels are ramped to rest within so many ticks, and stay there, whatever is commanded.
+    """The wheels are ramped to rest within this many ticks, and stay there under all commands.
 
     These stand from the beginning, so that the braking gain shows as more voltage at first.
     """

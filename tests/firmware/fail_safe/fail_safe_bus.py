@@ -1,4 +1,4 @@
-"""Rows of the fail-safe table about what the bus brings, or brings no more; on MicroPython."""
+"""Rows of the fail-safe table about frames of the bus, or their absence; on MicroPython."""
 
 import world
 from bench import NODE
@@ -6,7 +6,7 @@ from fail_safe_bench import RESET, TARGET, UP, brakes, comes_back, cut, emergenc
 
 
 def set_reaction(bench, option):
-    """What a silent host makes the wheels do: 0x605E."""
+    """Set the reaction of the wheels to a silent host: 0x605E."""
     for index in (0x605E, 0x685E):
         write = b"\x2b" + index.to_bytes(2, "little") + bytes((0, option, 0, 0, 0))
         bench.can.deliver(0x600 + NODE, write)
@@ -159,7 +159,7 @@ CLEAR = b"\x2f\x51\x1f\x01\x03\0\0\0"
 
 
 def answer(bench, request):
-    """What the cell answers to an SDO request, while targets go on."""
+    """The cell's answer to an SDO request, while targets go on."""
     world.sent.clear()
     bench.can.deliver(0x600 + NODE, request)
     keep_targets(bench, 5)

@@ -102,7 +102,7 @@ def turn(bench, background, pause_at):
     background.pause_at = pause_at
     bench.runner.turn(world.now_ms)
     background.pause_at = None
-    # Turns follow each other at once, and each takes a share of what has come meanwhile.
+    # Turns follow each other at once, and each takes a share of the waiting frames.
     background.interrupt = True
     for _ in range(PAUSE_MS * FRAMES_PER_MS // FRAMES_PER_TURN):
         bench.runner.turn(world.now_ms)

@@ -29,7 +29,7 @@ def rows() -> list[str]:
 
 
 def functions() -> dict[str, str]:
-    """What takes a bench alone, by its name: the module that it is in."""
+    """The module of each function that takes a bench alone, by the function's name."""
     return {
         node.name: module
         for module in MODULES

@@ -34,7 +34,7 @@ def there(path):
     return True
 
 
-#: What the boards of the family have in `machine`, and each board's pins, timers and full pulse.
+#: The members of `machine` for the family's boards, and each board's pins, timers and full pulse.
 BOARDS = {
     "pybv11": {
         "machine": {"CAN": BxCan},
@@ -148,7 +148,7 @@ class Bench:
     def pass_ms(self, count=1):
         """Let time pass, with one turn of the background a millisecond.
 
-        Garbage goes early, for what is kept of the bus lies scattered in it.
+        Garbage goes early, because the kept parts of the bus lie scattered in it.
         """
         for _ in range(count):
             world.advance()
@@ -176,5 +176,5 @@ class Bench:
         return world.pulses[self.pulses[0]], world.pulses[self.pulses[1]]
 
     def off(self):
-        """Whether no voltage is at the motors, but for what a coarse PWM would round to 0."""
+        """Whether the motors have no voltage above those that a coarse PWM would round to 0."""
         return max(self.widths()) <= self.full // 4096 or not world.levels[self.wake]

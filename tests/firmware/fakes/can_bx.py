@@ -85,7 +85,7 @@ class BxCan(Stm32Controller):
         super().port_restart()
 
     def due(self):
-        """What the next interrupt does, None if none is due."""
+        """The action of the next interrupt, None if none is due."""
         for fifo in range(2):
             received = self._armed[fifo] and self._fifos[fifo]
             full = self._full_armed[fifo] and self._full[fifo]

@@ -1,4 +1,4 @@
-"""What `machine.CAN` of MicroPython 1.29 has on every port (extmod/machine_can.c), and its bus.
+"""`machine.CAN` of MicroPython 1.29 as on every port (extmod/machine_can.c), and its bus.
 
 A controller of a chip family derives from this and says what its own sources do.
 Left out: modes but the normal one, cancelling, segments that are given; counters but those of
@@ -19,7 +19,7 @@ except ImportError:
 #: Bit times on the bus in a millisecond, and those that a controller waits for to leave bus-off.
 BITS_A_MS = 1000
 RECOVERY_BITS = 128 * 11
-#: What lies behind the eight bytes of a frame whose DLC says that there are more.
+#: The memory behind the eight bytes of a frame whose DLC says that there are more.
 BEHIND = 0xA5
 _WORD = 8 if sys.maxsize > 1 << 32 else 4
 
@@ -32,11 +32,11 @@ class Irq:
         self.handler = None
 
     def flags(self):
-        """What the interrupt is for."""
+        """The causes of the interrupt."""
         return self._controller.irq_flags()
 
     def trigger(self, *new):
-        """What the handler is called for; sets it anew, and arms the interrupts."""
+        """The events that the handler is called for; sets them anew, and arms the interrupts."""
         before = self._controller.trigger
         if new:
             self._controller.set_trigger(new[0])
@@ -61,7 +61,7 @@ class Controller:
     STATE_BUS_OFF = 4
     #: Recessive bits until the controller leaves bus-off unasked, None if it never does.
     UNASKED_BITS = None
-    #: What the controller makes time quanta of, and what it has for the segments of a bit.
+    #: The clock that time quanta are made of, and the limits for the segments of a bit.
     CLOCK_HZ = 0
     PRESCALER_MAX = 1024
     SEGMENT_1 = (1, 16)
@@ -130,7 +130,7 @@ class Controller:
         self.set_trigger(trigger)
 
     def set_trigger(self, trigger):
-        """Set what the handler is called for, and arm the interrupts."""
+        """Set the events that the handler is called for, and arm the interrupts."""
         self.trigger = trigger
         self.update_irqs()
         self.serve()
@@ -146,7 +146,7 @@ class Controller:
     def recv(self, into):
         """Give the oldest frame in the list that is passed, or None.
 
-        The view in it is made as long as the frame says, whatever lies behind it.
+        The view in it is made as long as the frame says, even beyond its own memory.
         """
         frame = self.port_recv()
         if frame is None:
@@ -173,7 +173,7 @@ class Controller:
         array.length = len(data)
 
     def set_filters(self, filters):
-        """Accept these only, or all if None; each is checked by what the port has room for."""
+        """Accept these only, or all if None; each is checked against the room of the port."""
         self.port_clear_filters()
         if filters is None:
             filters = ((0, 0, 0), (0, 0, self.FLAG_EXT_ID))
@@ -217,7 +217,7 @@ class Controller:
         if self._irq is not None and self._irq.handler is not None:
             self._irq.handler(self)
 
-    # What the bus does
+    # The effects of the bus
 
     def is_shorted(self):
         """Whether the bus is dominant for good."""
@@ -244,7 +244,7 @@ class Controller:
     def deliver(self, can_id, data, flags=0, dlc=None):
         """A frame arrives; False if no filter wants it or there is no room.
 
-        With a DLC above 8 there are eight bytes of data. Who is off the bus gets nothing.
+        With a DLC above 8 there are eight bytes of data. A controller off the bus gets nothing.
         """
         place = self.fifo_of(can_id, flags)
         if self._off or place is None:

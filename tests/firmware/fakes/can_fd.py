@@ -1,7 +1,7 @@
 """The FDCAN of an STM32G4 and H7, after ports/stm32/machine_can.c and fdcan.c of MicroPython 1.29.
 
 Left out besides what `can_controller` leaves out: frames of CAN FD (the port takes them too), the
-second controller, what the H7's message memory has more room for than `FIFO` and `MAILBOXES`.
+second controller, and the room of the H7's message memory beyond `FIFO` and `MAILBOXES`.
 """
 
 from can_controller import BEHIND, matches
@@ -17,8 +17,8 @@ _LOST = 4
 class FdCan(Stm32Controller):
     """Standard and extended filters count apart, and either kind feeds the FIFOs in turn.
 
-    The first filter that matches decides. Interrupts remember that a frame has come: one that came
-    and was taken while the handler ran calls it again, with nothing to take, and then nothing but
+    The first filter that matches decides. Interrupts remember that a frame has come: a frame that
+    came and was taken while the handler ran calls it again, with nothing to take. Then nothing but
     another frame that is taken, or `trigger`, arms that interrupt. A frame that finds its FIFO full
     is lost.
     """
@@ -78,7 +78,7 @@ class FdCan(Stm32Controller):
         self._enabled[fifo] = _NEW | _FULL | _LOST if self.trigger & self.IRQ_RX else 0
 
     def due(self):
-        """What the next interrupt does, None if none is due."""
+        """The action of the next interrupt, None if none is due."""
         for fifo in range(2):
             if self._noted[fifo] & self._enabled[fifo]:
                 return lambda fifo=fifo: self._serve_fifo(fifo)

@@ -56,7 +56,7 @@ class FlexCan(Controller):
         self.filters.append((wanted, mask, flags))
 
     def fifo_of(self, can_id, flags=0):
-        """0 for what comes through, None for what does not."""
+        """0 for frames that come through, None for others."""
         extended = flags & self.FLAG_EXT_ID
         if can_id == 0:
             return 0
@@ -78,7 +78,7 @@ class FlexCan(Controller):
         return True
 
     def update_irqs(self):
-        """Clear what is pending, the first frame with it, and arm."""
+        """Clear the pending interrupts, the first frame with them, and arm."""
         if self._fifo:
             self._fifo.pop(0)
         self._overflow = False
@@ -144,7 +144,7 @@ class FlexCan(Controller):
         return into
 
     def due(self):
-        """What the next interrupt does, None if none is due."""
+        """The action of the next interrupt, None if none is due."""
         if self._state_interrupt or (self._armed and self._fifo):
             return self._service
         return None

@@ -1,4 +1,4 @@
-"""What ports/stm32/machine_can.c does for both kinds of controllers of an STM32."""
+"""The behaviour of ports/stm32/machine_can.c for both kinds of controllers of an STM32."""
 
 import world
 from can_controller import RECOVERY_BITS, Controller
@@ -12,7 +12,7 @@ class Stm32Controller(Controller):
 
     The port takes a frame's end for that of its own note, so an interrupt must not come in between.
     A frame with an identifier that waits already is refused. In bus-off mailboxes are filled as
-    ever, and what is in them goes out after it unless `restart` drops it.
+    ever, and their frames go out after it unless `restart` drops them.
     """
 
     MAILBOXES = 3
@@ -64,7 +64,7 @@ class Stm32Controller(Controller):
         return flags
 
     def port_recv(self):
-        """Take from the first FIFO, then from the second, and arm the one that had something."""
+        """Take from the first FIFO, then from the second, and arm the FIFO that had a frame."""
         for fifo in range(2):
             if not self._fifos[fifo]:
                 self.find_empty(fifo)

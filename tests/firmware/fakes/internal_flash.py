@@ -3,8 +3,8 @@
 After `flashbdev.c` and `storage.c` of ports/stm32: one sector is in the cache; writing to another
 has the first programmed; the FLASH interrupt looks at it every 512 ms, erases it at the first look
 and programs it 5 s after the last write. Flash clears bits when it is programmed and sets them when
-a sector is erased. Where power fails, a sector that was being erased is some of what it was, some
-of what it was to be and some of neither, and so are the bits of the word that was being programmed.
+a sector is erased. Where power fails, a sector under erasure has some of its old bits, some of its
+new bits and some of neither. The same holds for the bits of a word under programming.
 
 Left out: the time that erasing and programming take; the device with the emulated partition table.
 """
@@ -23,7 +23,7 @@ class PowerLost(Exception):  # noqa: N818 - an event of a test
 
 
 class InternalFlash:
-    """`content`, a bytearray, is what the flash holds, blank without one.
+    """`content`, a bytearray, is the content of the flash, which is blank without it.
 
     After `budget` more operations (a sector erased, a word programmed) the supply fails in the next
     one. `on_stop` is called as each of them stops the processor.
@@ -74,7 +74,7 @@ class InternalFlash:
         self._cache[at : at + len(data)] = data
 
     def sync(self):
-        """Program what is in the cache."""
+        """Program the sector in the cache."""
         self._forced = True
         while self.dirty and not self.lost:
             self.interrupt()

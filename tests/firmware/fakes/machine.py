@@ -8,7 +8,7 @@ from pin_names import found
 
 
 class Micropython:
-    """MicroPython's own module, with what the unix port leaves out of it."""
+    """MicroPython's own module, with the functions that the unix port leaves out of it."""
 
     def __init__(self, module):
         self._module = module
@@ -33,12 +33,12 @@ def unique_id():
 
 
 def reset():
-    """What happens at once on a board: nothing of the program goes on."""
+    """The immediate effect on a board: nothing of the program goes on."""
     world.told.append("reset")
 
 
 def disable_irq():
-    """Keep interrupts waiting; what was so before."""
+    """Keep interrupts waiting; returns whether they waited before."""
     before, world.interrupts_off = world.interrupts_off, True
     return before
 

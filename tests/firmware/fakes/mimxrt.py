@@ -36,7 +36,7 @@ class Encoder:
         assert min == 0, "not needed"
 
     def value(self):
-        """What the encoder has come to."""
+        """The count of the encoder."""
         count = world.counts.get(self._id, 0) // self._divisor % self._modulus
         count = count - (1 << 32) if count >= 1 << 31 else count
         assert -(1 << 30) <= count < 1 << 30, "an interrupt cannot allocate so long an integer"

@@ -48,7 +48,7 @@ class NorFlash:
         return _FAILED if self._lost else 0
 
     def ioctl(self, operation, argument):
-        """What a file system asks."""
+        """Answer a request of the file system."""
         if operation == 6:
             return self._erase(argument)
         return {4: len(self.content) // BLOCK, 5: BLOCK}.get(operation, 0)

@@ -44,7 +44,7 @@ class Timer:
         return channel
 
     def counter(self):
-        """What the encoder has come to."""
+        """The count of the encoder."""
         return world.counts.get(self.id, 0) & world.periods[self.id]
 
     def callback(self, function):
@@ -72,7 +72,7 @@ class Flash:
         self._blocks = (size - start if len < 0 else len) // 512
 
     def readblocks(self, block, buffer, offset=0):
-        """Read from a block on; what is written but not programmed yet, too."""
+        """Read from a block on, with data that is written but not programmed yet."""
         if self._flash is None:
             buffer[:] = b"\xff" * len(buffer)
         else:
@@ -87,7 +87,7 @@ class Flash:
         return 0
 
     def ioctl(self, operation, _argument):
-        """What a file system asks."""
+        """Answer a request of the file system."""
         if operation == 3:
             self._flash.sync()
         return {4: self._blocks, 5: 512}.get(operation, 0)

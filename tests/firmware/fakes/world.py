@@ -1,8 +1,8 @@
-"""What the faked peripherals are connected to: levels, counts, a bus, and a stepped clock."""
+"""The surroundings of the faked peripherals: levels, counts, a bus, and a stepped clock."""
 
 now_ms = 0
-board = None  # whose pins these are; None: whatever is asked for is there
-names = {}  # of pins in use, by what the processor calls them
+board = None  # the owner of these pins; None: every requested pin is there
+names = {}  # of pins in use, by the processor's names
 levels = {}  # of pins, by name
 analog = {}  # readings of ADCs [u16], by pin
 conversions = 0  # of ADCs so far
@@ -21,7 +21,7 @@ fed_ms = None  # when the watchdog was fed last
 
 
 def advance():
-    """Let a millisecond pass: frames leave, timers fire, what is planned happens."""
+    """Let a millisecond pass: frames leave, timers fire, planned events happen."""
     global now_ms  # noqa: PLW0603 - there is one clock
     now_ms += 1
     for bus in buses:

@@ -17,7 +17,7 @@ PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=2, late=0, disturbed=1))
 
 OVERHANG = Table(3, 1, ((0, 1), (2,)), Rules(lease=1, late=0))
 
-#: What is replaced, by what, the table on which that is missed, and what is then seen.
+#: The replaced text, its replacement, the table on which that is missed, and the found violation.
 MUTANTS = {
     "late estimates count for the whole lease": (
         "registers[_VALID_BEATS] = lease_beats - late_beats",

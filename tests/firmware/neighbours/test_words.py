@@ -89,7 +89,7 @@ def numbers(most):
 
 turns = numbers(TURN_UM // 2)
 halves = st.integers(2_000, HALF)
-#: What a frame may say of a wheel [um/s].
+#: The speeds of a wheel that a frame may have [um/s].
 speeds = st.binary(min_size=18 * 4, max_size=18 * 4)
 
 

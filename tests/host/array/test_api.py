@@ -147,7 +147,7 @@ def test_one_verdict_is_error_message_and_exit_code(status, error, code, capsys)
     if error is not None:
         with pytest.raises(error, match="why"):
             run.raise_for_status()
-    # A time limit ends what has no end of its own.
+    # A time limit ends a job that has no end of its own.
     endless = replace(run, endless=True)
     assert verdict(endless) == (Exit.OK if status == "time limit" else code)
 

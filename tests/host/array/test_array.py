@@ -1,4 +1,4 @@
-"""What the host believes of an array file, and what follows for the cells."""
+"""The host's beliefs by an array file, and their consequences for the cells."""
 
 from argparse import Namespace
 from dataclasses import replace
@@ -124,7 +124,7 @@ def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(b
 
     usual, strong, stronger = (references_m_s(gain) for gain in (None, 20, 40))
     np.testing.assert_allclose(np.delete(strong, 2), np.delete(usual, 2))
-    # A reference is the speed, and what the wheel is to push, which takes 1/gain as much of it.
+    # A reference is the speed plus the push of the wheel, which takes 1/gain as much of it.
     speed_m_s = 2 * strong[2] - usual[2]
     assert abs(usual[2] - speed_m_s) > abs(speed_m_s)
     assert stronger[2] == pytest.approx(speed_m_s + (usual[2] - speed_m_s) / 4, rel=1e-6)

@@ -1,4 +1,4 @@
-"""What the figures of a run say of its parcels."""
+"""The figures of a run about its parcels."""
 
 import numpy as np
 import pytest

@@ -14,7 +14,7 @@ SHORT = ("--set", "run.duration_s=0.01", "--set", "motion.field=inward")
 
 @cache
 def limits(*arguments):
-    """What `mdms limits` prints of the gain."""
+    """The output of `mdms limits` about the gain."""
     with redirect_stdout(StringIO()) as printed:
         assert main(["limits", *arguments, "--json"]) == 0
     return json.loads(printed.getvalue())

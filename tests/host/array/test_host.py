@@ -1,4 +1,4 @@
-"""The host is told what the scenario says, and no more."""
+"""The host is told the facts of the scenario, and no more."""
 
 from dataclasses import replace
 

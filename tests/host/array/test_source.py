@@ -1,4 +1,4 @@
-"""Programs in Python: what a file must have, and what is said of one that has it not."""
+"""Programs in Python: the required parts of a file, and the errors about missing parts."""
 
 import pytest
 

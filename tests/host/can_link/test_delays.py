@@ -88,7 +88,7 @@ def test_a_cycle_that_is_late_by_one_more_is_the_reason():
 
 
 class Machine:
-    """Scheduling of one thread, for who may change it and who may not."""
+    """Scheduling of one thread, for users with and without the right to change it."""
 
     SCHED_OTHER, SCHED_RR, SCHED_FIFO = 0, 2, 1
 

@@ -22,7 +22,7 @@ PATIENCE_S = 60.0
 
 
 class ScriptedBus(can.BusABC):
-    """Receives what a test puts into it: messages, or the errors of an adapter."""
+    """Receives the script of a test: messages, or the errors of an adapter."""
 
     def __init__(self, *script: can.Message | Exception) -> None:
         self.script: SimpleQueue = SimpleQueue()
@@ -66,7 +66,7 @@ def received(link: Link, clock: MonotonicClock, count: int = 1) -> list[Frame]:
 
 
 def gone(link: Link, clock: MonotonicClock) -> str:
-    """What the link says when its device is gone."""
+    """The error of the link when its device is gone."""
     while clock.now_s() < PATIENCE_S:
         try:
             link.receive(0.1, lambda *_: None)
@@ -151,7 +151,7 @@ def test_what_is_no_plain_data_frame_is_counted_and_dropped(clock) -> None:
 
 
 class SocketcanBus(ScriptedBus):
-    """As python-can's where it matters: what a program of this computer sent is marked."""
+    """As python-can's where it matters: messages of programs of this computer are marked."""
 
     def __init__(self, *script: can.Message | Exception, returns_own: bool) -> None:
         self.socket = SimpleNamespace(getsockopt=lambda *_option: int(returns_own))

@@ -15,7 +15,7 @@ PATIENCE_S = 60.0
 
 
 class ScriptedBus(can.BusABC):
-    """Receives what a test puts into its script, messages or errors, and keeps what is sent."""
+    """Receives the script of a test, messages or errors, and keeps the sent messages."""
 
     def __init__(self, *script):
         self.script = SimpleQueue()
@@ -42,7 +42,7 @@ def message(can_id):
 
 
 class Tool:
-    """Sends one frame on each bus at once and keeps what it receives."""
+    """Sends one frame on each bus at once and keeps the received frames."""
 
     def __init__(self):
         self.heard = []

@@ -26,7 +26,7 @@ def total(records):
 
 @contextmanager
 def not_ignored(number):
-    """Who runs the tests may ignore the signal, as nohup does, and then the command does too."""
+    """The caller of the tests may ignore the signal, as nohup does; then the command does too."""
     before = signal.getsignal(number)
     if before == signal.SIG_IGN:
         signal.signal(number, signal.SIG_DFL)

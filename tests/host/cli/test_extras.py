@@ -1,4 +1,4 @@
-"""What is not installed is named, with the way to install it."""
+"""A missing extra is named, with the way to install it."""
 
 import tomllib
 

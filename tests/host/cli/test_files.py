@@ -1,4 +1,4 @@
-"""What verbs write is of the form its name says, whole or not there, and never over other files."""
+"""Files of verbs have the form of their name, are whole or absent, and never replace others."""
 
 import errno
 import json

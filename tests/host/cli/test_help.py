@@ -40,7 +40,7 @@ def test_topics_are_listed_and_others_refused(capsys):
 
 
 def completed(script, *words):
-    """What bash would offer for the last of these words."""
+    """The words that bash would offer for the last of these words."""
     line = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; COMP_TYPE=9; _shtab_mdms"
     done = subprocess.run(
         ["bash", "-c", f'source "$0"; {line}; echo "${{COMPREPLY[@]}}"', str(script)],

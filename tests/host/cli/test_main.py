@@ -1,4 +1,4 @@
-"""The command as a whole: it is light, ends with the right code, and says what is asked."""
+"""The command as a whole: it is light, ends with the right code, and prints the requested text."""
 
 import json
 import subprocess

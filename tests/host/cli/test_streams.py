@@ -1,4 +1,4 @@
-"""Whatever the streams are, and whenever a signal comes: one line, and the right exit code."""
+"""For any streams, and a signal at any time: one line, and the right exit code."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 
 MDMS = str(Path(sys.executable).with_name("mdms"))
-#: A verb that imports little; what is refused goes the same way for all.
+#: A verb that imports little; refusals go the same way for all.
 REFUSED = "configure assign --from none.toml"
 
 
@@ -89,7 +89,7 @@ LONG = ("simulate", "array18", "--set", "run.duration_s=1e4", "--set", "array.co
 def ended_by(number, folder):
     """The exit code and stderr of a long run that gets a signal once it has written frames.
 
-    Who runs the tests may ignore the signal (nohup does), and a child inherits that.
+    The caller of the tests may ignore the signal (nohup does), and a child inherits that.
     """
     before = signal.signal(number, signal.SIG_DFL)
     try:
@@ -155,7 +155,7 @@ def test_handlers_of_signals_are_given_back():
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-#: A callback of a destructor drops what is raised in it, as those from compiled code do.
+#: A callback of a destructor drops its exceptions, as those from compiled code do.
 DROPPED = """
 import os, signal, sys, time
 from mdms_host.cli.exits import Terminated, ended_by_signals

@@ -14,7 +14,7 @@ def answer(index: int, value: int) -> Frame:
 
 
 def after(*frames: Frame) -> StatusModel:
-    """A model that has heard these, one a millisecond, and asked what it wanted."""
+    """A model that has heard these frames, one a millisecond, with a poll after each."""
     model = StatusModel()
     for number, frame in enumerate(frames):
         model.on_frame(frame, number / 1000)

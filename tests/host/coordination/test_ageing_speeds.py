@@ -1,4 +1,4 @@
-"""What the coordinator believes and does when cells' speeds are late, lost, or do not come."""
+"""The coordinator's belief and behaviour when cells' speeds are late, lost, or do not come."""
 
 import numpy as np
 import pytest

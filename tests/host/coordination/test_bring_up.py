@@ -1,4 +1,4 @@
-"""How cells are brought up: who they are, what they are set to, and when drives come on."""
+"""How cells are brought up: identities, settings, and the time at which drives come on."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_bring_up_goes_through_its_phases_in_order(rolling_array) -> None:
 
 
 def signature_of_a_cell(node_id: int = 1) -> bytes:
-    """What a cell answers when its second TPDO is repeated every 200 ms, and all else is usual."""
+    """The answer of a cell when its second TPDO is repeated every 200 ms, and all else is usual."""
     objects = Objects()
     objects.reset(node_id, record.FROM_NODE)
     objects.put(0x1801, 5, 200)
@@ -63,7 +63,7 @@ def started() -> Coordinator:
 
 
 def controlwords(coordinator: Coordinator, *statuswords: int) -> list[bytes]:
-    """What is commanded while both axes of cell 1 tell these states one after another."""
+    """The controlwords while both axes of cell 1 report these states one after another."""
     sent = []
     for step, state in enumerate(statuswords):
         word = state | cia402.VOLTAGE_ENABLED

@@ -1,4 +1,4 @@
-"""What is different where the cells steer: places, heartbeats, and the end."""
+"""The differences where the cells steer: places, heartbeats, and the end."""
 
 from tests.host.coordination.arrays import BOTTOM, LAYOUT, still
 

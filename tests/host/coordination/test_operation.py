@@ -49,7 +49,7 @@ def test_an_interrupt_ends_in_order(link) -> None:
 
 
 class Broken(FieldProgram):
-    """A signal breaks one of its steps off; whoever goes on with it is noted."""
+    """A signal breaks one of its steps off; a later step is noted."""
 
     steps = 0
     entered_again = False

@@ -47,7 +47,7 @@ goal = {{ x_m = {goal[0]}, y_m = {goal[1]}, yaw_rad = 0.0 }}
 
 @pytest.fixture
 def carried(tmp_path):
-    """What a run records, and its coordinator."""
+    """The record of a run, and its coordinator."""
 
     def run(**values):
         path = tmp_path / "two.toml"

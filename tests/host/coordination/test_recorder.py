@@ -1,4 +1,4 @@
-"""What a recorder keeps of a run is what the coordinator saw, and no more."""
+"""A recorder keeps the data of a run that the coordinator saw, and no more."""
 
 import numpy as np
 import pytest

@@ -17,7 +17,7 @@ STEP_S = 0.001
 
 
 class Table:
-    """The cells of a layout, each on its bus, and what the host has sent."""
+    """The cells of a layout, each on its bus, and the frames that the host has sent."""
 
     def __init__(self, kinematic_cell, layout=LAYOUT):
         self.cells = [kinematic_cell(node_id) for node_id in layout.node_ids]

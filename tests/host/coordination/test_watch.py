@@ -1,4 +1,4 @@
-"""What does not move as it is commanded is reported soon, once, and by name."""
+"""A wheel or parcel that does not move as commanded is reported soon, once, and by name."""
 
 import numpy as np
 import pytest

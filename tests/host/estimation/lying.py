@@ -68,7 +68,7 @@ class Lying:
             each()
 
     def events(self, *names: str) -> list[tuple[str, BeliefEvent]]:
-        """What has happened, in order, to these or to all."""
+        """The events, in order, of these parcels or of all."""
         return [
             (change.name, change.event)
             for _, change in self.changes

@@ -1,4 +1,4 @@
-"""Parcels are announced, found, named, and leave; what nobody announced is found as unknown."""
+"""Parcels are announced, found, named, and leave; an unannounced parcel is found as unknown."""
 
 import numpy as np
 import pytest

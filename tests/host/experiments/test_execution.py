@@ -52,7 +52,7 @@ def measure(tmp_path):
 
 
 def lasting(rows):
-    """The rows by key, without what a clock or a place has a say in."""
+    """The rows by key, without values that depend on a clock or a place."""
     return {row["key"]: {name: row[name] for name in row if name not in WALL_CLOCK} for row in rows}
 
 
@@ -79,7 +79,7 @@ def test_a_run_that_kills_every_worker_is_a_row_and_the_others_are_done(measure)
 
 @contextmanager
 def dask(*arguments, shown):
-    """A program of Dask of its own, once it has shown that it is ready; what it has shown."""
+    """A program of Dask of its own, once it has shown that it is ready; the shown line."""
     command = [sys.executable, "-m", "dask", *arguments]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:

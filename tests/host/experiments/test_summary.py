@@ -9,7 +9,7 @@ from mdms_array.experiments.summary import bootstrap, wilson
 
 
 def table(over, measures=None, samples=32):
-    """A sweep in which what is slower and stickier arrives."""
+    """A sweep in which slower and stickier settings arrive."""
     rows = []
     for setting in settings_of(over, samples, "latin_hypercube", 1):
         for replication in range(4):

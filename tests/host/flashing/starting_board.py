@@ -10,7 +10,7 @@ from io import StringIO
 
 FRIENDLY = b"MicroPython v1.29.0; PYBv1.1\r\n>>> "
 RAW = b"raw REPL; CTRL-B to exit\r\n>"
-#: What the UART of the prompt keeps.
+#: The bytes that the UART of the prompt keeps.
 RECEIVE_BYTES = 260
 #: Of a program that prints without end, as fast as it is read.
 BYTE_S = 0.0005
@@ -37,8 +37,9 @@ class StartingBoard:
     """Has power from `on_s`, runs `main.py` from `main_s`, and takes `farewell_s` to end it.
 
     Its watchdog bites so many times when `main.py` has ended: it has no power for a second then,
-    and starts anew. `interrupts_s` are the times at which Ctrl-C has ended something; `says` is
-    what the program prints without end, and then it does not end. The port is there from `there_s`.
+    and starts anew. `interrupts_s` are the times at which Ctrl-C has ended something; `says` is the
+    text that the program prints without end, and then it does not end. The port is there from
+    `there_s`.
     """
 
     is_open = False
@@ -58,7 +59,7 @@ class StartingBoard:
         self.interrupts_s = []
         self.names = {}
 
-    # What mpremote asks of pyserial
+    # The calls of mpremote to pyserial
 
     def isOpen(self):
         return self.is_open
@@ -95,7 +96,7 @@ class StartingBoard:
             self._receive(byte)
         self._turn()
 
-    # What happens on the board
+    # The events on the board
 
     def _is_main(self):
         return self._step is None and self._clock.now_s() >= self._main_s

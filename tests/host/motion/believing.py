@@ -13,7 +13,7 @@ from mdms_model.arrays import Floats
 def beliefs(
     poses: Mapping[str, Floats], parcels: Iterable[Parcel], **others: Any
 ) -> dict[str, Belief]:
-    """What is believed of those of the parcels that have a pose."""
+    """The beliefs of those of the parcels that have a pose."""
     at_rest = {"twist": np.zeros(3), "covariance": np.zeros((3, 3)), **others}
     return {
         parcel.name: Belief(parcel.name, parcel.footprint, poses[parcel.name], **at_rest)

@@ -39,9 +39,9 @@ def mass_of(parcel: Parcel, mass_kg: float = BOX_KG) -> Mass:
 class Table:
     """One parcel on the wheels of a layout, by the paper's model.
 
-    As from cells: what is commanded in a cycle drives the next one, and the twist that is believed
-    is that of the wheels, one cycle old, as is the true pose that it carries on. The wheels of
-    cells that are `lost` (from 1) are braked.
+    As from cells: the command of a cycle drives the next one. The believed twist is that of the
+    wheels, one cycle old, as is the true pose that it carries on. The wheels of cells that are
+    `lost` (from 1) are braked.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Table:
         self.carrying = 0
 
     def step(self, command: Callable[..., Carried | None]) -> None:
-        """One cycle; `command` returns what the wheels are to do, given a belief."""
+        """One cycle; `command` returns the command of the wheels, given a belief."""
         belief = self.belief()
         carried, references_m_s = command(belief, STEP_S), np.zeros(len(self._next_m_s))
         if carried is not None:
@@ -76,7 +76,7 @@ class Table:
         self.move(references_m_s)
 
     def belief(self) -> Belief:
-        """What is believed of the parcel at the end of the cycle."""
+        """The belief of the parcel at the end of the cycle."""
         twist = self.rolling_twist()
         ahead = self.pose + twist * STEP_S
         return beliefs({self.parcel.name: ahead}, [self.parcel], twist=twist)[self.parcel.name]

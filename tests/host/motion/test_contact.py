@@ -43,7 +43,7 @@ def on_its_way(x_m: float, to_x_m: float, speed_m_s: float) -> MovingBody:
 
 
 def test_a_parcel_on_its_way_is_reported_before_it_is_too_late() -> None:
-    # It stops within 10 mm as planned, within 13 mm at worst, and 20 mm are for what is believed.
+    # It stops within 10 mm as planned, within 13 mm at worst, and 20 mm are for the belief.
     other = body(0.327)
     assert ("a", "b") in pairs(on_its_way(0.0, 0.5, 0.1), other)
     assert pairs(on_its_way(-0.01, 0.5, 0.1), other) == []

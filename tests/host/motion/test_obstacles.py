@@ -1,4 +1,4 @@
-"""What is no parcel of a program is kept clear of, and waited for."""
+"""A parcel keeps clear of objects that are no parcel of a program, and waits for them."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,4 @@
-"""A simulated table as a page has it, in virtual time; and one that only writes down what it is
-asked."""
+"""A simulated table as a page has it, in virtual time; and a table that only records commands."""
 
 import threading
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a cell is called follows from its frames, and from nothing else."""
+"""The state of a cell follows from its frames, and from nothing else."""
 
 import numpy as np
 import pytest

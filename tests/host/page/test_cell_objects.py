@@ -1,4 +1,4 @@
-"""What is read of a cell says what it is, in the digits that tools and standards have it in."""
+"""Values of a cell are shown with their meaning, in the digits of tools and standards."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""One schema says what every command is, and what is taken is what it says."""
+"""One schema defines every command, and exactly the commands that it allows are taken."""
 
 import jsonschema
 import pytest

@@ -1,4 +1,4 @@
-"""Texts, controls and what the table shows stand out as WCAG 2.2 AA asks for, in both themes."""
+"""Texts, controls and marks of the table stand out as WCAG 2.2 AA asks for, in both themes."""
 
 import re
 from importlib.resources import files

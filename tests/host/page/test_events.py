@@ -1,4 +1,4 @@
-"""Events are listed in the order of their times, with what can be done about each."""
+"""Events are listed in the order of their times, with the remedies of each."""
 
 from mdms_host.page.events import KEPT, EventList, event_of, events_of
 from mdms_model.run.record import Event

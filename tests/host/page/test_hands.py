@@ -1,4 +1,4 @@
-"""What hands do in a browser is what the table is asked for, and what it shows can be read."""
+"""Gestures in a browser ask the table for their commands, and its picture can be read."""
 
 import time
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ pytestmark = IN_A_BROWSER
 
 @pytest.fixture
 def still() -> Iterator[tuple[StillTable, str]]:
-    """A table that only writes down what it is asked for, and the address of its page."""
+    """A table that only records its commands, and the address of its page."""
     table = StillTable()
     opened = OpenPage(table)
     yield table, opened.page.address
@@ -92,7 +92,7 @@ def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
     page.mouse.move(*place_of(page, 0.0, 0.0))
     page.mouse.wheel(0, -300)
     wait_until(page, "before => page.view.scale > 1.3 * before[0]", before)
-    # What is under the pointer stays there.
+    # The point under the pointer stays there.
     assert page.evaluate("[page.view.x, page.view.y]") == pytest.approx(before[1:], abs=1e-3)
     drag(page, place_of(page, 0.0, 0.15), place_of(page, -0.1, 0.15))
     assert page.evaluate("page.view.x") == pytest.approx(0.1, abs=0.01)
@@ -137,7 +137,7 @@ def test_numbers_of_cells_cover_neither_sensors_nor_each_other(browser, columns,
     context.close()
     opened.close()
     numbers = texts[: columns * rows]
-    # Whoever is too far off for numbers has none.
+    # Cells that are drawn too small have no numbers.
     assert len(numbers) == (columns * rows if size > 24 else 0)
     for text, left, top, right, bottom in numbers:
         assert right - left < size, text

@@ -1,4 +1,4 @@
-"""What waits for a client is bounded, however slow it is."""
+"""The messages that wait for a client are bounded, even for a slow client."""
 
 import asyncio
 

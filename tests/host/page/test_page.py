@@ -1,4 +1,4 @@
-"""What a client meets at the door: pages, commands, control, and limits."""
+"""The service of the page to its clients: pages, commands, control, and limits."""
 
 import json
 import socket
@@ -362,7 +362,7 @@ def test_stop_overtakes_what_waits_and_calls_it_off(table):
     with Page(table, MonotonicClock()) as page:
         visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
         visitor.say({"id": 1, "command": "start"})
-        # Whoever asks for the whole run, without any token, fills half of the queue at most.
+        # A client that asks for the whole run, without any token, fills half of the queue at most.
         readers = [threading.Thread(target=fetched, args=(page, "/api/history")) for _ in range(70)]
         for reader in readers:
             reader.start()
@@ -378,7 +378,7 @@ def test_stop_overtakes_what_waits_and_calls_it_off(table):
 
 
 def welcomed(page: Page, token: str | None) -> "Visitor":
-    """One that has come in at a page that nobody attends to but this."""
+    """A visitor that has come in at a page without another caller of `attend`."""
     there = len(page._hub.clients)
     visitor = Visitor(page, token)
     wait_until(lambda: page.attend() or len(page._hub.clients) > there)

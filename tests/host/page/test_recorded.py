@@ -1,4 +1,4 @@
-"""A recorded run shows, at any time, what was so then."""
+"""A recorded run shows, at any time, the state of that time."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the wheels do when a command comes late, twice, out of season, or beside another host."""
+"""The wheels when a command comes late, twice, out of season, or beside another host."""
 
 from dataclasses import replace
 
@@ -136,7 +136,7 @@ def test_goal_during_a_hold_moves_nothing_before_the_hold_is_over(monkeypatch):
     desk.table.do(commands.Goal("box", 0.0, 0.05, 0.0))
     desk.run(0.5)
     assert place_of_box(desk) == pytest.approx(held, abs=1e-3)
-    # What the dead cell did last is not shown as what it does now.
+    # The last state of the dead cell is not shown as its present state.
     assert np.flatnonzero(np.isnan(desk.shown["wheel_speed"])).tolist() == [14, 15]
     desk.table.do(commands.EndFault(1))
     desk.run_until(lambda: "box has arrived" in desk.texts, 6.0)
@@ -156,7 +156,7 @@ def test_stop_during_a_pause_is_the_first_thing_that_happens_after_it(running):
     desk.table.do(commands.StopAll())
     desk.run(0.2)
     paused = place_of_box(desk)
-    # What comes between the stop and its end moves nothing either.
+    # A command between the stop and its end moves nothing either.
     desk.table.do(commands.Goal("box", -0.1, 0.0, 0.0))
     desk.table.do(commands.Resume())
     desk.run_until(lambda: phase(desk) == "stopped", 1.0)

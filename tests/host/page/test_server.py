@@ -1,4 +1,4 @@
-"""Only the page's own address is answered, and only who has the token moves anything."""
+"""Only the page's own address is answered, and only a holder of the token moves anything."""
 
 import socket
 

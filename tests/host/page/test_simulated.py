@@ -1,4 +1,4 @@
-"""What a person does to a simulated table happens, and ends when nobody is there any more."""
+"""Actions of a person on a simulated table happen, and end when the last person has left."""
 
 import time
 from dataclasses import replace
@@ -238,7 +238,7 @@ def test_when_nobody_is_there_any_more_time_passes_and_no_parcel_hangs_in_the_ai
     desk.run(0.2)
     assert desk.now_s == pytest.approx(0.2, abs=0.01)
     assert desk.shown["parcel_true"][0, 0] == pytest.approx(-0.1)
-    # What is broken stays so: the world is as it is.
+    # Broken parts stay so: the world is as it is.
     assert [one["fault"]["kind"] for one in desk.faults] == ["off"]
 
 

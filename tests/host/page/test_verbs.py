@@ -48,7 +48,7 @@ class Watcher:
         self._socket.send(json.dumps(message))
 
     def ask(self, command: str) -> dict:
-        """What a command is answered."""
+        """The answer to a command."""
         self.say({"id": 1, "command": command})
         end_s = time.monotonic() + WITHIN_S
         while time.monotonic() < end_s:
@@ -111,7 +111,7 @@ def test_served_table_is_run_from_the_page_of_another_program(tmp_path):
         host.until(lambda phase, _: phase.startswith("stopped"))
         table.until(lambda phase, shown: not (shown["cell_state"] == CellState.RUNNING).any())
         host.run()
-        # Whoever sees the served table may stop what it does not drive itself, too.
+        # A client of the served table may stop it without driving it, too.
         table.say({"command": "stop_all"})
         table.until(lambda phase, shown: not (shown["cell_state"] == CellState.RUNNING).any())
         host.until(lambda phase, _: phase != "running")

@@ -1,4 +1,4 @@
-"""A window of a real browser, and what is done and waited for in it."""
+"""A window of a real browser, and the actions and waits of tests in it."""
 
 import shutil
 import time

@@ -78,7 +78,7 @@ class Stage:
 
     @property
     def log(self):
-        """Who was ordered where since the last look."""
+        """The orders since the last look, as parcel and place."""
         log, self.hands.log = self.hands.log, []
         return [(name, goal if isinstance(goal, str) else goal.x_m) for name, goal in log]
 

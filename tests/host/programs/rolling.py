@@ -23,7 +23,7 @@ IDEAL = (
 
 
 class Rolling:
-    """A scenario with a program, in cycles of 10 ms; beliefs are what is true, as of a SYNC.
+    """A scenario with a program, in cycles of 10 ms; beliefs are the truth, as of a SYNC.
 
     Parcels named in `unknown` are believed to be something unknown, which reaches as far as the
     next sensors that may be free; those in `hidden` are not believed to be anywhere, and those in

@@ -1,4 +1,4 @@
-"""What may come is announced under free names, one of each kind at each infeed."""
+"""Parcels that may come are announced under free names, one of each kind at each infeed."""
 
 import numpy as np
 

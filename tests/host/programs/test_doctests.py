@@ -1,4 +1,4 @@
-"""What the documentation of programs shows is so."""
+"""The examples in the documentation of programs give the results that they show."""
 
 import doctest
 

@@ -14,7 +14,7 @@ CRATE = Newcomer("crate", 0.3, 0.26, kind="crate", mass_kg=1.5)
 
 
 class Register:
-    """Refuses as the tracker does; what it takes is found when a test puts it on the stage."""
+    """Refuses as the tracker does; a taken parcel is found when a test puts it on the stage."""
 
     def __init__(self, stage, size=SEEN):
         self.stage, self.expected, self.gone, self.withdrawn = stage, {}, [], []

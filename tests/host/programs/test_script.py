@@ -1,4 +1,4 @@
-"""Coroutines go on when what they wait for has come, in the order in which they were started."""
+"""Coroutines go on when the awaited event has come, in the order in which they were started."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""What programs can ask of a table, and when they go on."""
+"""The calls of a table that programs use, and the times at which programs go on."""
 
 import pytest
 from tests.host.programs.hands import Stage

@@ -1,4 +1,4 @@
-"""Whoever keeps to its authority meets nobody and is held up by nobody for ever."""
+"""A parcel that keeps to its authority meets no other, and no parcel holds it up for ever."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -18,7 +18,7 @@ from mdms_host.routes.route import Visits
 
 @pytest.fixture(scope="module")
 def plan() -> Plan:
-    """Four parcels that all cross each other's way, one of which has to stand aside."""
+    """Four parcels that all cross each other's way; one of them has to stand aside."""
     planner = Planner(Tiles(Layout(14, 9)))
     return planner.plan(
         [

@@ -1,4 +1,4 @@
-"""What routes come of which parcels, and why some have none."""
+"""The routes of parcels, and the reasons for a missing route."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Ways of a parcel alone past places, of which there may be more than fit a word."""
+"""Ways of a parcel alone past places; there may be more places than fit a word."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Where the array's key lies, and who may read it."""
+"""The place of the array's key, and the users that may read it."""
 
 import os
 

@@ -14,7 +14,7 @@ STEP_S = 0.01
 
 
 class Sink:
-    """Takes what comes; the last of it may fail."""
+    """Takes the written pieces; the last of them may fail."""
 
     def __init__(self, refusal=None):
         self.data = b""

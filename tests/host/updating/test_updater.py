@@ -95,7 +95,7 @@ def test_bus_is_given_no_more_frames_than_it_carries():
 
 def test_cells_stay_as_they_are_when_the_one_that_went_ahead_fails(monkeypatch):
     cells, sent = Cells(), bundle()
-    # Whoever starts it does not pass its self-test.
+    # A cell that starts it does not pass its self-test.
     monkeypatch.setattr("mdms_cell.cell.Cell._sound", lambda self: False)
     monkeypatch.setattr("mdms_cell.update.update.TRIAL_MS", 8_000)
     updater = cells.run(updates(cells, sent))
@@ -145,7 +145,7 @@ def test_refusal_of_a_cell_is_told_in_words(sent, reason):
     (update,) = cells.run(updates(cells, sent())).updates
     assert reason in update.failure
     assert cells.running() == [0]
-    # What is right is taken after that.
+    # A right bundle is taken after that.
     (update,) = cells.run(updates(cells, bundle())).updates
     assert update.finished
     assert update.restarts == 0

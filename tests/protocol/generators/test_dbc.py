@@ -1,4 +1,4 @@
-"""The database decodes what is on the bus."""
+"""The database decodes the frames of the bus."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""Other people's tools take the data sheet whole, and read from it what the table says."""
+"""Other people's tools take the data sheet whole, and read the same values as in the table."""
 
 import logging
 import subprocess

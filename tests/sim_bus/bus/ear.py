@@ -2,7 +2,7 @@
 
 
 class Ear:
-    """Writes down what it receives and when."""
+    """Records the received frames and their times."""
 
     def __init__(self):
         self.heard = []

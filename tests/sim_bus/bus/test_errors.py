@@ -1,4 +1,4 @@
-"""What nodes make of errors: counters, flags, retransmission, bus off and the way back."""
+"""The reactions of nodes to errors: counters, flags, retransmission, bus off and the way back."""
 
 from itertools import pairwise
 

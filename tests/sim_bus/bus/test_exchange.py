@@ -1,4 +1,4 @@
-"""Frames that are followed bit by bit, and what is known of them without."""
+"""Frames that are followed bit by bit, and the facts that are known without that."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -18,7 +18,7 @@ def scenario(*faults, seed=1, bitrate=1_000_000, length_m=0.2):
 
 
 class Tool:
-    """Starts the nodes after a while, sends SYNC every 10 ms and writes down what it receives."""
+    """Starts the nodes after a while, sends SYNC every 10 ms and records the received frames."""
 
     def __init__(self):
         self.heard = []

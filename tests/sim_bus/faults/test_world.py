@@ -1,4 +1,4 @@
-"""Faults of the world and of the host: what the bus and the record show of them."""
+"""Faults of the world and of the host: their traces on the bus and in the record."""
 
 import numpy as np
 import pytest
@@ -8,12 +8,12 @@ from mdms_model.scenario.fault import Fault
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob
 
-#: What cells 1 and 3 see of the box over cell 2: it reaches over their nearer sensors.
+#: The bits of cells 1 and 3 for the box over cell 2: it reaches over their nearer sensors.
 BESIDE = 0b10010
 
 
 def presence(life, cell):
-    """What a cell has reported of its sensors, as (time [s], bits)."""
+    """The reports of a cell about its sensors, as (time [s], bits)."""
     can_id = pdo.STATUS.can_id(cell)
     frames = ((now_s, frame) for now_s, frame in life.tool.heard if frame.can_id == can_id)
     return [(now_s, pdo.STATUS.decode(frame.data)[2]) for now_s, frame in frames]

@@ -191,7 +191,7 @@ def test_all_beyond_half_a_count_counts(innovation):
 
 
 def first_rate(innovation):
-    """What the firmware's observer makes of an innovation [counts], over its beta."""
+    """The rate that the firmware's observer takes from an innovation [counts], over its beta."""
     registers = array("i", [0] * speed_loop.REGISTERS)
     tuning.set_encoder(registers, 0, 37_596)
     registers[speed_loop.BETA] = 4096

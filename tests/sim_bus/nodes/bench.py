@@ -1,4 +1,4 @@
-"""Cells whose wheels are turned at random, to hear what they make of it."""
+"""Cells whose wheels are turned at random, for tests of their reports."""
 
 import numpy as np
 

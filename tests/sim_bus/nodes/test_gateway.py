@@ -11,7 +11,7 @@ TABLES = ({0x181: 0x1FE, 0x183: 0x1FD}, {0x182: 0x1FE})
 
 
 class Ear:
-    """Writes down what it receives and when [us]."""
+    """Records the received frames and their times [us]."""
 
     def __init__(self):
         self.heard = []

@@ -1,4 +1,4 @@
-"""MicroPython cells: what waits for a turn, what is left behind, and what dies with whom."""
+"""MicroPython cells: frames that wait for a turn, leftovers, and processes that end with theirs."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""Tables of the prototype's shape with parcels on them, and what is known of their motion."""
+"""Tables of the prototype's shape with parcels on them, and figures of their motion."""
 
 import numpy as np
 

@@ -200,7 +200,7 @@ def test_squares_are_filled_under_a_parcel_outlined_where_promised_and_pale_near
 def test_picture_shows_how_far_the_cells_belief_was_off(plane, held_record):
     panels = draw_plane(plane, held_record).axes
     away, turn = (axes for axes in panels if axes.get_ylabel().startswith("belief off by"))
-    # The first line is what the host believes.
+    # The first line is the host's belief.
     np.testing.assert_allclose(away.lines[1].get_ydata()[5:], 2.0)
     np.testing.assert_allclose(turn.lines[1].get_ydata()[5:], np.degrees(0.01))
 

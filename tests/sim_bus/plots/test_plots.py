@@ -1,4 +1,4 @@
-"""Pictures show what the record says: traces, bands, footprints, goals."""
+"""Pictures show the content of the record: traces, bands, footprints, goals."""
 
 from dataclasses import replace
 

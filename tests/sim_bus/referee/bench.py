@@ -1,6 +1,7 @@
 """Six by two cells, a box over the first columns, and a tool that drives all wheels alike.
 
-What is broken on purpose is the test's: a patched firmware, a bank that holds voltages, the tool.
+The deliberately broken part is the test's: a patched firmware, a bank that holds voltages, the
+tool.
 """
 
 from contextlib import closing
@@ -60,7 +61,7 @@ class Tool:
 
 
 class Holding(PythonBank):
-    """Cells of which one, from 0, holds its voltages [uV] from a time on [s], come what may."""
+    """Cells; cell number `cell`, from 0, holds its voltages [uV] from a time on [s]."""
 
     cell, from_s, voltages_uv = 0, float("inf"), (0, 0)
     _now_ms = 0

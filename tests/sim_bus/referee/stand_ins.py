@@ -1,4 +1,4 @@
-"""Cells and hosts that do what a test says, so that they can break any rule."""
+"""Cells and hosts that act as a test says, so that they can break any rule."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -22,7 +22,7 @@ REST = np.zeros((CELLS, 2))
 
 
 class Motors:
-    """Cells without a program: motors get, and cells send, what the test says."""
+    """Cells without a program: motors get, and cells send, the values of the test."""
 
     def __init__(self, drive: Drive, frames: Iterable[tuple[float, Frame]]) -> None:
         self.awake = np.ones(CELLS, np.int32)
@@ -84,7 +84,7 @@ class Speaker:
 
 
 def estimate(cell: int, identity: int, state: int, flags: int = 0, hold: int = 5) -> Frame:
-    """What a cell says of a parcel."""
+    """The estimate of a cell about a parcel."""
     data = messages.encode_estimate(
         messages.Estimate(0, 0, 0, identity, state, 0, 10, hold, 1, flags)
     )
@@ -123,7 +123,7 @@ def judged(
     frames: Iterable[tuple[float, Frame]] = (),
     host: Callable[[Simulation], HostReport | None] | None = None,
 ) -> Simulation:
-    """The simulation after so long; `host` says what a host says then."""
+    """The simulation after this time; `host` gives the words of a host then."""
     frames = [*frames]
     pages = [each for each in frames if each[1].can_id == cob.PROGRAM]
     simulation = Simulation(
@@ -143,7 +143,7 @@ ABOUT_WHEELS = ("asked", "heeded", "silent", "quiet")
 
 
 def noted(simulation: Simulation) -> list[tuple[str, float, int | None, str | None]]:
-    """What the referee has noted about parcels and words: rule, time [s], cell and parcel."""
+    """The referee's notes about parcels and words: rule, time [s], cell and parcel."""
     return [
         (each.rule, each.time_s, each.cell, each.parcel)
         for each in simulation.referee.violations

@@ -71,7 +71,7 @@ def test_a_square_is_there_however_often_it_is_turned_by_90_degrees(turns):
 
 
 def outlined(shape):
-    """One parcel of 0.25 m, and what it looks like."""
+    """One parcel of 0.25 m, and its shape."""
     box = f'{{name="box1", mass_kg=2.0, length_m=0.25, x_m=-0.2, goal={{x_m=0, y_m=0}}, {shape}}}'
     return load_scenario("array18", [f"parcel=[{box}]"])
 

@@ -1,4 +1,4 @@
-"""Each rule about wheels finds what is broken on purpose, at its cell and time."""
+"""Each rule about wheels finds its deliberate violation, at its cell and time."""
 
 import pytest
 from tests.sim_bus.referee.bench import CELLS, control, heartbeats, judge, write

@@ -17,7 +17,7 @@ TIMES = 300
 
 @pytest.fixture
 def ends():
-    """A terminal and its two ends: the server's, and one that a client has opened."""
+    """A terminal and its two ends: the server's, and the end that a client has opened."""
     with closing(Terminal()) as terminal:
         client = os.open(terminal.name, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(client)

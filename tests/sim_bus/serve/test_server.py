@@ -17,7 +17,7 @@ MS = 1_000_000
 TURN_NS = MS // 4
 PERIOD_NS = 10 * MS
 OPEN, SETPOINT = b"S8\rO\r", b"t2010\r"
-#: As long as a busy machine was seen to leave what is written to a terminal lie.
+#: The longest time for which a busy machine was seen to leave data for a terminal.
 STALL = range(100 * MS, 300 * MS)
 
 
@@ -129,7 +129,7 @@ def test_time_passes_with_the_machines_while_a_terminal_works(machine, tmp_path)
 
 
 def test_first_steps_are_made_before_anybody_can_come_in(tmp_path):
-    """What is compiled at its first use takes seconds where nothing was compiled before."""
+    """Code that is compiled at its first use takes seconds where nothing was compiled before."""
     simulation, path = bare_simulation(), tmp_path / "bus.sock"
     open_then = []
     simulation.kernel.at(SLICE_NS, 0, lambda: open_then.append(path.exists()))

@@ -17,7 +17,7 @@ PATIENCE_S = 20.0
 
 
 class Node:
-    """Answers every frame with one that has its own number."""
+    """Answers every frame with a frame that has its own number."""
 
     def __init__(self, bus, number):
         self.number = number

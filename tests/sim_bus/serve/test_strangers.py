@@ -1,4 +1,4 @@
-"""What a served bus makes of programs that are rude, many, or none of its own; real sockets."""
+"""A served bus under programs that are rude, many, or none of its own; real sockets."""
 
 import os
 import socket
@@ -55,7 +55,7 @@ def connect_tcp(served):
 
 
 def ends(connection):
-    """Read until the other side has closed; what came before."""
+    """Read until the other side has closed; returns the bytes before."""
     came = b""
     with suppress(ConnectionResetError):
         while data := connection.recv(1 << 16):
@@ -189,7 +189,7 @@ def test_answers_that_nobody_reads_are_dropped_and_counted(path):
 
 
 def test_a_client_is_read_no_faster_than_a_full_bus(path):
-    """Whatever the machine's speed: at most 512 bytes a simulated millisecond, and one read."""
+    """On a machine of any speed: at most 512 bytes a simulated millisecond, and one read."""
     with serving(path, tcp_port=0) as served, connect_tcp(served) as flood:
         start_ns = served.kernel.now_ns
         flood.sendall(b"\r" * 50_000)

@@ -39,7 +39,7 @@ class Grid:
     def trust(self, now_ms):
         """Frames come in time again."""
         self._unsure = False
-        # The one that is due about now may have come just before.
+        # The heartbeat due about now may have come just before.
         self._optional = True
         while self._due_ms is not None and self._due_ms < now_ms - LATE_MS:
             self._due_ms += self._period_ms

@@ -157,12 +157,12 @@ class Life:
         self.sampling = True
 
     def tell_sample(self, heap):
-        """Print what is in use when the garbage has been collected."""
+        """Print the memory in use when the garbage has been collected."""
         self._samples += 1
         self.sampling = False
         print("sample", world.now_ms, heap)
 
     def tell(self):
-        """Print what the cell has sent in its life."""
+        """Print the counts and the sum of the cell's life."""
         watch = self.watch
         print("at", world.now_ms, watch.frames, watch.heartbeat.count, watch.sum)

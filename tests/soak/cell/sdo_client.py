@@ -1,6 +1,6 @@
 """An SDO client of every transfer type, as generators that yield what to send, or None to wait.
 
-The caller resumes them once a millisecond and puts what the cell answers in `Client.responses`.
+The caller resumes them once a millisecond and puts the cell's answers in `Client.responses`.
 """
 
 from mdms_protocol.codecs import sdo
@@ -10,7 +10,7 @@ _SEGMENT = 7
 
 
 class Client:
-    """Reads and writes objects; what goes wrong is told to `watch`."""
+    """Reads and writes objects; errors are told to `watch`."""
 
     def __init__(self, watch):
         self._watch = watch
@@ -38,7 +38,7 @@ class Client:
         self._done(index, sub, response[0] == sdo.DOWNLOAD_RESPONSE)
 
     def refused(self, index, sub, value, code):
-        """Write what is to be refused with this abort code."""
+        """Write a value that is to be refused with this abort code."""
         response = yield from self.ask(sdo.write_request(index, sub, value))
         self._done(index, sub, response == sdo.abort(index, sub, code))
 

@@ -19,7 +19,7 @@ def read_texts(story):
 
 
 def change_setting(story):
-    """A setting in segments, then one that is refused, then the old one."""
+    """A setting in segments, then a refused setting, then the old setting."""
     gain = (5_000 + 10 * story.chance.below(1000)).to_bytes(4, "little")
     yield from story.through(story.client.write_segments(0x2000, 0, gain, told=False))
     value = yield from story.read(0x2000, 0)

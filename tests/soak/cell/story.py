@@ -15,7 +15,7 @@ _UP = (0, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_O
 _PAUSE_MAX_MS = 2000
 _BOOT_MS = 200
 _VOLTAGE_2 = speed_loop.AXIS + speed_loop.VOLTAGE
-#: What differs from the defaults: two heartbeats watched; RPDO3 takes a neighbour's speeds and
+#: Differences from the defaults: two heartbeats watched; RPDO3 takes a neighbour's speeds and
 #: leaves them; TPDO3 carries the mode, which never changes, TPDO4 the position, which always may.
 _SETTINGS = (
     (0x1016, 1, (HOST << 16 | 250).to_bytes(4, "little")),
@@ -165,7 +165,7 @@ class Story:
         yield from self.boot()
 
     def through(self, exchange):
-        """What the client sends, on the identifier of the cell's server."""
+        """The requests of the client, on the identifier of the cell's server."""
         try:
             request = next(exchange)
             while True:

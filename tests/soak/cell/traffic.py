@@ -1,4 +1,4 @@
-"""What a cell receives of the array: SYNC, targets, neighbours' speeds, heartbeats."""
+"""The frames that a cell receives of the array: SYNC, targets, neighbours' speeds, heartbeats."""
 
 import world
 from watch import NODE
@@ -29,7 +29,7 @@ class Traffic:
         self._held = False
 
     def poll(self):
-        """Send what is due in this millisecond."""
+        """Send the frames that are due in this millisecond."""
         now_ms = world.now_ms
         deliver = self._life.deliver
         phase = now_ms % SYNC_MS

@@ -1,4 +1,4 @@
-"""What must hold all the time, whatever is going on; what does not is printed as a finding."""
+"""Conditions that hold all the time, in any situation; each violation is printed as a finding."""
 
 import binascii
 
@@ -106,7 +106,7 @@ class Watch:
         self._position_ms = None if self.unsure else now_ms
 
     def poll(self):
-        """What must hold after every tick."""
+        """Check the conditions after every tick."""
         now_ms = world.now_ms
         self.heartbeat.poll(now_ms)
         self.event.poll(now_ms)

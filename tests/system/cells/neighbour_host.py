@@ -1,7 +1,7 @@
 """A small host for cells that steer by themselves: brings them up, gives programs, and listens.
 
 It writes places, switches drives on, gives SYNC and its heartbeat, sends each parcel's pages a few
-times, and nothing afterwards. What it reports is what any listener on the bus could.
+times, and nothing afterwards. Its reports are those that any listener on the bus could make.
 """
 
 import math
@@ -48,7 +48,7 @@ Pose = tuple[float, float, float]
 
 
 class Box(NamedTuple):
-    """A parcel and where it is to go [m, rad; table frame]; `at` is what the host says of it.
+    """A parcel with its start and goal [m, rad; table frame]; `at` is the start as the host says.
 
     `legs` are where it goes after its goal, without the host.
     """
@@ -222,7 +222,7 @@ def is_at(pose: Sequence[float], goal: Pose) -> bool:
 
 @dataclass
 class Run:
-    """A finished run: what the bus showed and what the parcels did."""
+    """A finished run: the traffic of the bus and the motion of the parcels."""
 
     host: NeighbourHost
     record: Record

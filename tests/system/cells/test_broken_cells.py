@@ -1,4 +1,4 @@
-"""One cell is broken while a box is on its way: what the box does, and who is named."""
+"""One cell is broken while a box is on its way: the motion of the box, and the named cell."""
 
 import numpy as np
 from tests.system.cells.neighbour_host import Box, run, scenario_of

@@ -1,4 +1,4 @@
-"""Cells steer a box by themselves: what goes over the bus, where the box goes, without the host."""
+"""Cells steer a box by themselves: the traffic of the bus, and the way of the box without host."""
 
 from contextlib import closing
 from math import degrees, hypot
@@ -25,7 +25,7 @@ SHORT = tuple(
 HOST_HEARTBEAT = cob.HEARTBEAT_BASE + cob.HOST_NODE
 LOST = 0x8130
 GONE_S = 1.1
-#: What friction allows where the wheels along the way carry half of the weight: mu g / 2.
+#: Limit by friction where the wheels along the way carry half of the weight: mu g / 2.
 FRICTION_M_S2 = 0.3 * 9.81 / 2
 
 

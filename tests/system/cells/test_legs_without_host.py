@@ -1,4 +1,4 @@
-"""A way of several legs, of which the cells take each that follows while the host is gone."""
+"""A way of several legs; the cells take each leg that follows while the host is gone."""
 
 import numpy as np
 import pytest

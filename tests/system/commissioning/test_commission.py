@@ -132,7 +132,7 @@ def turns(frame):
     return frame.can_id == pdo.TARGET_VELOCITY.can_id(3)
 
 
-#: What node 3's nudge is cut before, and how often that has come by then.
+#: The frame before which node 3's nudge is cut, and its count by then.
 STAGES = {
     "starting": (starts, 5),
     "limiting the voltage": (limits_voltage, 1),
@@ -165,7 +165,7 @@ class Cut:
 @pytest.mark.parametrize("killed", [False, True], ids=["interrupted", "killed"])
 @pytest.mark.parametrize("stage", STAGES)
 def test_nudge_that_is_broken_off_leaves_wheels_off_and_no_setting_changed(serve, stage, killed):
-    # One that runs away needs no second push.
+    # A motor that runs away needs no second push.
     kind = "wheel_jammed" if stage == "the second push" else "motor_reversed"
     array = serve((1, 2, 3, 4), f"{{kind='{kind}', cells=[3], axes=[1]}}")
     with Commissioning(None, MonotonicClock()) as bus:
@@ -197,7 +197,7 @@ def test_nudge_that_another_host_stops_ends_for_all_cells(serve, stage, capsys):
     assert cut.fired
     message = capsys.readouterr().err
     assert "was stopped: another host has sent 'enter pre-operational'" in message
-    # What was on its way crosses the other's command; after it nothing starts or enables.
+    # Frames on their way cross the other's command; after it nothing starts or enables.
     later = cut.sent[1:]
     assert not [frame for frame in later if starts(frame) or enables(frame)]
     array.time.sleep(0.2)

@@ -31,7 +31,7 @@ FAULTS = (
     "{kind='wheel_jammed', cells=[6], axes=[2]}",
     "{kind='corruption', cells=[14], seen_by=[13], probability=0.15}",
 )
-#: What each kind of finding is found at, without an array file and without a turn of a wheel.
+#: The places of each kind of finding, without an array file and without a turn of a wheel.
 #: A cell that was off the bus is in fault for that, too.
 EXPECTED = {
     "bus-errors": [()],
@@ -113,7 +113,7 @@ def array():
 
 
 def spoil(bank):
-    """What no fault of a scenario does to a cell."""
+    """Give cells faults that no fault of a scenario causes."""
     cells = dict(enumerate(bank._cells, 1))
     objects = {number: cell._objects for number, cell in cells.items()}
     objects[7].put(indices.RESOLUTION, 0, 2 * objects[7].number(indices.RESOLUTION))

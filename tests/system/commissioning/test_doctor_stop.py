@@ -35,7 +35,7 @@ STOP = ["doctor", "--stop", "-i", "virtual"]
 NS_PER_S = 1_000_000_000
 #: Before a hand is at the button, and from there to Enter.
 REACHES_S, ENTERS_S = 0.3, 0.4
-#: What of 24 V cells measure while their bridges are pulled low.
+#: The part of 24 V that cells measure while their bridges are pulled low.
 PULLED_V = 6.5
 
 
@@ -96,7 +96,7 @@ class Person(AtTerminal):
 
 
 class Nobody(AtTerminal):
-    """Does not do what is asked."""
+    """Does not do the requested action."""
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ from mdms_sim.simulation import simulate
 #: The wheel of the jog: nothing lies on cell 5.
 CELL, AXIS = 5, 2
 PATIENCE_S = 60
-#: What no command that turns wheels may change.
+#: Settings that no command that turns wheels may change.
 LEFT_ALONE = (indices.SIGNATURE, indices.VOLTAGE_LIMIT, indices.GAIN)
 
 
@@ -140,7 +140,7 @@ def test_wheel_turns_while_a_key_is_held_and_stops_when_it_is_let_go():
 
 
 class Stopper:
-    """Another host: sends a command at a time, and keeps what is sent after it."""
+    """Another host: sends a command at a time, and keeps the frames after it."""
 
     def __init__(self, at_s, frame):
         self.wake_s = at_s

@@ -31,7 +31,7 @@ KEY = bytes(range(32))
 TIMEOUT_MS = 77
 #: As long as a machine with other work may take.
 PATIENCE_S = 30.0
-#: The version of the firmware that comes over the bus; what is there before has the real one.
+#: The version of the firmware that comes over the bus; the firmware before has the real one.
 NEXT = "0.1.1"
 BYTECODE = 2822 & codes.BYTECODE
 _DETECT = b"def board_module(machine):\n    from boards import pipe_board\n    return pipe_board\n"
@@ -54,7 +54,7 @@ def firmware() -> dict[str, bytes]:
 
 @cache
 def packed(version: str = NEXT) -> bytes:
-    """What goes into a slot: the firmware under another version."""
+    """The image for a slot: the firmware under another version."""
     modules = {
         path: data.replace(VERSION.encode(), version.encode())
         for path, data in firmware().items()
@@ -140,7 +140,7 @@ class FlashedCell:
         return self._process is not None
 
     def power_up(self, cut: int = -1) -> None:
-        """Start it; what is in its flash runs."""
+        """Start it; the firmware in its flash runs."""
         child_reads, into = os.pipe()
         out, child_writes = os.pipe()
         told, child_tells = os.pipe()
@@ -176,7 +176,7 @@ class FlashedCell:
             os.close(each)
 
     def errors(self) -> str:
-        """What the processes have printed."""
+        """The output of the processes."""
         return self._errors.read_text()
 
     def give(self, frame: Frame) -> None:
@@ -187,11 +187,11 @@ class FlashedCell:
                 os.write(self._ends.into, record)
 
     def take(self, wait_s: float) -> list[Frame]:
-        """What it has sent; a restart and a cut are seen to on the way."""
+        """The frames that it has sent; a restart and a cut are handled on the way."""
         if self._process is None:
             return []
         ready = select.select([self._ends.out, self._ends.told], [], [], max(wait_s, 0.0))[0]
-        # What it has sent before is on the bus, whatever becomes of it.
+        # Its earlier frames are on the bus, even if it is gone.
         sent = os.read(self._ends.out, 1 << 16) if self._ends.out in ready else b""
         if not sent and self._ends.told in ready:
             self._follow()
@@ -203,7 +203,7 @@ class FlashedCell:
         ]
 
     def _follow(self) -> None:
-        """See to what the process says of itself."""
+        """Handle the messages of the process about itself."""
         said = self._said()
         self.told += said.splitlines()
         if "cut" in said:
@@ -241,7 +241,7 @@ def drive(cell: FlashedCell, participant: Participant, over: Callable[[], bool])
 
 @dataclass(frozen=True)
 class Report:
-    """What a cell says of itself: slot, trial, version, timeout setting, states and voltages."""
+    """A cell's report about itself: slot, trial, version, timeout setting, states and voltages."""
 
     slot: int
     on_trial: bool

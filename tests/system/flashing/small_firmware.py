@@ -98,7 +98,7 @@ def files_of(board):
 
 
 def firmware_on(board):
-    """What lies in its flash but for what a cell writes itself."""
+    """The content of its flash, except files that a cell writes itself."""
     left = files_of(board)
     return {path: left[path] for path in left.keys() - KEPT.keys() - {"motors"}}
 

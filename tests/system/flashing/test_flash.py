@@ -134,7 +134,7 @@ def test_board_without_hashlib_is_read_instead(plug_in):
 
 @pytest.fixture
 def shares(monkeypatch):
-    """What the bars of the boards are told, by their names."""
+    """The shares that the bars of the boards are told, by their names."""
     told = {}
 
     @contextmanager

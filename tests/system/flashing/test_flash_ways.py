@@ -114,7 +114,7 @@ def test_romfs_with_anything_else_in_it_is_left_alone(plug_in, copies):
 
 @pytest.fixture
 def freeze(tmp_path, monkeypatch):
-    """Lets boards have firmware of a version frozen in: a folder stands for what is built in."""
+    """Lets boards have firmware of a version frozen in: a folder stands for built-in modules."""
 
     def freeze(version):
         folder = tmp_path / "frozen" / "mdms_protocol"
@@ -171,7 +171,7 @@ def test_copies_are_refused_where_they_do_not_fit_into_the_heap(plug_in, capsys)
 
 
 def test_romfs_takes_what_the_heap_does_not(plug_in, copies):
-    # What stands for the partition lies in the heap here.
+    # The stand-in for the partition lies in the heap here.
     board = plug_in({}, rom=b"", heap_bytes=SMALL_HEAP + ROM_SIZE)
     with BoardLink(board.port, MonotonicClock()) as link:
         assert identify(link).heap < COPIES_HEAP

@@ -48,7 +48,7 @@ def flash(tmp_path_factory):
 
 
 def small(counter=1, **replaced):
-    """A bundle of what is the board's alone; the rest is found where USB has brought it."""
+    """A bundle of the board's own files; the rest is found where USB has brought it."""
     files = {path: data for path, data in firmware().items() if path.startswith("boards/")}
     files.update({path.replace("__", "/"): data for path, data in replaced.items()})
     return sign(pack_image(rom_image(files)), KEY, counter, BYTECODE)
@@ -62,7 +62,7 @@ def update(cell, sent):
 
 
 def after(sent, version=VERSION):
-    """What a cell says that runs a bundle and has confirmed it."""
+    """The report of a cell that runs a bundle and has confirmed it."""
     return replace(BEFORE, slot=1, identification=sent.identification, version=version)
 
 
@@ -99,7 +99,7 @@ def test_supply_may_fail_while_flash_is_written(flash, tmp_path):
             booted(cell)
             found = report(cell)
             assert replace(found, on_trial=False) in (BEFORE, after(sent))
-            # On trial it waits to be confirmed; else it takes what it is given.
+            # On trial it waits to be confirmed; else it takes the given update.
             if not found.on_trial:
                 assert update(cell, sent).finished
                 assert report(cell) == after(sent)

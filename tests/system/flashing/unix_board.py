@@ -3,10 +3,10 @@
 The unix port is the board: a folder is its flash, and a relay stands for the USB cable, the power
 supply, the reset and the watchdog. A soft reset ends a unix process, so the relay starts another.
 
-As on an STM32 (ports/stm32/main.c, shared/runtime/pyexec.c), what comes while it is reset is lost,
-and Ctrl-C interrupts nothing before `main.py` runs: it is a byte like any other. Left out: it does
-so only where `main.py` feeds its watchdog, and not at all at the prompt. A signal would interrupt
-anything, but the unix port raises it amid its C code, with locks held, and hangs then.
+As on an STM32 (ports/stm32/main.c, shared/runtime/pyexec.c), bytes that come during a reset are
+lost, and Ctrl-C interrupts nothing before `main.py` runs: it is a byte like any other. Left out: it
+does so only where `main.py` feeds its watchdog, and not at all at the prompt. A signal would
+interrupt anything, but the unix port raises it amid its C code, with locks held, and hangs then.
 """
 
 import os
@@ -31,7 +31,7 @@ PATIENCE_S = 120.0
 POWER_UP = Path(__file__).parent / "on_board" / "power_up.py"
 #: As `power_up.py` has it.
 ROM_SIZE = 80 * 4096
-#: What the boards have in `machine`; the relay reads the files.
+#: The members of `machine` on the boards; the relay reads the files.
 MACHINE = """
 import os, sys
 OUTSIDE = %r
@@ -92,7 +92,7 @@ class UnixBoard:
 
     @property
     def rom(self):
-        """What its ROMFS partition holds."""
+        """The content of its ROMFS partition."""
         return (self._outside / "rom.bin").read_bytes()
 
     @rom.setter
@@ -223,7 +223,7 @@ def _until(is_so):
 def boards_in(folder):
     """Gives a function that plugs in a board with these files in its flash, and `rom` in ROMFS.
 
-    On a busy machine they are slower than any board, so what is asked of them has patience.
+    On a busy machine they are slower than any board, so the tests are patient with them.
     """
     with skipping_without_micropython():
         find_micropython()

@@ -39,7 +39,7 @@ class PipedBoard:
         self._ready.register(self._in, select.POLLIN)
 
     def show(self, now_ms, state, faulty):
-        """What a board does with its LEDs; and what has happened on the bus since."""
+        """A board's work on its LEDs; then the events on the bus since the last call."""
         self._board.show(now_ms, state, faulty)
         while self._ready.poll(0):
             can_id, length, flags, data = struct.unpack(RECORD, self._in.read(SIZE))

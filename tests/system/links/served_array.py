@@ -41,7 +41,7 @@ class Served(NamedTuple):
         )
 
     def stop(self):
-        """End the server as Ctrl-C does; return what it said on stderr."""
+        """End the server as Ctrl-C does; return its stderr."""
         self.process.send_signal(signal.SIGINT)
         return self.process.communicate(timeout=120)[1]
 

@@ -55,7 +55,7 @@ class Plugged:
         os.write(self.line, lines)
 
     def read(self, ends_with):
-        """What the host reads until this has come last."""
+        """Read as the host does, until these bytes have come last."""
         data = b""
         while not data.endswith(ends_with):
             assert select.select([self.line], [], [], PATIENCE_S)[0], data
@@ -145,7 +145,7 @@ def test_cells_are_reached_over_a_board_instead_of_a_bought_adapter(tmp_path, ca
 
 
 def read_until_quiet(line: int, lines: bytearray, wanted: int, over: threading.Event):
-    """What a host reads, until it has heard of so many frames."""
+    """Read as a host does, until it has heard of this many frames."""
     end_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < end_s and heard_of(lines) < wanted and not over.is_set():
         if select.select([line], [], [], 0.1)[0]:

@@ -9,7 +9,7 @@ from tests.held_up import until_not_held_up
 
 pytestmark = pytest.mark.real_time
 
-#: What python-can leaves an adapter that is reset when its port is opened.
+#: The time that python-can leaves an adapter that is reset when its port is opened.
 AT_ONCE = ("--bus-kwargs", "sleep_after_open=0")
 #: Six cells, for python-can reads a serial adapter's lines one by one in Python.
 PROGRAM = """

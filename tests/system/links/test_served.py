@@ -121,7 +121,7 @@ def test_logger_and_player_carry_every_frame(served, tmp_path):
 
 
 def screen_of(command, environment, enough):
-    """What a terminal program shows once it is enough, or patience is at its end."""
+    """The screen of a terminal program once it is enough, or patience is at its end."""
     screen = pyte.Screen(120, 60)
     stream = pyte.ByteStream(screen)
     ours, theirs = os.openpty()

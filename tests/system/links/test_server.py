@@ -1,4 +1,4 @@
-"""Whom a server of an array refuses, and how it ends; no program drives its cells."""
+"""The refusals of a server of an array, and its end; no program drives its cells."""
 
 import os
 import resource

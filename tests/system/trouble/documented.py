@@ -20,6 +20,6 @@ def messages(heading: str) -> dict[str, list[str]]:
 
 
 def pattern(message: str) -> str:
-    """What finds a message of the table: numbers may be any, and `...` anything."""
+    """The pattern of a message of the table: numbers may be any, and `...` anything."""
     anything = ".*".join(map(re.escape, message.split("...")))
     return re.sub(r"\d+(\\\.\d+)?", r"[\\d.]+", anything)

@@ -1,4 +1,4 @@
-"""What becomes of a box that its cells steer when something breaks: row by row, for any instant."""
+"""The outcome of a box that its cells steer when something breaks: row by row, for any instant."""
 
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ from mdms_protocol.neighbours import frames as wire
 
 HEADING = "When things break, and the cells steer"
 GOAL = (0.05, 0.0, 0.3)
-#: 12 cells, of which the sixth lies under the box all the way.
+#: 12 cells; the sixth lies under the box all the way.
 TABLE = (
     "array.columns=4",
     "parcel.0.length_m=0.30",
@@ -42,7 +42,7 @@ STANDS_M_S = 0.01
 
 @dataclass(frozen=True)
 class Row:
-    """What breaks, for how long the run is looked at, and how it ends.
+    """The fault, the time for which the run is looked at, and the end of the run.
 
     It may end `otherwise` where the fault comes at another time, with other messages. The wheels
     stand from `stands_s` after the fault on, where nothing is to move any more.
@@ -148,7 +148,7 @@ ROWS = (
 
 @dataclass(frozen=True)
 class Ended:
-    """A run of a row: how it ended, what it reported, and what moved that was not to."""
+    """A run of a row: its end, its reports, and the forbidden motion."""
 
     run: mdms.Run
     ends: Exit

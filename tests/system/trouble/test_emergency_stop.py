@@ -17,7 +17,7 @@ PRESSED_S = 0.9
 
 
 def demo(fault):
-    """What becomes of the demo under a fault of the supply from then on."""
+    """The record of the demo under a fault of the supply from then on."""
     struck = f"fault=[{{kind='supply', start_s={PRESSED_S}{fault}}}]"
     return mdms.simulate(load_scenario("array18", [struck, "run.duration_s=4"])).record
 
@@ -36,7 +36,7 @@ def test_the_demos_box_stays_on_the_table_when_the_motors_are_shorted():
     assert not tips(record)
     slow = np.abs(record.twist[:, 0]).max(axis=1) < 0.02
     assert slow[record.time_s > PRESSED_S + 1.0].all()
-    # The cells' own volts are off, and what they measure is no supply.
+    # The cells' own volts are off, and their measurements are no supply.
     assert not np.abs(record.voltage_v[record.time_s > PRESSED_S + 0.01]).any()
     codes = [event.detail for event in record.events if "sends emergency 0x3220" in event.detail]
     assert len(codes) == 36

@@ -1,4 +1,4 @@
-"""Parcels on cells whose host falls silent: how far they run on, by what the cells do then."""
+"""Parcels on cells whose host falls silent: the distance until rest, by the cells' reaction."""
 
 from contextlib import closing
 from dataclasses import replace

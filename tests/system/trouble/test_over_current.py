@@ -66,7 +66,7 @@ class Host:
 
 
 class Listened:
-    """A bank of cells, and what was said to and by the cell at every tick."""
+    """A bank of cells, with the currents told to the cell and its voltages at every tick."""
 
     def __init__(self, bank):
         self._bank = bank

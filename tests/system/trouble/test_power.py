@@ -19,7 +19,7 @@ RAISE = (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
 
 
 class Insistent:
-    """Streams targets to every cell whatever they say, and listens to their emergencies."""
+    """Streams targets to every cell in any state, and listens to their emergencies."""
 
     def __init__(self) -> None:
         self.wake_s = 0.2

@@ -1,4 +1,4 @@
-"""What becomes of a program when something breaks: row by row the table in docs/faults.md."""
+"""The outcome of a program when something breaks: row by row the table in docs/faults.md."""
 
 import re
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
 
 HEADING = "When things break"
-#: 12 cells, of which the sixth lies under the box all the way, at the speed of `swap2`.
+#: 12 cells; the sixth lies under the box all the way, at the speed of `swap2`.
 TABLE = (
     "array.columns=4",
     "parcel.0.length_m=0.30",
@@ -43,7 +43,7 @@ STANDS_M_S = 0.005
 
 @dataclass(frozen=True)
 class Row:
-    """What breaks, until when the run may go on, what becomes of it, and what the program says."""
+    """The fault, the time limit of the run, its outcome, and the message of the program."""
 
     what: str
     fault: str
@@ -158,7 +158,7 @@ def moved_without_command_m_s(run: mdms.Run, row: Row) -> float:
     record = run.record
     commanded = (record.reference_m_s != 0.0).any(axis=1)
     if row.ends is not Exit.OK and row.fault:
-        # What was commanded last counts for 50 ms.
+        # The last command counts for 50 ms.
         commanded &= record.time_s < ended_s(record)
     last_s = np.maximum.accumulate(np.where(commanded, record.time_s, 0.0))
     speed_m_s = np.hypot(*record.twist[:, 0, :2].T)
@@ -167,7 +167,7 @@ def moved_without_command_m_s(run: mdms.Run, row: Row) -> float:
 
 
 def ended_s(record: Record) -> float:
-    """When the run was over: by a fault of the world, or one that the host has found."""
+    """When the run was over: by a fault of the world, or a fault that the host has found."""
     faults = (each.time_s for each in record.events if each.detail.startswith("fault: "))
     return next(faults, START_S)
 

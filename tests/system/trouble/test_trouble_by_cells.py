@@ -1,4 +1,4 @@
-"""Something breaks under a box that its cells steer: what the table in docs/faults.md says.
+"""Something breaks under a box that its cells steer: the rows of the table in docs/faults.md.
 
 `python -m tests.benchmarks trouble_by_cells` tries all rows, at any instant.
 """

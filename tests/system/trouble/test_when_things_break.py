@@ -1,4 +1,4 @@
-"""What becomes of a box on its way when something breaks: the rows of the table in docs/faults.md.
+"""The outcome of a box on its way when something breaks: the rows of the table in docs/faults.md.
 
 Those that are not here are where that table says.
 """
@@ -12,7 +12,7 @@ import mdms_array as mdms
 from mdms_host.coordination.run_state import Phase
 from mdms_model.scenario.file import load_scenario
 
-#: 12 cells, of which the sixth lies under the box all the way.
+#: 12 cells; the sixth lies under the box all the way.
 TABLE = (
     "array.columns=4",
     "parcel.0.length_m=0.30",
@@ -28,7 +28,7 @@ HELD = "all parcels are held: "
 
 @dataclass(frozen=True)
 class Row:
-    """What breaks, what is set besides, for how long the run is looked at, and what is reported."""
+    """The fault, further settings, the time for which the run is looked at, and the reports."""
 
     name: str
     fault: str

@@ -1,4 +1,4 @@
-"""What firmware and coordinator make of a world that goes wrong, or that is not as believed."""
+"""Firmware and coordinator in a world that goes wrong, or that is not as believed."""
 
 import numpy as np
 import pytest

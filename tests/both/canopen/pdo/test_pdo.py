@@ -191,7 +191,7 @@ def test_acyclic_tpdo_that_was_refused_gives_way_to_the_next_sync():
     bench.room = False
     bench.values[0x606C] = 3
     bench.tpdo.on_sync()
-    # What was sent last is true again: there is no change left to be sent.
+    # The last sent values are true again: there is no change left to be sent.
     bench.values[0x606C] = 2
     bench.tpdo.on_sync()
     bench.room = True

@@ -1,4 +1,4 @@
-"""What interrupts a block upload, and what does not."""
+"""Frames that interrupt a block upload, and frames that do not."""
 
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo_server import SdoServer
@@ -11,7 +11,7 @@ START = b"\xa3" + bytes(7)
 
 
 def uploading():
-    """A server that has sent its first block, and what it has said."""
+    """A server that has sent its first block, and its answers so far."""
     objects = Objects()
     objects.reset(5, record.FROM_NODE)
     answers = []

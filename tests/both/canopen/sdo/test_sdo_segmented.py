@@ -10,7 +10,7 @@ NAME = b"\x08\x10\x00"
 
 
 class Bench:
-    """A server and what it answers."""
+    """A server and its answers."""
 
     def __init__(self):
         objects = Objects()
@@ -28,7 +28,7 @@ class Bench:
         return self.answers[0]
 
     def later(self):
-        """What is sent when a silent client would be given up."""
+        """The frames that are sent when a silent client would be given up."""
         self.answers.clear()
         for now_ms in (1, TIMEOUT_MS, 2 * TIMEOUT_MS):
             self.server.poll(now_ms)

@@ -1,4 +1,4 @@
-"""0x1010 and 0x1011: what a client must write, what it saves, and when it is refused."""
+"""0x1010 and 0x1011: the signature that a client must write, the saved groups, and the refusals."""
 
 from cell_bench import NODE, Board, emergencies
 from refusal import code_of
@@ -57,7 +57,7 @@ class Bench:
         return True
 
     def emergencies(self):
-        """What has been reported since this was asked last."""
+        """The emergencies since the last call."""
         self.emcy.poll(0)
         sent, self.sent = self.sent, []
         return sent
@@ -142,7 +142,7 @@ OVER = b"\x00\x00\x00\x08\0\0\0\0"
 
 
 def with_misfits():
-    """A memory with a value of no entry and one that is out of its limits."""
+    """A memory with a value of no entry and a value that is out of its limits."""
     memory = Memory()
     saved.write(memory, 0, 1, UNKNOWN + TOO_HIGH)
     return memory

@@ -1,4 +1,4 @@
-"""Saved settings: what comes back, and that power may fail at any byte of a save."""
+"""Saved settings: the values that come back, and a power failure at any byte of a save."""
 
 import struct
 
@@ -19,7 +19,7 @@ class PowerLost(Exception):  # noqa: N818 - an event of the test
 
 
 class Memory:
-    """Two banks; after `budget` more bytes the supply fails, amid what is being written."""
+    """Two banks; after `budget` more bytes the supply fails, in the middle of a write."""
 
     def __init__(self):
         self.banks = [bytearray(b"\xff" * SIZE), bytearray(b"\xff" * SIZE)]

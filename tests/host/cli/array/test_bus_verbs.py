@@ -140,7 +140,7 @@ def test_run_without_cells_gives_up(channel, capsys):
 
 @pytest.mark.parametrize(("options", "limit_s"), [((), 13.0), (("--limit", "2.5"), 2.5)])
 def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
-    """After the program's own duration and what the bring-up takes, unless something is said."""
+    """The limit is the program's duration and the time of the bring-up, unless an option says."""
     limits_s = []
 
     def operated(_coordinator, _link, _clock, limit_s, _on_event, participant, **_others):

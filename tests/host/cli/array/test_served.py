@@ -192,7 +192,7 @@ def test_run_drives_cells_on_several_buses(halves, tmp_path, capsys):
 
 def test_run_takes_the_channels_of_several_buses_from_the_array_file(halves, tmp_path, capsys):
     array = tmp_path / "array.toml"
-    # What the served array calls bus 1 is bus 0 here.
+    # Bus 1 of the served array is bus 0 here.
     cells = "".join(
         f'[[cell]]\nserial = "{number:08X}"\nnode = {(number - 1) % 9 + 1}\nnumber = {number}\n'
         f"bus = {int(number < 10)}\n"

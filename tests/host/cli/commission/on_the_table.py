@@ -1,4 +1,4 @@
-"""Cells on a table of three columns, and what the tests of `mdms commission` ask of them."""
+"""Cells on a table of three columns, and functions for the tests of `mdms commission`."""
 
 import io
 

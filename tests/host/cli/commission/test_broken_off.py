@@ -1,4 +1,4 @@
-"""`mdms commission` that ends in the middle, at any stage, and what the next run makes of it."""
+"""`mdms commission` that ends in the middle, at any stage, and the result of the next run."""
 
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, answered, serials
@@ -39,7 +39,7 @@ def restart(frame):
     return frame.can_id == cob.NMT and frame.data[0] == nmt.RESET_NODE
 
 
-#: Frames by what they mean, in their order; what comes before the last is cut there.
+#: Frames by their meaning, in their order; frames before the last are cut there.
 STAGES = {
     "in the search": [lss_frame(lss.FAST_SCAN)] * 20,
     "in the roll call": [lss_frame(lss.IDENTIFY_SERIAL_HIGH)],

@@ -66,7 +66,7 @@ def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells,
     hand = itertools.cycle([*way, *way[::-1]])
 
     def move():
-        # Who has not begun to watch sees an empty table.
+        # A watcher that has not begun to watch sees an empty table.
         if bus.states.get(TOP) == nmt.OPERATIONAL:
             away = np.abs(layout.sensor_positions_m - next(hand))
             bits = (away < 0.075).all(axis=2) @ (1 << np.arange(5))

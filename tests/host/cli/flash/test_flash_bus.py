@@ -30,7 +30,7 @@ def cells():
 
 @pytest.fixture
 def firmware(monkeypatch):
-    """What is compiled for the cells, which run the same code whatever it is."""
+    """Sets the compiled firmware for the cells; the running code of cells stays the same."""
 
     def use(packed):
         monkeypatch.setattr("mdms_host.updating.bundles.packed_firmware", lambda bytecode: packed)
@@ -41,7 +41,7 @@ def firmware(monkeypatch):
 
 @pytest.fixture
 def flash(cells, tmp_path, firmware, capsys):
-    """Runs the verb in a folder with an array's key; exit code, JSON, and what it says."""
+    """Runs the verb in a folder with an array's key; exit code, JSON, and messages."""
     make_key(tmp_path / "array.key")
 
     def run(*arguments, key=tmp_path / "array.key"):
@@ -80,7 +80,7 @@ def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_
     ]
     assert told["frames"] > 3 * len(PACKED) / 7
     assert told["restarted"] == 0
-    # The same again is nothing to do, and what was used before is refused.
+    # The same again is nothing to do, and a used bundle is refused.
     code, told, _ = flash()
     assert (code, told["frames"]) == (Exit.OK, 0)
     firmware(OTHER)

@@ -1,4 +1,4 @@
-"""`mdms simulate` prints what a run came to, keeps it, and can run it again."""
+"""`mdms simulate` prints the result of a run, keeps it, and can run it again."""
 
 import io
 import json
@@ -159,7 +159,7 @@ def test_a_scenario_that_states_its_stop_refuses_heavier_parcels(capsys):
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """What the demo printed, its exit code, and its run folder."""
+    """The output of the demo, its exit code, and its run folder."""
     folder = tmp_path_factory.mktemp("demo") / "run"
     told = io.StringIO()
     with redirect_stdout(told):

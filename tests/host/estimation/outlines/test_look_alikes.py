@@ -1,4 +1,4 @@
-"""Of poses that look alike a parcel is found at the one nearest to what was told."""
+"""Of poses that look alike a parcel is found at the pose nearest to the told one."""
 
 from math import degrees, pi, radians
 

@@ -78,7 +78,7 @@ def slipping() -> ParcelEstimator:
 
 
 def unsurer_m2(estimator: ParcelEstimator, now_s: float, speed_m_s: float) -> float:
-    """By what the variance across the way grows in a cycle."""
+    """The growth of the variance across the way in a cycle."""
     before_m2 = float(estimator.covariance[1, 1])
     speeds_m_s = LAYOUT.surface_jacobian(0.0, 0.0) @ (speed_m_s, 0.0, 0.0)
     standing = np.full(len(speeds_m_s), speed_m_s == 0.0)

@@ -52,7 +52,7 @@ def test_a_turn_that_is_not_known_is_felt_where_the_place_is() -> None:
     assert turn is not None
     assert not turn[:2].any()
     assert passes(BOX, pose, turn)
-    # What no edge shows is not felt for.
+    # Sizes that no edge shows are not felt for.
     assert move_to_feel(Disc(0.34), SENSORS_M, ALL, pose, within_2_degrees) is None
 
 

@@ -17,7 +17,7 @@ STEP_S = 0.01
 
 
 def after_three_edges(seed: int) -> list[np.ndarray]:
-    """What the belief of a small box is off, step by step, on a way that is drawn."""
+    """The errors of the belief of a small box, step by step, on a random way."""
     random = np.random.default_rng(seed)
     low, high = np.array([-0.2, -0.05, -1.5]), np.array([0.2, 0.05, 1.5])
     pose, twist = random.uniform(low, high), random.uniform(-1.0, 1.0, 3) * (0.1, 0.05, 0.6)

@@ -23,7 +23,7 @@ def repeat(presence: PresenceMap, bits: list[int], now_s: float) -> list[tuple[f
 
 
 def judged(presence: PresenceMap, bits: list[int], seconds: float) -> list[tuple[int, list[int]]]:
-    """What is not believed any more by judging for so long, from 1 s on, while cells repeat."""
+    """Sensors that lose belief in this time of judging, from 1 s on, while cells repeat."""
     fallen = []
     for step in range(round(seconds * 100)):
         now_s = 1.0 + step / 100

@@ -1,4 +1,4 @@
-"""A box on a table whose cells steer, and cells that report of it what they are to."""
+"""A box on a table whose cells steer, and cells that report of it as a test says."""
 
 import numpy as np
 from tests.host.motion.believing import beliefs
@@ -23,7 +23,7 @@ HELD = 1
 
 
 class Table:
-    """A program, and cells that report what they are to; where the box lies they find by it."""
+    """A program, and cells that report the box as a test says."""
 
     def __init__(self, goal=GOAL, **options):
         goals = {} if goal is None else {"box": goal}

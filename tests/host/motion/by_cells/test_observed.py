@@ -1,4 +1,4 @@
-"""What the host makes of what cells report of a parcel."""
+"""How the host uses the reports of cells about a parcel."""
 
 import pytest
 from tests.host.motion.by_cells.table import (

@@ -1,4 +1,4 @@
-"""What the cells of a parcel are sent, and until when."""
+"""The frames to the cells of a parcel, and the time until which they are sent."""
 
 from tests.host.motion.by_cells.table import (
     BOX,

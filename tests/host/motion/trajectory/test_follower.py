@@ -58,7 +58,7 @@ def test_a_parcel_never_passes_its_authority_however_that_is_extended(seed: int)
         if random.random() < 0.04:
             authority_m = min(authority_m + random.uniform(0.0, 0.15), CORNERED.length_m)
         elif random.random() < 0.02:
-            # What the parcel cannot stop before any more is not taken back.
+            # An authority before which the parcel cannot stop any more is not taken back.
             authority_m = max(follower.committed_s_m, authority_m - random.uniform(0.0, 0.1))
         table.step(partial(follower.step, authority_s_m=authority_m))
         assert follower.s_m <= authority_m + 1e-4
@@ -146,7 +146,7 @@ def test_wheels_that_slip_push_less_and_the_parcel_arrives() -> None:
     assert 1 <= grip.slips <= 4
     assert grip.share < 0.54
     np.testing.assert_allclose(table.pose, path.end, atol=0.003)
-    # Another way, with what has been learned.
+    # Another way, with the learned values.
     back = straight(table.pose, path.start, REACH_M)
     follower = follower_of(back, grip)
     slips, table.slipping, table.carrying = grip.slips, 0, 0

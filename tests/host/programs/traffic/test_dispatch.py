@@ -20,7 +20,7 @@ WALL = [row * 15 + 8 for row in (0, 1, 2, 6, 7)]
 
 
 def taken(dispatch):
-    """Who has a route by the plan that has been asked for."""
+    """The parcels that have a route by the plan that has been asked for."""
     for _ in range(DELAY_CYCLES):
         routes = {order.parcel for order, _ in dispatch.take()}
     return routes

@@ -42,7 +42,7 @@ class Road:
         return self.followed
 
     def at(self, x_m, y_m, limit_m=1.0, speed_m_s=0.0, cycles=1):
-        """What is sent while the box is there."""
+        """The goals that are sent while the box is there."""
         before = len(self.sent)
         pose, twist = np.array([x_m, y_m, 0.0]), np.array([speed_m_s, 0.0, 0.0])
         for _ in range(cycles):

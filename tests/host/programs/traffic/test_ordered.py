@@ -1,4 +1,4 @@
-"""Parcels get to where they are ordered, and none touches another, whatever comes in between."""
+"""Parcels get to their ordered places, and none touches another, with any event in between."""
 
 from dataclasses import replace
 from math import hypot
@@ -19,7 +19,7 @@ from mdms_sim.physics.plane.handling import lift, set_down
 SORT18 = Path(__file__).parents[4] / "examples" / "sort.toml"
 
 
-#: A disc of 0.16 m; what is unknown may reach farther by the way to the next sensor.
+#: A disc of 0.16 m; an unknown thing may reach farther by the way to the next sensor.
 SMALL = ("parcel.1.length_m=0.16", "parcel.1.width_m=0.16")
 
 

@@ -48,7 +48,7 @@ def test_a_parcel_that_ends_its_way_beside_it_has_come_when_it_is_at_its_goal() 
         return ride.step(off, step_s, LENGTH_M, room=True)
 
     while not ride.has_come:
-        # What is believed goes wrong just as the way ends, until a sensor shows it.
+        # The belief goes wrong just as the way ends, until a sensor shows it.
         if ride.progress_m > LENGTH_M - 0.001:
             aside_m[1] = 0.009
         table.step(steered)

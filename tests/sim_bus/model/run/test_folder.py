@@ -1,4 +1,4 @@
-"""A run folder gives back what was put in, and no other folder is mistaken for one."""
+"""A run folder gives back its content, and no other folder is mistaken for one."""
 
 import csv
 import json
@@ -30,7 +30,7 @@ def assert_same_arrays(back, record):
 
 
 def strict_validator(schema):
-    """Refuses what a schema does not name; an array with gaps is in none: see `messages`."""
+    """Refuses names that a schema lacks; an array with gaps is in none: see `messages`."""
     meant = json.loads(schema.data) | {"additionalProperties": False}
     if schema.name == "mdms.Wheels":
         meant["properties"] = dict.fromkeys(ARRAYS, True) | meant["properties"]

@@ -1,4 +1,4 @@
-"""Who has which parcel, as the cells report it: read off the bus, into a file and back, in 3D."""
+"""The cells' reports of their parcels: read off the bus, into a file and back, in 3D."""
 
 from dataclasses import replace
 

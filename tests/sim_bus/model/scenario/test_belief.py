@@ -1,4 +1,4 @@
-"""What the host takes for true where it is not: keys of the cell, and of parcels by name."""
+"""The false beliefs of the host: keys of the cell, and of parcels by name."""
 
 from dataclasses import replace
 

@@ -36,7 +36,7 @@ def energy(polygon, angle_rad):
 
 
 def slides(corners_m):
-    """For each of the grid's angles the index of the one that it slides down to."""
+    """For each of the grid's angles the index of the angle that it slides down to."""
     return _slides(tuple(map(tuple, np.asarray(corners_m).tolist())))
 
 

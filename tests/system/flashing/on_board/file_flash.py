@@ -1,9 +1,9 @@
 """A NOR flash chip whose content is a file that outlives the process; strict, on MicroPython.
 
-Blocks of 4096 bytes are erased for themselves; what is programmed must be erased, and is programmed
-in pages of 256 bytes. At the operation of number `cut`, from 0 on, a part of it is done, the other
-process is told so, and nothing goes on: it ends this one. Left out: wear, and bits that are
-neither 0 nor 1.
+Blocks of 4096 bytes are erased for themselves. Bytes must be erased before they are programmed, and
+are programmed in pages of 256. At the operation of number `cut`, from 0 on, a part of it is done,
+the other process is told so, and nothing goes on: it ends this one. Left out: wear, and bits that
+are neither 0 nor 1.
 """
 
 import time
@@ -16,7 +16,7 @@ BLANK = b"\xff" * BLOCK
 class FileFlash:
     """A block device for `vfs.VfsLfs2` over the file at a path; `tell(text)` reaches the other.
 
-    `operations` counts what has changed the chip since power-up.
+    `operations` counts the changes of the chip since power-up.
     """
 
     operations = 0
@@ -34,7 +34,7 @@ class FileFlash:
         return 0
 
     def writeblocks(self, block, data, offset):
-        """Program what is erased, a page at a time."""
+        """Program erased bytes, a page at a time."""
         start = block * BLOCK + offset
         assert offset + len(data) <= BLOCK
         done = 0
@@ -53,7 +53,7 @@ class FileFlash:
         self._stop(cut)
 
     def ioctl(self, operation, argument):
-        """What a file system asks."""
+        """Answer a request of the file system."""
         if operation == 6:
             cut = self._is_cut()
             size = BLOCK * self._share() // 16 if cut else BLOCK
@@ -72,7 +72,7 @@ class FileFlash:
         return FileFlash.operations - 1 == self._cut
 
     def _share(self):
-        """Of what the cut operation does, in sixteenths: another for each."""
+        """The share of the cut operation that is done, in sixteenths: another for each."""
         return self._cut * 7 % 16
 
     def _stop(self, cut):

@@ -1,8 +1,8 @@
 """Power-up of a board whose flash is a file, or its first formatting; on MicroPython.
 
-`flashed_cell.py FLASH READ_FD WRITE_FD TELL_FD CUT` runs what lies in the flash, as MicroPython
-does on a board, and is cut off at that operation on the flash (-1: never);
-`flashed_cell.py FLASH FOLDER` makes a file system with the files of the folder.
+`flashed_cell.py FLASH READ_FD WRITE_FD TELL_FD CUT` runs the firmware in the flash, as MicroPython
+does on a board, and is cut off at that operation on the flash (-1: never); `flashed_cell.py FLASH
+FOLDER` makes a file system with the files of the folder.
 """
 
 import os

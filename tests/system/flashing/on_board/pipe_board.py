@@ -1,8 +1,8 @@
 """A board whose CAN controller is a pair of pipes and whose flash is a file; on MicroPython.
 
-It stands for a Teensy 4.1: what comes over the pipes while the program does something else waits in
-them as it would in the cell's inbox, but without end. Wheels stand still, and no voltage may be at
-them. Left out: bus-off, interrupts, the watchdog, which is the other process.
+It stands for a Teensy 4.1: frames that come over the pipes while the program does something else
+wait in them as they would in the cell's inbox, but without end. Wheels stand still, and no voltage
+may be at them. Left out: bus-off, interrupts, the watchdog, which is the other process.
 """
 
 import gc
@@ -50,7 +50,7 @@ class PipeBoard:
         self._tick = None
         self._ticked_ms = 0
 
-    # What the runner asks for
+    # The calls of the runner
 
     def start(self, tick, watchdog):
         self._tick, self._ticked_ms = tick, time.ticks_ms()
@@ -82,7 +82,7 @@ class PipeBoard:
     def show(self, now_ms, state, faulty):
         pass
 
-    # What the cell asks for
+    # The calls of the cell
 
     def sample(self, registers):
         registers[speed_loop.SUPPLY] = 24_000_000

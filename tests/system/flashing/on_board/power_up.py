@@ -1,9 +1,9 @@
-"""What a board does at power-up, for the unix port: `power_up.py [rom] [main]`.
+"""The power-up of a board, for the unix port: `power_up.py [rom] [main]`.
 
 The port has no ROMFS partition; with `rom` there is one as ports/stm32/vfs_rom_ioctl.c of
 MicroPython 1.29 has it for SPI flash: blocks are erased to ones, writing makes zeros of ones,
-numbers below 0 are errors. What is left out: waiting, and wear. The content outlives the process in
-a file, which is as whole as the flash would be. With `main`, the board's program is run.
+numbers below 0 are errors. Waiting and wear are left out. The content outlives the process in a
+file, which is as whole as the flash would be. With `main`, the board's program is run.
 """
 
 import os
@@ -18,7 +18,7 @@ EINVAL = 22
 OUTSIDE = sys.path[0]  # of a script, its folder
 FILE = OUTSIDE + "/rom.bin"
 
-# From now on it keeps what it is sent.
+# From now on it keeps the bytes that it gets.
 machine.tell("on", "")
 sys.path[0] = ""
 
@@ -68,7 +68,7 @@ def rom_ioctl(request, *given):
 
 
 class Vfs:
-    """The module `vfs` with what the port lacks."""
+    """The module `vfs` with the parts that the port lacks."""
 
     VfsRom = vfs.VfsRom
     mount = vfs.mount

@@ -1,6 +1,6 @@
 """The layout for Lichtblick names nothing that is not in the run's file, and its form is theirs.
 
-What is checked of the form, of message paths and of schemas is what Lichtblick's own readers demand
+The checks of the form, of message paths and of schemas are those of Lichtblick's own readers
 (`CurrentLayoutProvider`, `message-path/grammar.ne`, `mcap-support/parseJsonSchema`).
 """
 
@@ -22,7 +22,7 @@ PANELS = {"3D", "Plot", "RosOut"}
 
 
 def leaves(tree):
-    """Names of the panels of a window, each split of which is in two."""
+    """Names of the panels of a window; each split is in two."""
     if isinstance(tree, str):
         return [tree]
     assert tree["direction"] in {"row", "column"}

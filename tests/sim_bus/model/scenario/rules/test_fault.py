@@ -1,4 +1,4 @@
-"""Faults of what is not there, and pushes beyond all measure, are refused by the key's path."""
+"""Faults of absent things, and pushes beyond all measure, are refused by the key's path."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What the bridges of a cell make of its motors: driven, shorted or open."""
+"""The effect of the bridges of a cell on its motors: driven, shorted or open."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_contacts_of_an_emergency_stop_brake_whatever_the_bridge_does(cause: str
     for _ in range(600):
         world.step_cells(wanted, 1e-3)
         braked.step_cells(ZERO, 1e-3)
-        # What flows in the short does not pass the bridge, which measures nothing.
+        # The current in the short does not pass the bridge, which measures nothing.
         assert not world.sampled.current_ma.any()
     assert world.pose == pytest.approx(braked.pose, abs=1e-12)
     assert np.abs(world.twist[0]).max() < 0.06
@@ -79,7 +79,7 @@ def test_contacts_of_an_emergency_stop_brake_whatever_the_bridge_does(cause: str
 def test_from_0_4_m_s_a_shorted_motor_brakes_as_the_design_has_it(
     mass_kg: float, speed_m_s: float, went_m: float
 ) -> None:
-    """What is left after the 2 s for which a cell brakes at most."""
+    """The speed that is left after the 2 s for which a cell brakes at most."""
     overrides = ["parcel.0.x_m=0", "parcel.0.y_m=0", f"parcel.0.mass_kg={mass_kg}"]
     world = World(load_scenario("array18", overrides))
     while world.twist[0, 0] < 0.4:

@@ -62,8 +62,8 @@ def test_a_parcel_on_jammed_wheels_alone_is_held_by_friction_and_stops(volts):
     assert start_m_s > 0.2
     world.scene.state.wheels["jammed"][:] = 1
     drive(world, 800, DRIVEN // 6 * np.int32(volts))
-    # It slides to rest on half of its weight, that on the wheels along x; what is left is the give
-    # of the jam.
+    # It slides to rest on half of its weight, that on the wheels along x; the rest is the give of
+    # the jam.
     assert np.abs(world.twist[0]).max() < 1e-6
     slowing_m_s2 = world.scenario.cell.friction * world.scenario.run.gravity_m_s2 / 2
     slid_m = start_m_s**2 / (2 * slowing_m_s2)
@@ -90,7 +90,7 @@ def test_a_reversed_motor_turns_the_other_way_and_its_encoder_says_so():
         -well.wheel_speed_m_s[wheel(well, FREE)]
     )
     assert world.sampled.counts[FREE, 0] == pytest.approx(-well.sampled.counts[FREE, 0], abs=1)
-    # The bridge measures what it drives, in its own direction.
+    # The bridge measures its own current, in its own direction.
     assert world.sampled.current_ma[FREE, 0] == well.sampled.current_ma[FREE, 0]
 
 
