@@ -66,17 +66,28 @@ class ServersProcess:
         return not self._out
 
     def receive(self) -> list[dict[str, Any]]:
-        """Messages that have come. Raises `ServersGoneError`."""
+        """Messages that have come, the last ones of a process that has ended too.
+
+        Raises `ServersGoneError` when it has ended, and nothing of it is left.
+        """
+        gone = False
         try:
-            while True:
-                data = self._socket.recv(_READ_BYTES)
-                if not data:
-                    code = self._process.wait(5.0)
-                    raise ServersGoneError(f"the servers of the line have ended, with {code}")
+            while data := self._socket.recv(_READ_BYTES):
                 self._in += data
+            gone = True
         except BlockingIOError:
             pass
-        except OSError as error:
-            raise ServersGoneError(f"the servers of the line are gone: {error}") from None
+        except OSError:
+            gone = True
         *lines, self._in = self._in.split(b"\n")
+        if gone and not lines:
+            raise ServersGoneError(f"the servers of the line have ended, with {self._ended()}")
         return [json.loads(line) for line in lines]
+
+    def _ended(self) -> int:
+        """The exit code of the process."""
+        try:
+            return self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
