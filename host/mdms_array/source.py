@@ -9,7 +9,12 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from mdms_array.checks import refuse_large_gain, refuse_overload, refuse_tipping
+from mdms_array.checks import (
+    refuse_large_gain,
+    refuse_overload,
+    refuse_pushless,
+    refuse_tipping,
+)
 from mdms_host.programs.program import Main
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import load_scenario, scenario_from
@@ -94,6 +99,7 @@ def _programmed(scenario: Scenario) -> Scenario:
 def checked(scenario: Scenario) -> Scenario:
     """The scenario, once it is known that cells and bus can follow it. Raises `InputError`."""
     refuse_overload(scenario)
+    refuse_pushless(scenario)
     refuse_large_gain(scenario)
     refuse_tipping(scenario)
     return scenario

@@ -141,6 +141,10 @@ class _JointDelays:
         """Something that was due is done now."""
         self._cycles.on_cycle(due_s, now_s)
 
+    def on_blocked(self, where: str, took_s: float, now_s: float) -> None:
+        """The program that a person wrote has just computed for so long."""
+        self._cycles.on_blocked(where, took_s, now_s)
+
     def reason(self, now_s: float) -> str | None:
         """What was held up in the last second, and where; None if nothing was."""
         own = self._cycles.reason(now_s)

@@ -123,6 +123,11 @@ def _nodes(text: str) -> list[int] | str:
     if text == ALL:
         return ALL
     first, dash, last = text.partition("-")
+    if not (first[:1] or last[:1]).isdecimal():
+        raise ArgumentTypeError(
+            f"{text!r} is no node id, {NODE_MIN} to {NODE_MAX}; write all else before --node, as "
+            "in: mdms configure set gain=12 --node 1-6"
+        )
     low, high = _node(first), _node(last if dash else first)
     if low > high:
         raise ArgumentTypeError(f"{text} is no range of node ids")
