@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdms_array.host import has_failed, waits_text
+from mdms_array.host import has_failed, late_text
 from mdms_array.run import Incident, ParcelRun, Run
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
@@ -172,7 +172,6 @@ def _status(
     if coordinator is not None:
         stuck, endless = coordinator.stuck, coordinator.endless
         failed = has_failed(coordinator)
-        waits = f"the program has not come to its end{waits_text(coordinator)}"
         reasons += [
             ("fault", fault),
             ("failed", stuck if failed else None),
@@ -181,7 +180,7 @@ def _status(
             # How far it is from its goal says more than that it cannot go on.
             ("stopped", "; ".join(filter(None, (missed, stuck))) if stuck else None),
             ("time limit", missed),
-            ("time limit", waits if late and not endless else None),
+            ("time limit", late_text(coordinator) if late and not endless else None),
             ("time limit", "the job has no end of its own" if endless else None),
         ]
     else:

@@ -267,6 +267,17 @@ def watch_program(coordinator: Coordinator, link: AnyLink, clock: Clock) -> None
         )
 
 
+def late_text(coordinator: Coordinator) -> str:
+    """Why a run has not come to its end, though no parcel is known to be off its goal."""
+    if isinstance(coordinator.program, TableProgram):
+        return f"the program has not come to its end{waits_text(coordinator)}"
+    late = [name for name in coordinator.goals if name not in coordinator.arrived_s]
+    return (
+        f"{' and '.join(late) or 'a parcel'} is near its goal, but does not count as arrived: "
+        "sensors do not show its place well enough for it to come to rest"
+    )
+
+
 def waits_text(coordinator: Coordinator) -> str:
     """What a run's program waits for, as part of a message; nothing where it does not."""
     program = coordinator.program

@@ -13,7 +13,7 @@ from mdms_array.run import Run
 from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
-from mdms_host.cli.streams import say
+from mdms_host.cli.streams import kept_for_json, say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import check_other_run, fresh_folder
@@ -41,7 +41,8 @@ def run(arguments: Namespace) -> int:
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
-    scenario, main = open_program(arguments.program, overrides)
+    with kept_for_json(arguments.json):
+        scenario, main = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
     check_array(belief, arguments, arguments.array)
     if arguments.array is not None and belief.scenario.stop is None:
@@ -56,7 +57,8 @@ def run(arguments: Namespace) -> int:
         return show_array(belief, arguments, main)
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
-    operation, ended = _operate(belief, arguments, main)
+    with kept_for_json(arguments.json):
+        operation, ended = _operate(belief, arguments, main)
     if arguments.json:
         print(json.dumps(ended.figures))
     else:

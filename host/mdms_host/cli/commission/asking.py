@@ -13,12 +13,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from mdms_host.cli.cell_options import nodes_of
-from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
+from mdms_host.cli.configure.cells import open_commissioning, present_nodes
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell
-from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import Spot
 from mdms_host.commissioning.wheel_turn import REVERSED

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from mdms_array.checks import motor_of
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
-from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
+from mdms_host.cli.configure.cells import open_commissioning, present_nodes
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
@@ -20,7 +20,7 @@ from mdms_host.commissioning.doctor.diagnosis import diagnose
 from mdms_host.commissioning.doctor.emergency_stop import SHORT, StopTest
 from mdms_host.commissioning.doctor.examination import Examination, examine, examine_wheels
 from mdms_host.commissioning.doctor.findings import KINDS, Finding
-from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.wheel_turn import BusyError, refuse_busy
 from mdms_model.scenario.file import load_scenario
 

@@ -18,7 +18,7 @@ from mdms_host.commissioning.cell_settings import (
     apply_changes,
     read_settings,
 )
-from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.network import Commissioning, CommissioningError, ranges
 from mdms_host.commissioning.parameters import Parameter
 from mdms_host.coordination.supervision import OTHER_HOST, OtherHostError
 
@@ -117,17 +117,6 @@ def agreed(arguments: Namespace, question: str) -> bool:
         raise CommandError("nobody can be asked here; say --yes, or --dry-run", Exit.USAGE)
     print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
-
-
-def ranges(numbers: Iterable[int]) -> str:
-    """Numbers as people write them: 1-4, 7, 9-12."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
 def present_nodes(commissioning: Commissioning, wanted: list[int] | None) -> list[int]:

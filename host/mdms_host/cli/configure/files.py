@@ -9,7 +9,6 @@ from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.configure.cells import (
     agreed,
     open_commissioning,
-    ranges,
     read_cells,
     refuse_other_host,
     show_changes,
@@ -23,7 +22,7 @@ from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
-from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.parameters import PARAMETERS
 
 STDOUT = Path("-")

@@ -15,7 +15,6 @@ from mdms_array.checks import motor_of
 from mdms_host.cli.configure.cells import (
     agreed,
     open_commissioning,
-    ranges,
     read_cells,
     refuse_other_host,
     show_changes,
@@ -25,6 +24,7 @@ from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings, Change
+from mdms_host.commissioning.network import ranges
 from mdms_host.commissioning.parameters import (
     BY_NAME,
     PARAMETERS,

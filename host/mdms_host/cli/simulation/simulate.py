@@ -27,7 +27,7 @@ from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
 from mdms_host.cli.options import DEMO_FOLDER
-from mdms_host.cli.streams import say
+from mdms_host.cli.streams import kept_for_json, say
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import BUS_LOG, check_other_run, read_run
 from mdms_model.scenario.scenario import Parcel, Scenario
@@ -42,14 +42,18 @@ def run(arguments: Namespace) -> Exit:
     for name in ("seed", "fidelity"):
         if getattr(arguments, name) is not None:
             overrides.append(f"run.{name}={getattr(arguments, name)}")
-    scenario, main = open_program(arguments.scenario, overrides)
+    with kept_for_json(arguments.json):
+        scenario, main = open_program(arguments.scenario, overrides)
     if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
         raise CommandError(
             "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE
         )
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, _repeated(scenario, main))
-    ended = simulate_scenario(scenario, arguments.nodes, arguments.out, arguments.bus_format, main)
+    with kept_for_json(arguments.json):
+        ended = simulate_scenario(
+            scenario, arguments.nodes, arguments.out, arguments.bus_format, main
+        )
     if arguments.json:
         print(json.dumps(ended.figures))
     else:
@@ -157,7 +161,8 @@ def ready_s(end_s: float, frame: Frame, bitrate: int) -> float:
 
 def demo(arguments: Namespace) -> Exit:
     """Run the prototype's array with its real firmware and report how it went; or with its page."""
-    scenario, main = open_program(arguments.scenario, ["run.fidelity=firmware"])
+    with kept_for_json(arguments.json):
+        scenario, main = open_program(arguments.scenario, ["run.fidelity=firmware"])
     if arguments.page is not None:
         require(PAGE, "mdms demo --page")
         # The page is an extra.
@@ -169,7 +174,8 @@ def demo(arguments: Namespace) -> Exit:
     columns, rows = scenario.array.columns, scenario.array.rows
     if not arguments.json:
         print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
-    ended = simulate_scenario(scenario, "cpython", arguments.out, main=main)
+    with kept_for_json(arguments.json):
+        ended = simulate_scenario(scenario, "cpython", arguments.out, main=main)
     if arguments.json:
         print(json.dumps(ended.figures))
     else:
