@@ -284,7 +284,9 @@ def open_bus(options: Namespace) -> can.BusABC:
             reason = f"{interface} {channel} cannot be opened: {os.strerror(number)}"
         else:
             reason = f"the CAN bus cannot be opened: {problem}"
-        raise NoBusError(f"{reason}; {cure or advice}") from None
+        # The interface of served arrays says itself what is served.
+        told = reason if interface == "mdms" else f"{reason}; {cure or advice}"
+        raise NoBusError(told) from None
 
 
 def _errno_of(error: BaseException | None) -> int | None:

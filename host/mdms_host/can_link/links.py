@@ -18,7 +18,7 @@ from mdms_host.can_link.link import (
     hand_over,
 )
 from mdms_host.clock import Clock
-from mdms_model.participant import BusesParticipant
+from mdms_model.participant import BusesParticipant, Participant
 from mdms_protocol.codecs.frame import Frame
 
 BusFrame = tuple[int, Frame]
@@ -128,6 +128,32 @@ class Links:
             except DeviceGoneError as error:
                 self._gone.add(bus)
                 raise DeviceGoneError(f"{name}: {error}") from None
+
+
+class OnEachBus:
+    """A participant for each bus as one participant on all of them."""
+
+    def __init__(self, participants: Sequence[Participant]) -> None:
+        self._participants = participants
+
+    @property
+    def wake_s(self) -> float:
+        """When the first of them wants to be polled [s]."""
+        return min(each.wake_s for each in self._participants)
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """A frame was on that bus."""
+        self._participants[bus].on_frame(frame, now_s)
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """What the only one wants to send now."""
+        return self._participants[0].poll(now_s)
+
+    def poll_buses(self, now_s: float) -> Iterable[BusFrame]:
+        """What those that are due want to send now."""
+        for bus, each in enumerate(self._participants):
+            if each.wake_s <= now_s:
+                yield from ((bus, frame) for frame in each.poll(now_s))
 
 
 class _JointDelays:

@@ -236,8 +236,43 @@ def add_run(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def add_table(parser: ArgumentParser) -> None:
+    """`--array` and `--cells`: a whole table, and how many cells it has."""
+    parser.add_argument(
+        "--array",
+        metavar="FILE",
+        type=Path,
+        help="an array file: its buses, its bit rate, and the cells that are to answer",
+    )
+    add_cells(parser)
+
+
+def add_cells(parser: ArgumentParser) -> None:
+    """`--cells`."""
+    parser.add_argument(
+        "--cells",
+        metavar="N",
+        type=_cells,
+        help="how many cells are to answer, on all buses together (default: by the array file, "
+        "else by the neighbours that cells have stored)",
+    )
+
+
+def _cells(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= CELLS_MAX:
+        raise ArgumentTypeError(f"{text!r} is no number of cells, 1 to {CELLS_MAX}")
+    return int(text)
+
+
+def add_cells_verb(parser: ArgumentParser) -> None:
+    """Those of `scan` and `stop`, but the bus."""
+    add_table(parser)
+    add_json(parser)
+
+
 def add_status(parser: ArgumentParser) -> None:
     """Those of `status`, but the bus."""
+    add_table(parser)
     parser.add_argument("--once", action="store_true", help="once, even on a terminal")
     add_json(parser)
 
@@ -295,6 +330,8 @@ def _port(text: str) -> int:
 
 
 COUNT_MAX = 1_000_000
+#: More than any table has.
+CELLS_MAX = 100_000
 #: As scenarios have them.
 ANGLE_MAX_RAD = PLACE_MAX_M = 1000.0
 

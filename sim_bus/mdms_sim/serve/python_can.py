@@ -121,9 +121,7 @@ def _connect(channel: str) -> socket.socket:
         hello = b""
     except OSError as error:
         connection.close()
-        raise can.CanInitializationError(
-            f"no bus is served as {channel!r} ({error}); start one with: mdms serve array18"
-        ) from error
+        raise can.CanInitializationError(_no_bus(channel, error)) from error
     if not hello:
         connection.close()
         raise can.CanInitializationError(f"{path} takes no more clients; end one, then try again")
@@ -134,6 +132,19 @@ def _connect(channel: str) -> socket.socket:
         )
     connection.setblocking(True)
     return connection
+
+
+def _no_bus(channel: str, error: OSError) -> str:
+    """That nothing is served under a name, and what is."""
+    names = sorted(path.stem for path in packet.runtime_folder().glob("*.sock"))
+    buses = [name for name in names if name.rpartition(".")[0] == channel]
+    if buses:
+        return f"{channel} is a table of several buses; name one: {', '.join(buses)}"
+    there = f"served are: {', '.join(names)}" if names else "nothing is served"
+    return (
+        f"no bus is served as {channel!r} ({error.strerror or error}); {there}; start one with: "
+        "mdms serve array18"
+    )
 
 
 def _frame_of(message: can.Message) -> Frame:
