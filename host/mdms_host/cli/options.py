@@ -14,7 +14,8 @@ NODES = ("cpython", "micropython")
 BUS_FORMATS = ("log", "blf", "asc")
 LAWS = ("sliding", "at_rest")
 NO_NODES = (
-    "nobody is heard on the bus; is it connected and are the cells powered? "
+    "nobody is heard on the bus; is it connected, are the cells powered, and is the bit rate "
+    "theirs (-b)? "
     "`mdms serve array18` starts a virtual one"
 )
 TITLE = "CAN bus (python-can: also CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE and can.conf)"

@@ -99,3 +99,11 @@ def test_a_name_that_is_not_served_is_told_with_those_that_are(table):
     code, _, err = on(table, "scan", channel="splt")
     assert code == Exit.NO_DEVICE
     assert "served are: split.0, split.1" in err
+
+
+@pytest.mark.parametrize("verb", [*VERBS, "doctor"])
+def test_another_bit_rate_than_the_bus_has_gets_errors_as_on_a_wire(table, verb):
+    code, out, err = on(table, verb, "-b", "250000", channel="split.0")
+    assert code in (Exit.NO_DEVICE, Exit.NODE_FAULT)
+    told = out + err
+    assert "is the bit rate theirs (-b)?" in told or "[bus-errors]" in told
