@@ -7,7 +7,9 @@ import math
 from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
 
+from mdms_model.scenario.limit import TURN_RAD
 from mdms_model.scenario.scenario import FIDELITIES
+from mdms_model.scenario.tree import degrees_hint
 
 NODES = ("cpython", "micropython")
 #: Forms of the bus log: candump, and Vector's binary and text.
@@ -334,7 +336,7 @@ COUNT_MAX = 1_000_000
 #: More than any table has.
 CELLS_MAX = 100_000
 #: As scenarios have them.
-ANGLE_MAX_RAD = PLACE_MAX_M = 1000.0
+PLACE_MAX_M = 1000.0
 
 
 def add_plan_squeeze(parser: ArgumentParser) -> None:
@@ -379,8 +381,9 @@ def _count(text: str) -> int:
 
 def _angle(text: str) -> float:
     angle_rad = float(text)
-    if not abs(angle_rad) <= ANGLE_MAX_RAD:
-        raise ArgumentTypeError(f"{text} is not within {ANGLE_MAX_RAD:g} rad")
+    if not abs(angle_rad) <= TURN_RAD:
+        hint = degrees_hint(angle_rad) if math.isfinite(angle_rad) else ""
+        raise ArgumentTypeError(f"{text} is not within {TURN_RAD:g} rad{hint}")
     return angle_rad
 
 

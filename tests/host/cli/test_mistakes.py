@@ -109,6 +109,26 @@ def test_a_program_that_blocks_is_named_with_the_lines_and_the_time():
     assert took_s > BLOCKED_S
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("simulate", "array18", "--set", "parcel.0.yaw_rad=30"),
+        ("plan-squeeze", "array18", "--yaw", "30"),
+    ],
+)
+def test_an_angle_in_degrees_is_refused_with_its_radians(capsys, arguments):
+    assert main([*arguments]) == Exit.USAGE
+    assert "30 degrees are 0.5236 rad" in capsys.readouterr().err
+
+
+def test_a_parcel_that_is_lifted_away_at_the_end_does_not_rest(capsys):
+    lift = "fault=[{kind='lift', parcel='box', start_s=0.5}]"
+    options = ("--set", lift, "--set", "run.duration_s=1.2")
+    assert main(["simulate", "array18", *options, "--json"]) != Exit.OK
+    (box,) = json.loads(capsys.readouterr().out)["parcels"]
+    assert (box["lifted"], box["at_rest"]) == (True, False)
+
+
 @pytest.mark.slow
 def test_a_goal_that_is_never_sure_is_not_told_as_a_program_that_is_late(capsys):
     assert main(["simulate", "array18", "--set", "cell.sensor_noise=0.2"]) == Exit.TIME_LIMIT
