@@ -129,6 +129,25 @@ def test_a_parcel_that_is_lifted_away_at_the_end_does_not_rest(capsys):
     assert (box["lifted"], box["at_rest"]) == (True, False)
 
 
+def test_a_run_folder_repeats_its_program_and_says_whether_the_bus_agrees(tmp_path, capsys):
+    path, folder = tmp_path / "lifts.py", tmp_path / "run"
+    path.write_text(
+        "SCENARIO = 'array18'\nasync def main(table):\n    await table['box'].move(-0.05, 0.0)\n"
+    )
+    assert main(["simulate", str(path), "--out", str(folder), "--json"]) == Exit.OK
+    first = json.loads(capsys.readouterr().out)
+    path.unlink()
+    assert main(["simulate", str(folder), "--json"]) == Exit.OK
+    again = json.loads(capsys.readouterr().out)
+    assert again["repeats"] is True
+    assert again["bus"]["log_sha256"] == first["bus"]["log_sha256"]
+    assert again["parcels"][0]["x_m"] == first["parcels"][0]["x_m"]
+    told = json.loads((folder / "meta.json").read_text())["provenance"]
+    assert "table['box'].move(-0.05, 0.0)" in told["program"]["source"]
+    assert told["command"]
+    assert "numpy" in told["packages"]
+
+
 @pytest.mark.slow
 def test_a_goal_that_is_never_sure_is_not_told_as_a_program_that_is_late(capsys):
     assert main(["simulate", "array18", "--set", "cell.sensor_noise=0.2"]) == Exit.TIME_LIMIT

@@ -99,7 +99,14 @@ def _operate(
         ended = replace(ended, figures={**ended.figures, "run": str(arguments.out)})
         lasted = lasting(belief.scenario, ended.duration_s)
         with writing(arguments.out):
-            keep_run(folder, lasted, ended.record, dict(ended.figures))
+            keep_run(
+                folder,
+                lasted,
+                ended.record,
+                dict(ended.figures),
+                main=main,
+                array_file=arguments.array,
+            )
     return operation, ended
 
 

@@ -29,7 +29,7 @@ from mdms_host.cli.files import writing
 from mdms_host.cli.options import DEMO_FOLDER
 from mdms_host.cli.streams import kept_for_json, say
 from mdms_host.programs.program import Main
-from mdms_model.run.folder import BUS_LOG, check_other_run, read_run
+from mdms_model.run.folder import BUS_LOG, check_other_run, read_run, told_of_run
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import frame_bits
@@ -42,6 +42,8 @@ def run(arguments: Namespace) -> Exit:
     for name in ("seed", "fidelity"):
         if getattr(arguments, name) is not None:
             overrides.append(f"run.{name}={getattr(arguments, name)}")
+    stored = told_of_run(arguments.scenario)
+    before = None if stored is None else stored[0]
     with kept_for_json(arguments.json):
         scenario, main = open_program(arguments.scenario, overrides)
     if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
@@ -54,11 +56,36 @@ def run(arguments: Namespace) -> Exit:
         ended = simulate_scenario(
             scenario, arguments.nodes, arguments.out, arguments.bus_format, main
         )
+    told = _repetition(arguments, before, ended)
     if arguments.json:
-        print(json.dumps(ended.figures))
+        print(json.dumps({**ended.figures, **told}))
     else:
         print(*report(ended.figures), sep="\n")
+        if told:
+            same = "the same" if told["repeats"] else "another"
+            print(f"  the bus log is {same} as that of {arguments.scenario}")
     return verdict(ended)
+
+
+def _repetition(
+    arguments: Namespace, before: Mapping[str, Any] | None, ended: Run
+) -> dict[str, bool]:
+    """Whether the run of a folder has come out the same, for JSON; nothing for other runs.
+
+    `before` are the figures of that folder, if one is simulated.
+    """
+    changed = arguments.overrides or arguments.seed is not None or arguments.fidelity is not None
+    if before is None or changed:
+        return {}
+    if "seed" not in before:
+        say(
+            f"mdms: {arguments.scenario} is a run on a table, which nothing repeats; its scenario "
+            "was simulated"
+        )
+        return {}
+    if "bus" not in before or "bus" not in ended.figures:
+        return {}
+    return {"repeats": before["bus"]["log_sha256"] == ended.figures["bus"]["log_sha256"]}
 
 
 def _repeated(scenario: Scenario, main: Main | None) -> Scenario | None:
