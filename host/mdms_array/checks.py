@@ -93,6 +93,24 @@ def goal_of(parcel: Parcel) -> Goal | None:
     return Goal(goal.x_m, goal.y_m, None)
 
 
+def refuse_pushless(scenario: Scenario) -> None:
+    """Raises `InputError` where parcels are to be steered, but no wheel is believed to push any."""
+    if scenario.motion.field not in ("goal", "program"):
+        return
+    friction = believed(scenario).cell.friction
+    if friction == 0.0:
+        raise InputError(
+            "cell.friction is 0, so no wheel can push a parcel to its goal; give a friction above "
+            "0, as in cell.friction=0.3, or an open-loop field, as in motion.field=inward"
+        )
+    speed_m_s = scenario.motion.speed_m_s
+    if speed_m_s <= 0.0:
+        raise InputError(
+            f"motion.speed_m_s is {speed_m_s:g}, which is the highest speed of parcels that are "
+            "steered, so none can move; give one above 0, as in motion.speed_m_s=0.3"
+        )
+
+
 def _refuse_small(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that is too narrow for cells that steer."""
     least_m = _LEAST_PITCHES * scenario.array.pitch_m

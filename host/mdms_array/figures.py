@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from math import degrees, hypot, pi
+from math import degrees, hypot, inf, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdms_array.host import has_failed, waits_text
+from mdms_array.host import has_failed, late_text
 from mdms_array.run import Incident, ParcelRun, Run
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
@@ -29,6 +29,8 @@ REST_SPEED_M_S = 1e-3
 REST_YAW_RATE_RAD_S = 5e-3
 #: A contact slips from this speed of the wheel's surface over the parcel on.
 SLIPPING_M_S = 5e-3
+#: Fewer parcels give no rate.
+RATED = 10
 #: Compiling that takes less is not reported [s].
 REPORTED_S = 0.5
 
@@ -172,7 +174,6 @@ def _status(
     if coordinator is not None:
         stuck, endless = coordinator.stuck, coordinator.endless
         failed = has_failed(coordinator)
-        waits = f"the program has not come to its end{waits_text(coordinator)}"
         reasons += [
             ("fault", fault),
             ("failed", stuck if failed else None),
@@ -181,7 +182,7 @@ def _status(
             # How far it is from its goal says more than that it cannot go on.
             ("stopped", "; ".join(filter(None, (missed, stuck))) if stuck else None),
             ("time limit", missed),
-            ("time limit", waits if late and not endless else None),
+            ("time limit", late_text(coordinator) if late and not endless else None),
             ("time limit", "the job has no end of its own" if endless else None),
         ]
     else:
@@ -254,6 +255,7 @@ def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
         "by_exit": by_exit,
         "wrong": sum(map(is_wrong, left)),
         "touches": sum(event.kind == "touch" for event in record.events),
+        "lasts_s": lasts_s,
         "parcels_per_hour": 3600.0 * len(left) / max(lasts_s, 1e-9),
     }
 
@@ -313,7 +315,9 @@ def _pose(values: Floats) -> tuple[float, float, float]:
 def _parcels(scenario: Scenario, record: Record) -> list[dict[str, Any]]:
     """True and believed place of each parcel in the end; a parcel that is away has none."""
     parcels = (
-        {"name": parcel.name} | _truth(record, number) | _belief(record, number)
+        {"name": parcel.name}
+        | _lifted(scenario, record, parcel.name, _truth(record, number))
+        | _belief(record, number)
         for number, parcel in enumerate(scenario.parcel)
     )
     return [
@@ -328,6 +332,19 @@ def _truth(record: Record, number: int) -> dict[str, Any]:
         return {}
     named = _named(POSE, record.pose[-1, number]) | _named(TWIST, record.twist[-1, number])
     return named | {"at_rest": _at_rest(record, number)}
+
+
+def _lifted(scenario: Scenario, record: Record, name: str, truth: dict[str, Any]) -> dict[str, Any]:
+    """What is true of a parcel at the end; in a hand it does not rest, wherever it was before."""
+    if truth and _is_lifted(scenario, name, float(record.time_s[-1])):
+        return truth | {"at_rest": False, "lifted": True}
+    return truth
+
+
+def _is_lifted(scenario: Scenario, name: str, time_s: float) -> bool:
+    """Whether a fault of the scenario holds a parcel above the table at a time."""
+    lifts = (each for each in scenario.fault if each.kind == "lift" and each.parcel == name)
+    return any(0.0 <= time_s - each.start_s < (each.duration_s or inf) for each in lifts)
 
 
 def _belief(record: Record, number: int) -> dict[str, Any]:
@@ -372,15 +389,18 @@ def report(figures: Mapping[str, Any]) -> list[str]:
 
 def _streamed(stream: dict[str, Any]) -> str:
     exits = ", ".join(f"{count} by {name}" for name, count in stream["by_exit"].items())
+    enough = stream["left"] >= RATED
+    rate = f"{stream['parcels_per_hour']:,.0f} an hour" if enough else "too few for a rate"
     return (
-        f"{stream['came']} parcels came, {stream['left']} left ({exits}), "
-        f"{stream['parcels_per_hour']:,.0f} an hour; {stream['wrong']} by a wrong exit, "
-        f"{stream['touches']} touches"
+        f"{stream['came']} parcels came, {stream['left']} left in {stream['lasts_s']:.1f} s "
+        f"({exits}), {rate}; {stream['wrong']} by a wrong exit, {stream['touches']} touches"
     )
 
 
 def _sentence(parcel: dict[str, Any]) -> str:
     speed_m_s = hypot(parcel["vx_m_s"], parcel["vy_m_s"])
+    if parcel.get("lifted"):
+        return f"{parcel['name']}: lifted off the table"
     state = "at rest" if parcel["at_rest"] else f"moving at {speed_m_s:.3f} m/s"
     return (
         f"{parcel['name']}: x {parcel['x_m']:+.4f} m, y {parcel['y_m']:+.4f} m, "

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from mdms_array.checks import goal_of, motor_of, timing_of
+from mdms_host.can_link.link import AnyLink
 from mdms_host.can_link.sdo_client import Setting
+from mdms_host.clock import Clock
 from mdms_host.commissioning.parameters import BY_NAME
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import OnLostCell, Policy
@@ -254,6 +256,27 @@ def programmed(scenario: Scenario) -> Scenario:
 def has_failed(coordinator: Coordinator) -> bool:
     """Whether a run's program has ended by an error in it."""
     return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
+
+
+def watch_program(coordinator: Coordinator, link: AnyLink, clock: Clock) -> None:
+    """Have a program that keeps the table waiting named as what was held up, in real time."""
+    program = coordinator.program
+    if clock.is_real and isinstance(program, TableProgram):
+        program.driver.watch(
+            clock.now_s,
+            lambda where, took_s: link.delays.on_blocked(where, took_s, clock.now_s()),
+        )
+
+
+def late_text(coordinator: Coordinator) -> str:
+    """Why a run has not come to its end, though no parcel is known to be off its goal."""
+    if isinstance(coordinator.program, TableProgram):
+        return f"the program has not come to its end{waits_text(coordinator)}"
+    late = [name for name in coordinator.goals if name not in coordinator.arrived_s]
+    return (
+        f"{' and '.join(late) or 'a parcel'} is near its goal, but does not count as arrived: "
+        "sensors do not show its place well enough for it to come to rest"
+    )
 
 
 def waits_text(coordinator: Coordinator) -> str:

@@ -10,7 +10,7 @@ from mdms_array.array import BelievedArray
 from mdms_array.checks import check_load, refuse_tipping
 from mdms_array.connection import open_links
 from mdms_array.figures import believed_run
-from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
+from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable, watch_program
 from mdms_array.recording import PlanLog
 from mdms_array.run import Run
 from mdms_host.can_link.bus_log import LogWriter
@@ -74,6 +74,7 @@ def operate_array(
     )
     with open_links(options, belief.channels) as (link, clock), _broken_off():
         refuse_other_host(link, clock)
+        watch_program(coordinator, link, clock)
         try:
             with interrupted() as pressed:
                 operation = operate(

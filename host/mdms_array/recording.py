@@ -1,8 +1,11 @@
 """Beliefs, plans and reports of hosts, for the record of a run; and the folder that keeps it."""
 
 import shutil
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
 from operator import is_
 from pathlib import Path
 from typing import Any
@@ -12,10 +15,11 @@ import numpy as np
 
 from mdms_array.extras import PICTURES
 from mdms_array.host import estimates_of
+from mdms_array.revision import git_revision
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import GoalProgram
-from mdms_host.programs.program import TableProgram
+from mdms_host.programs.program import Main, TableProgram
 from mdms_model.arrays import Floats
 from mdms_model.log import LOG
 from mdms_model.run.folder import BUS_LOG, DATABASE, SavePicture, bus_number, write_run
@@ -164,15 +168,41 @@ def keep_run(
     record: Record,
     figures: dict[str, Any],
     bus_format: str = "log",
+    *,
+    main: Main | None = None,
+    array_file: Path | None = None,
 ) -> None:
     """Write everything of a run; its bus log, if it had a bus, is there already.
+
+    `main` is its program in Python, and `array_file` the file of its table, if it had any.
 
     Raises OSError.
     """
     if (folder / BUS_LOG).exists():
         convert_log(folder / BUS_LOG, bus_format)
         shutil.copyfile(data_sheet(DATABASE), folder / DATABASE)
-    write_run(folder, scenario, record, figures, _painter(record))
+    provenance = provenance_of(main, array_file)
+    write_run(folder, scenario, record, figures, _painter(record), provenance=provenance)
+
+
+#: Packages whose versions have a say in a run.
+_PACKAGES = ("numpy", "numba", "python-can", "canopen", "mcap")
+
+
+def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
+    """From what a run of this process comes: command, revision, packages, program, array file."""
+    told: dict[str, Any] = {"command": sys.argv, "revision": git_revision()}
+    told["packages"] = {}
+    for name in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            told["packages"][name] = version(name)
+    if main is not None:
+        path = Path(main.__code__.co_filename)
+        source = path.read_text("utf-8") if path.is_file() else None
+        told["program"] = {"file": path.name, "source": source}
+    if array_file is not None:
+        told["array"] = {"file": array_file.name, "text": array_file.read_text("utf-8")}
+    return told
 
 
 def lasting(scenario: Scenario, duration_s: float) -> Scenario:

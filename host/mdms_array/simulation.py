@@ -272,7 +272,7 @@ def run_and_keep(
     with fresh_folder(out) as folder:
         run = run_scenario(scenario, nodes, progress, folder / BUS_LOG, main)
         run = replace(run, figures={**run.figures, "run": str(out)})
-        keep_run(folder, scenario, run.record, dict(run.figures), bus_format)
+        keep_run(folder, scenario, run.record, dict(run.figures), bus_format, main=main)
     return run
 
 

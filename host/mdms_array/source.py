@@ -7,11 +7,18 @@ from dataclasses import replace
 from math import nan
 from numbers import Real
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from mdms_array.checks import refuse_large_gain, refuse_overload, refuse_tipping
+from mdms_array.checks import (
+    refuse_large_gain,
+    refuse_overload,
+    refuse_pushless,
+    refuse_tipping,
+)
 from mdms_host.programs.program import Main
 from mdms_model.errors import InputError
+from mdms_model.run.folder import told_of_run
 from mdms_model.scenario.file import load_scenario, scenario_from
 from mdms_model.scenario.scenario import Scenario
 
@@ -29,11 +36,26 @@ def open_program(name_or_path: str, overrides: Sequence[str]) -> tuple[Scenario,
 
     A file of Python has both. Raises `InputError`.
     """
-    main = None
+    main = _main_of_run(name_or_path)
     if is_python(name_or_path):
         name_or_path, main = read_program(name_or_path)
         overrides = [*overrides, "motion.field=program"]
     return checked(load_scenario(name_or_path, overrides)), main
+
+
+def _main_of_run(folder: str) -> Main | None:
+    """The program in Python of an earlier run, None if it had none. Raises `InputError`."""
+    told = told_of_run(folder)
+    program = None if told is None else told[1].get("program")
+    if program is None:
+        return None
+    if program["source"] is None:
+        raise _wrong(folder, f"its program {program['file']} was not kept, so nothing repeats it")
+    with TemporaryDirectory() as kept:
+        path = Path(kept) / program["file"]
+        path.write_text(program["source"], "utf-8")
+        _, main = read_program(str(path))
+    return main
 
 
 def open_source(source: Source, main: Main | None = None) -> tuple[Scenario, Main | None]:
@@ -94,6 +116,7 @@ def _programmed(scenario: Scenario) -> Scenario:
 def checked(scenario: Scenario) -> Scenario:
     """The scenario, once it is known that cells and bus can follow it. Raises `InputError`."""
     refuse_overload(scenario)
+    refuse_pushless(scenario)
     refuse_large_gain(scenario)
     refuse_tipping(scenario)
     return scenario

@@ -35,6 +35,7 @@ class Delays:
     def __init__(self) -> None:
         self._late: deque[tuple[float, float]] = deque(maxlen=200)
         self._pauses: deque[tuple[float, float]] = deque(maxlen=200)
+        self._blocked: deque[tuple[float, str]] = deque(maxlen=20)
         self._arrived_s: float | None = None
         #: By node: when its last heartbeat came, when one last came late, and how late [s].
         self._heartbeats: dict[int, tuple[float, float, float]] = {}
@@ -43,6 +44,11 @@ class Delays:
         """Something that was due is done now."""
         if now_s - due_s >= LATE_S:
             self._late.append((now_s, now_s - due_s))
+
+    def on_blocked(self, where: str, took_s: float, now_s: float) -> None:
+        """The program that a person wrote has just computed for so long."""
+        text = f"the program itself blocked for {took_s * 1e3:.0f} ms, in {where}"
+        self._blocked.append((now_s, text))
 
     def on_arrival(self, now_s: float) -> None:
         """A frame was read."""
@@ -59,6 +65,9 @@ class Delays:
 
     def reason(self, now_s: float) -> str | None:
         """The parts that were held up in the last second; None if nothing was."""
+        blocked = [text for time_s, text in self._blocked if now_s - time_s <= _WINDOW_S]
+        if blocked:
+            return blocked[-1]
         late_s = max(_recent(self._late, now_s), default=0.0)
         pauses = _recent(self._pauses, now_s)
         if self._arrived_s is not None and now_s - self._arrived_s >= PAUSE_S:
@@ -71,7 +80,7 @@ class Delays:
             )
         if late_s >= LATE_S:
             return (
-                f"this program's own cycle was up to {late_s * 1e3:.0f} ms late: "
+                f"the host's own cycle was up to {late_s * 1e3:.0f} ms late: "
                 "the computer is too busy or too slow"
             )
         return self.slow_reason(now_s)

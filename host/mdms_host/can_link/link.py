@@ -59,9 +59,40 @@ _LIBRARIES: Mapping[str, str] = {
 }
 
 
-def remedy(interface: str | None, problem: str) -> str | None:
-    """The package that the interface lacks; None if nothing is missing, or it is unknown."""
-    if interface is None or not any(text in problem for text in _MISSING):
+#: The cures of errors of the system, by interface and number.
+_NO_CAN = (
+    "this system has no CAN (SocketCAN is Linux's, and the kernel's module is `can`): "
+    "sudo modprobe can, or take another interface with -i"
+)
+_CURES: Mapping[tuple[str, int], str] = {
+    ("socketcan", errno.EAFNOSUPPORT): _NO_CAN,
+    ("socketcan", errno.EPROTONOSUPPORT): _NO_CAN,
+    ("socketcan", errno.ENODEV): (
+        "there is no such interface; `ip link show type can` lists those that there are, and "
+        "sudo ip link set can0 up type can bitrate 1000000 starts one"
+    ),
+    ("socketcan", errno.ENETDOWN): (
+        "the interface is down: sudo ip link set can0 up type can bitrate 1000000"
+    ),
+    ("slcan", errno.EACCES): (
+        "you may not use this port: sudo usermod -a -G dialout $USER, then log in again"
+    ),
+    ("slcan", errno.ENOENT): (
+        "there is no such port; `python -m serial.tools.list_ports` lists those that there are"
+    ),
+}
+
+
+def remedy(interface: str | None, problem: str, number: int | None = None) -> str | None:
+    """Advice that makes the interface work, None without any.
+
+    `problem` is the text of the error, and `number` that of the system's error, if it was one.
+    """
+    if interface is None:
+        return None
+    if number is not None and (interface, number) in _CURES:
+        return _CURES[interface, number]
+    if not any(text in problem for text in _MISSING):
         return None
     if interface in _LIBRARIES:
         return f"install {_LIBRARIES[interface]}"
@@ -243,12 +274,28 @@ def open_bus(options: Namespace) -> can.BusABC:
     except _NO_BUS as error:
         interface = getattr(options, "interface", None)
         problem = str(error.__cause__ or error).rstrip(".")
+        number = _errno_of(error)
+        cure = remedy(interface, problem, number)
         advice = "name one with -i and -c, or start a virtual one: mdms serve array18"
         if interface is None and "None" in str(error.__cause__):
             reason = "no CAN interface was named"
+        elif cure is not None and number is not None:
+            channel = getattr(options, "channel", None)
+            reason = f"{interface} {channel} cannot be opened: {os.strerror(number)}"
         else:
             reason = f"the CAN bus cannot be opened: {problem}"
-        raise NoBusError(f"{reason}; {remedy(interface, problem) or advice}") from None
+        # The interface of served arrays says itself what is served.
+        told = reason if interface == "mdms" else f"{reason}; {cure or advice}"
+        raise NoBusError(told) from None
+
+
+def _errno_of(error: BaseException | None) -> int | None:
+    """The number of the system's error behind what python-can raised."""
+    while error is not None:
+        if number := getattr(error, "errno", None) or getattr(error, "error_code", None):
+            return int(number)
+        error = error.__cause__ or error.__context__
+    return None
 
 
 class Link:
@@ -485,6 +532,9 @@ class AnyDelays(Protocol):
 
     def on_cycle(self, due_s: float, now_s: float) -> None:
         """Something that was due is done now."""
+
+    def on_blocked(self, where: str, took_s: float, now_s: float) -> None:
+        """The program that a person wrote has just computed for so long."""
 
     def reason(self, now_s: float) -> str | None:
         """The parts that were held up in the last second; None if nothing was."""

@@ -18,7 +18,7 @@ from mdms_host.can_link.link import (
     hand_over,
 )
 from mdms_host.clock import Clock
-from mdms_model.participant import BusesParticipant
+from mdms_model.participant import BusesParticipant, Participant
 from mdms_protocol.codecs.frame import Frame
 
 BusFrame = tuple[int, Frame]
@@ -130,6 +130,32 @@ class Links:
                 raise DeviceGoneError(f"{name}: {error}") from None
 
 
+class OnEachBus:
+    """A participant for each bus as one participant on all of them."""
+
+    def __init__(self, participants: Sequence[Participant]) -> None:
+        self._participants = participants
+
+    @property
+    def wake_s(self) -> float:
+        """When the first of them wants to be polled [s]."""
+        return min(each.wake_s for each in self._participants)
+
+    def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
+        """A frame was on that bus."""
+        self._participants[bus].on_frame(frame, now_s)
+
+    def poll(self, now_s: float) -> Iterable[Frame]:
+        """What the only one wants to send now."""
+        return self._participants[0].poll(now_s)
+
+    def poll_buses(self, now_s: float) -> Iterable[BusFrame]:
+        """What those that are due want to send now."""
+        for bus, each in enumerate(self._participants):
+            if each.wake_s <= now_s:
+                yield from ((bus, frame) for frame in each.poll(now_s))
+
+
 class _JointDelays:
     """The parts that were held up:
 
@@ -143,6 +169,10 @@ class _JointDelays:
     def on_cycle(self, due_s: float, now_s: float) -> None:
         """Something that was due is done now."""
         self._cycles.on_cycle(due_s, now_s)
+
+    def on_blocked(self, where: str, took_s: float, now_s: float) -> None:
+        """The program that a person wrote has just computed for so long."""
+        self._cycles.on_blocked(where, took_s, now_s)
 
     def reason(self, now_s: float) -> str | None:
         """The parts that were held up in the last second; None if nothing was."""

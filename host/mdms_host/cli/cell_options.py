@@ -7,7 +7,7 @@ import math
 from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
 
-from mdms_host.cli.options import add_force, add_json
+from mdms_host.cli.options import add_cells, add_force, add_json, add_table
 from mdms_host.cli.parser import Verb
 from mdms_protocol.codecs.cob import CELL_NODE_MAX, HOST_NODE, NODE_MAX, NODE_MIN
 
@@ -31,7 +31,7 @@ def nodes_of(texts: list[list[int] | str]) -> list[int] | None:
 
 def _add_show(parser: ArgumentParser) -> None:
     parser.add_argument("names", metavar="KEY", nargs="*", help="only these settings")
-    add_nodes(parser)
+    _add_table_nodes(parser)
     parser.add_argument(
         "--wiring", action="store_true", help="also which frames carry what (PDOs, identifiers)"
     )
@@ -40,7 +40,7 @@ def _add_show(parser: ArgumentParser) -> None:
 
 def _add_set(parser: ArgumentParser) -> None:
     parser.add_argument("assignments", metavar="KEY=VALUE", nargs="+", help="as in gain=10")
-    add_nodes(parser)
+    _add_table_nodes(parser)
     _add_save(parser)
     _add_motors(parser)
     add_json(parser)
@@ -68,7 +68,7 @@ def _add_assign(parser: ArgumentParser) -> None:
 
 def _add_dump(parser: ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", type=Path, help="a TOML file, or - for stdout")
-    add_nodes(parser)
+    _add_table_nodes(parser)
     add_force(parser)
     add_json(parser)
 
@@ -82,8 +82,14 @@ def _add_load(parser: ArgumentParser) -> None:
 
 
 def _add_restore(parser: ArgumentParser) -> None:
-    add_nodes(parser)
+    _add_table_nodes(parser)
     _add_consent(parser)
+
+
+def _add_table_nodes(parser: ArgumentParser) -> None:
+    """`--node`, and the table."""
+    add_nodes(parser)
+    add_table(parser)
 
 
 def add_nodes(parser: ArgumentParser) -> None:
@@ -123,6 +129,11 @@ def _nodes(text: str) -> list[int] | str:
     if text == ALL:
         return ALL
     first, dash, last = text.partition("-")
+    if not (first[:1] or last[:1]).isdecimal():
+        raise ArgumentTypeError(
+            f"{text!r} is no node id, {NODE_MIN} to {NODE_MAX}; write all else before --node, as "
+            "in: mdms configure set gain=12 --node 1-6"
+        )
     low, high = _node(first), _node(last if dash else first)
     if low > high:
         raise ArgumentTypeError(f"{text} is no range of node ids")
@@ -201,7 +212,7 @@ _SIDE_MAX = 126
 
 
 def _add_identify(parser: ArgumentParser) -> None:
-    add_nodes(parser)
+    _add_table_nodes(parser)
     parser.add_argument(
         "--seconds", metavar="S", type=_blink_s, default=5.0, help="for how long (default 5)"
     )
@@ -288,6 +299,7 @@ def _add_doctor(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--array", metavar="FILE", type=Path, help="compare cells and settings with an array file"
     )
+    add_cells(parser)
     parser.add_argument(
         "--empty", action="store_true", help="nothing lies on the table: no sensor may see anything"
     )

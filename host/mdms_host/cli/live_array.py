@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from mdms_array.array import BelievedArray
 from mdms_array.checks import timing_of
 from mdms_array.connection import open_links
-from mdms_array.host import coordinator_of, layout_of, parcels_of
+from mdms_array.host import coordinator_of, layout_of, parcels_of, watch_program
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.cli.exits import CommandError, Exit, interrupted
@@ -121,7 +121,11 @@ def _slot_and_table(
     """The host's place, and what a page shows of it."""
 
     def make() -> Coordinator:
-        return coordinator_of(belief.scenario, belief.cells, main=main, executor=ThreadExecutor())
+        coordinator = coordinator_of(
+            belief.scenario, belief.cells, main=main, executor=ThreadExecutor()
+        )
+        watch_program(coordinator, link, clock)
+        return coordinator
 
     layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)

@@ -7,14 +7,17 @@ import math
 from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
 
+from mdms_model.scenario.limit import TURN_RAD
 from mdms_model.scenario.scenario import FIDELITIES
+from mdms_model.scenario.tree import degrees_hint
 
 NODES = ("cpython", "micropython")
 #: Forms of the bus log: candump, and Vector's binary and text.
 BUS_FORMATS = ("log", "blf", "asc")
 LAWS = ("sliding", "at_rest")
 NO_NODES = (
-    "nobody is heard on the bus; is it connected and are the cells powered? "
+    "nobody is heard on the bus; is it connected, are the cells powered, and is the bit rate "
+    "theirs (-b)? "
     "`mdms serve array18` starts a virtual one"
 )
 TITLE = "CAN bus (python-can: also CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE and can.conf)"
@@ -295,8 +298,43 @@ def add_run(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
+def add_table(parser: ArgumentParser) -> None:
+    """`--array` and `--cells`: a whole table, and how many cells it has."""
+    parser.add_argument(
+        "--array",
+        metavar="FILE",
+        type=Path,
+        help="an array file: its buses, its bit rate, and the cells that are to answer",
+    )
+    add_cells(parser)
+
+
+def add_cells(parser: ArgumentParser) -> None:
+    """`--cells`."""
+    parser.add_argument(
+        "--cells",
+        metavar="N",
+        type=_cells,
+        help="how many cells are to answer, on all buses together (default: by the array file, "
+        "else by the neighbours that cells have stored)",
+    )
+
+
+def _cells(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= CELLS_MAX:
+        raise ArgumentTypeError(f"{text!r} is no number of cells, 1 to {CELLS_MAX}")
+    return int(text)
+
+
+def add_cells_verb(parser: ArgumentParser) -> None:
+    """Those of `scan` and `stop`, but the bus."""
+    add_table(parser)
+    add_json(parser)
+
+
 def add_status(parser: ArgumentParser) -> None:
     """Those of `status`, but the bus."""
+    add_table(parser)
     parser.add_argument("--once", action="store_true", help="once, even on a terminal")
     add_json(parser)
 
@@ -354,8 +392,10 @@ def _port(text: str) -> int:
 
 
 COUNT_MAX = 1_000_000
+#: More than any table has.
+CELLS_MAX = 100_000
 #: As scenarios have them.
-ANGLE_MAX_RAD = PLACE_MAX_M = 1000.0
+PLACE_MAX_M = 1000.0
 
 
 def add_plan_squeeze(parser: ArgumentParser) -> None:
@@ -400,8 +440,9 @@ def _count(text: str) -> int:
 
 def _angle(text: str) -> float:
     angle_rad = float(text)
-    if not abs(angle_rad) <= ANGLE_MAX_RAD:
-        raise ArgumentTypeError(f"{text} is not within {ANGLE_MAX_RAD:g} rad")
+    if not abs(angle_rad) <= TURN_RAD:
+        hint = degrees_hint(angle_rad) if math.isfinite(angle_rad) else ""
+        raise ArgumentTypeError(f"{text} is not within {TURN_RAD:g} rad{hint}")
     return angle_rad
 
 

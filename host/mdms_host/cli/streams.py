@@ -4,7 +4,8 @@ import io
 import logging
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 
 from mdms_host.cli.exits import Exit
 from mdms_model.log import LOG
@@ -57,6 +58,16 @@ def open_streams() -> None:
     if type(sys.stdout) is io.TextIOWrapper and sys.stdout is sys.__stdout__:
         encoding, by_line = sys.stdout.encoding, sys.stdout.line_buffering
         sys.stdout = Output(sys.stdout.detach(), encoding, "replace", line_buffering=by_line)
+
+
+@contextmanager
+def kept_for_json(json: bool) -> Iterator[None]:
+    """Have what a program prints go to stderr, if stdout is to have one JSON object alone."""
+    if not json:
+        yield
+        return
+    with redirect_stdout(sys.stderr):
+        yield
 
 
 def say(message: str) -> None:

@@ -116,9 +116,9 @@ VERBS = (
     ),
     Verb(
         "scan",
-        "list the nodes on the bus",
+        "list the nodes of the table",
         f"{_ARRAY}.cells:scan",
-        options.add_json,
+        options.add_cells_verb,
         late_options=_BUS,
     ),
     Verb(
@@ -130,9 +130,9 @@ VERBS = (
     ),
     Verb(
         "stop",
-        "turn every motor on the bus off",
+        "turn every motor of the table off",
         f"{_ARRAY}.cells:stop",
-        options.add_json,
+        options.add_cells_verb,
         late_options=_BUS,
     ),
     Verb(

@@ -94,6 +94,11 @@ class ArrayFile:
         """
         placed: dict[int, FiledCell] = {}
         for item, cell in enumerate(self.cells):
+            if self.bus_count > 1 and cell.number is None and cell.column is None:
+                raise ArrayFileError(
+                    f"{self.path}: cell.{item}.number is missing: where there are several buses a "
+                    "node id is no place; give it, or column and row"
+                )
             key, number = _number_of(cell, columns, rows)
             if not 1 <= number <= columns * rows:
                 raise ArrayFileError(
@@ -125,9 +130,15 @@ def channels_of(channel: str | None, buses: int) -> tuple[str, ...]:
     return (channel,) if buses == 1 else tuple(f"{channel}.{bus}" for bus in range(buses))
 
 
-def array_text(cells: Iterable[CellSettings]) -> str:
-    """The text of a file for these cells."""
-    return "\n".join([_HEAD, *map(_cell_text, cells)])
+def array_text(cells: Mapping[str, Sequence[CellSettings]]) -> str:
+    """The text of a file for the cells of each bus, by its channel."""
+    parts = [_HEAD]
+    if len(cells) > 1:
+        parts.append(f"[array]\nchannels = [{', '.join(map(_quoted, cells))}]\n")
+    for number, some in enumerate(cells.values()):
+        bus = number if len(cells) > 1 else None
+        parts += [_cell_text(cell, bus) for cell in some]
+    return "\n".join(parts)
 
 
 def read_array(path: Path) -> ArrayFile:
@@ -159,16 +170,20 @@ def filed_cells(path: Path, channel: str | None = None) -> tuple[FiledCell, ...]
     return cells_on(read_array(path), channel)
 
 
-def cells_on(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ...]:
-    """The cells of a file, at least one; of several buses those on the one with that channel.
+def cells_on(
+    file: ArrayFile, channel: str | None = None, bus: int | None = None
+) -> tuple[FiledCell, ...]:
+    """The cells of a file, at least one; of several buses those on one of them.
 
-    Raises ArrayFileError.
+    That bus is named by its number, or by its channel. Raises ArrayFileError.
     """
     path = file.path
     if not file.cells:
         raise ArrayFileError(f"{path}: expected [[cell]] tables")
     if file.bus_count == 1:
         return file.cells
+    if bus is not None:
+        return tuple(cell for cell in file.cells if cell.bus == bus)
     names = file.table.channels or ()
     if channel not in names:
         named = f"must be one of {', '.join(names)}" if names else "array.channels is to list them"
@@ -179,8 +194,10 @@ def cells_on(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ..
     return tuple(cell for cell in file.cells if cell.bus == names.index(channel))
 
 
-def _cell_text(cell: CellSettings) -> str:
+def _cell_text(cell: CellSettings, bus: int | None) -> str:
     lines = ["[[cell]]", f'serial = "{cell.serial:08X}"', f"node = {cell.node_id}"]
+    if bus is not None:
+        lines.append(f"bus = {bus}")
     for parameter, number in cell.values.items():
         line = f"settings.{parameter.name} = {parameter.text(number, unit=False)}"
         lines.append(f"{line}  # {parameter.unit}" if parameter.unit else line)
@@ -278,12 +295,6 @@ def _check_buses(table: FiledTable, cells: tuple[FiledCell, ...]) -> None:
             f"array.channels has {len(table.channels)} items, but the cells are on {len(buses)} "
             "buses"
         )
-    for item, cell in enumerate(cells):
-        if len(buses) > 1 and cell.number is None and cell.column is None:
-            raise ArrayFileError(
-                f"cell.{item}.number is missing: where there are several buses a node id is no "
-                "place; give it, or column and row"
-            )
 
 
 def without_places(cell: FiledCell) -> FiledCell:
@@ -292,7 +303,9 @@ def without_places(cell: FiledCell) -> FiledCell:
     return replace(cell, values=values)
 
 
-def placed_cells(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell, ...]:
+def placed_cells(
+    file: ArrayFile, channel: str | None = None, bus: int | None = None
+) -> tuple[FiledCell, ...]:
     """The cells on the bus of that channel, with their places, their neighbours and their parts.
 
     Places, neighbours and turns to take over SYNC are the table's, whatever a cell's own settings
@@ -300,7 +313,7 @@ def placed_cells(file: ArrayFile, channel: str | None = None) -> tuple[FiledCell
     table has no columns and rows leaves the cells as they are. Raises ArrayFileError.
     """
     table = file.table
-    on_bus = cells_on(file, channel)
+    on_bus = cells_on(file, channel, bus)
     if table.columns is None or table.rows is None:
         return on_bus
     placed = file.by_number(table.columns, table.rows)

@@ -4,7 +4,7 @@
 """
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from queue import SimpleQueue
@@ -302,3 +302,24 @@ def _entry(index: int, sub: int) -> Entry:
     if (index, sub) not in ENTRIES:
         raise KeyError(f"a cell has no object 0x{index:04X}:{sub}")
     return ENTRIES[index, sub]
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Numbers as people write them: 1-4, 7, 9-12."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+
+
+def operational_text(node_ids: Collection[int]) -> str:
+    """What to do about nodes that are operational, and whose wheels may turn."""
+    if len(node_ids) == 1:
+        return f"node {ranges(node_ids)} is operational; turn it off first: mdms stop"
+    return (
+        f"{len(node_ids)} cells (node {ranges(node_ids)}) are operational, as a run leaves them; "
+        "turn them off first: mdms stop"
+    )

@@ -11,7 +11,13 @@ from dataclasses import dataclass
 
 from mdms_host.commissioning.cell_settings import StrangerError
 from mdms_host.commissioning.lss_master import LssAddress
-from mdms_host.commissioning.network import Commissioning, Identity, RefusedError, SilentError
+from mdms_host.commissioning.network import (
+    Commissioning,
+    Identity,
+    RefusedError,
+    SilentError,
+    operational_text,
+)
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
 
@@ -182,10 +188,10 @@ def carry_out(
     Cells that have another id become blank first, so that ids can be swapped. The stored id changes
     only with the new one. Raises NodeIdError before anything, LssError, SilentError.
     """
-    running = [move.before for move in moves if _runs(commissioning, move.before)]
+    before = [move.before for move in moves if move.before is not None]
+    running = [node_id for node_id in before if _runs(commissioning, node_id)]
     if running:
-        nodes = ", ".join(map(str, running))
-        raise NodeIdError(f"node {nodes} is operational; turn it off first: mdms stop")
+        raise NodeIdError(operational_text(running))
     lss = commissioning.lss
     for move in moves:
         if move.before is not None:

@@ -1,6 +1,6 @@
 """The nodes on a bus: their identities and states, and a table of how cells are."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import can
@@ -25,17 +25,23 @@ STATE_NAMES = {
 }
 
 
+#: Where a cell has stored the node ids of those around it.
+NEIGHBOURS = tuple((indices.NEIGHBOURS, sub) for sub in range(1, 9))
+
+
 @dataclass(frozen=True, slots=True)
 class FoundNode:
     """A node that sends or answers: its state, None without a heartbeat, and its identity.
 
     `identity` is None if it could not be read; `problem` is the reason, or why a run cannot use it.
+    `neighbours` are the node ids that it has stored of the cells around it.
     """
 
     node_id: int
     state: str | None
     identity: Identity | None
     problem: str | None
+    neighbours: tuple[int, ...] = ()
 
     @property
     def is_cell(self) -> bool:
@@ -49,12 +55,15 @@ def scan_bus(bus: can.BusABC, clock: Clock, listen_s: float = 0.3) -> list[Found
         return [_read_node(commissioning, node_id) for node_id in commissioning.find(listen_s)]
 
 
-def scan_table(nodes: list[FoundNode]) -> Table:
-    """The nodes as a table."""
-    table = Table("node", "state", "device", "software", "serial", "remark")
-    for node in nodes:
+def scan_table(nodes: Mapping[str, Sequence[FoundNode]]) -> Table:
+    """The nodes of each bus as a table."""
+    split = len(nodes) > 1
+    names = ("bus",) if split else ()
+    table = Table(*names, "node", "state", "device", "software", "serial", "remark")
+    for bus, node in ((bus, node) for bus, some in nodes.items() for node in some):
         identity = node.identity
         table.add_row(
+            *((escape(bus),) if split else ()),
             str(node.node_id),
             node.state or "no heartbeat",
             escape(identity.name) if identity else "?",
@@ -67,13 +76,17 @@ def scan_table(nodes: list[FoundNode]) -> Table:
 
 def _read_node(commissioning: Commissioning, node_id: int) -> FoundNode:
     identity, problem = None, None
+    neighbours: list[int] = []
     try:
         identity = commissioning.identity(node_id)
         problem = _problem(node_id, identity)
+        if identity.is_cell and not identity.other_protocol:
+            neighbours = [commissioning.read(node_id, *place) for place in NEIGHBOURS]
     except CommissioningError as error:
         problem = str(error)
     state = commissioning.states.get(node_id)
-    return FoundNode(node_id, None if state is None else STATE_NAMES[state], identity, problem)
+    name = None if state is None else STATE_NAMES[state]
+    return FoundNode(node_id, name, identity, problem, tuple(filter(None, neighbours)))
 
 
 def _problem(node_id: int, identity: Identity) -> str | None:
@@ -89,9 +102,11 @@ def _problem(node_id: int, identity: Identity) -> str | None:
 
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
 _ERROR_CODES = (indices.ERROR_CODE, indices.ERROR_CODE + indices.AXIS_OFFSET)
-_READS = tuple(
-    Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE, *_ERROR_CODES, indices.SUSPECT)
+_READS = (
+    *(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE)),
+    *(Read(index, 0) for index in (*_ERROR_CODES, indices.SUSPECT)),
 )
+_READ_NEIGHBOURS = tuple(Read(*place) for place in NEIGHBOURS)
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
@@ -103,7 +118,8 @@ class CellStatus:
     """One row: the last report of the cell; None without one.
 
     `emergency` is the code of its last error that stands, `errors` are all that stand, in words.
-    `suspected_by` are the node ids of neighbours that it contradicts.
+    `suspected_by` are the node ids of neighbours that it contradicts. `bus` is its bus, where a
+    table has several.
     """
 
     node_id: int
@@ -115,6 +131,12 @@ class CellStatus:
     emergency: int | None
     errors: tuple[str, ...] = ()
     suspected_by: tuple[int, ...] = ()
+    bus: str | None = None
+
+    @property
+    def in_fault(self) -> bool:
+        """Whether an axis of it is in fault, or an error of it stands."""
+        return bool(self.errors) or any("fault" in name for name in self.drives or ())
 
     @property
     def silent(self) -> bool:
@@ -127,13 +149,17 @@ class StatusModel:
 
     It sends little: the statuswords, presence bits and suspect of a node are read when it appears,
     and when it is pre-operational again. An operational node reports changes by itself, and a node
-    that is being flashed must not be disturbed.
+    that is being flashed must not be disturbed. With `asks_neighbours` it reads the node ids of
+    the cells around each as well.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, asks_neighbours: bool = False) -> None:
+        self._reads = (*_READS, *(_READ_NEIGHBOURS if asks_neighbours else ()))
         self._cells: dict[int, RemoteCell] = {}
         self._reading: dict[int, SdoClient] = {}
         self._next_poll_s = 0.0
+        #: The node ids that each node has stored of the cells around it, once it is read.
+        self.neighbours: dict[int, tuple[int, ...]] = {}
 
     @property
     def wake_s(self) -> float:
@@ -147,14 +173,14 @@ class StatusModel:
         is_node = base == cob.HEARTBEAT_BASE and cob.NODE_MIN <= node_id < cob.NODE_MAX
         if is_node and node_id not in self._cells:
             self._cells[node_id] = RemoteCell(node_id, node_id)
-            self._reading[node_id] = SdoClient(node_id, _READS)
+            self._reading[node_id] = SdoClient(node_id, self._reads)
         if node_id not in self._cells:
             return
         cell = self._cells[node_id]
         before = cell.nmt_state
         cell.on_frame(frame.can_id, frame.data, now_s)
         if cell.nmt_state == nmt.PRE_OPERATIONAL and before not in (None, nmt.PRE_OPERATIONAL):
-            self._reading[node_id] = SdoClient(node_id, _READS)
+            self._reading[node_id] = SdoClient(node_id, self._reads)
         if base == cob.SDO_RESPONSE_BASE and node_id in self._reading:
             self._on_answer(node_id, frame.data)
 
@@ -176,6 +202,8 @@ class StatusModel:
         if not client.done:
             return
         del self._reading[node_id]
+        named = (client.answers.get(place, 0) for place in NEIGHBOURS)
+        self.neighbours[node_id] = tuple(filter(None, named))
         if cell.drive_states is None or cell.nmt_state != nmt.OPERATIONAL:
             words = (client.answers[index, 0] for index in _STATUSWORDS)
             cell.drive_states = tuple(cia402.state(word) for word in words)
@@ -197,18 +225,20 @@ def status_table(rows: list[CellStatus], dots: tuple[str, str] = ("●", "○"))
     `dots` are the signs of a covered sensor and of a free one.
     """
     table = Table(box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
-    for name in ("node", "state", "drives", "parcel", "speeds mm/s"):
+    split = any(row.bus for row in rows)
+    for name in (*(("bus",) if split else ()), "node", "state", "drives", "parcel", "speeds mm/s"):
         table.add_column(name, no_wrap=True)
     table.add_column("remark", overflow="fold")
     for row in rows:
         table.add_row(
+            *((escape(row.bus or ""),) if split else ()),
             str(row.node_id),
             row.state or "?",
             _drives(row.drives),
             _dots(row.presence, dots),
             " ".join(f"{speed * 1e3:5.1f}" for speed in row.speeds_m_s or ()),
             _remark(row),
-            style="red" if row.silent or row.emergency or row.suspected_by else None,
+            style="red" if row.silent or row.in_fault or row.suspected_by else None,
         )
     return table
 

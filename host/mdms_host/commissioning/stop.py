@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from mdms_host.can_link.link import Link, drive
+from mdms_host.can_link.link import AnyLink, Link, drive
+from mdms_host.can_link.links import OnEachBus
 from mdms_host.clock import Clock
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
@@ -62,12 +63,19 @@ class StopAll:
 
 def stop_all(link: Link, clock: Clock) -> StopReport:
     """Turn off every drive on the bus; raises DeviceGoneError."""
-    stopping = StopAll()
-    drive(stopping, link, clock, lambda: stopping.over)
-    return stopping.report
+    (report,) = stop_buses(link, clock, 1)
+    return report
 
 
-def not_off_text(report: StopReport) -> str:
+def stop_buses(link: AnyLink, clock: Clock, buses: int) -> list[StopReport]:
+    """Turn off every drive on all buses of a link at once; raises DeviceGoneError."""
+    stopping = [StopAll() for _ in range(buses)]
+    drive(OnEachBus(stopping), link, clock, lambda: all(each.over for each in stopping))
+    return [each.report for each in stopping]
+
+
+def not_off_text(report: StopReport, bus: str = "") -> str:
     """Which cells are not seen to be off, and what to do."""
     nodes = ", ".join(map(str, report.not_off))
-    return f"not off: node {nodes}; cut the motors' power"
+    where = f"{bus}, " if bus else ""
+    return f"not off: {where}node {nodes}; cut the motors' power"

@@ -11,7 +11,11 @@ from dataclasses import dataclass
 from enum import Enum
 
 from mdms_host.commissioning.jog import Jog
-from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.network import (
+    Commissioning,
+    CommissioningError,
+    operational_text,
+)
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, nmt
 from mdms_protocol.emergencies import code_text
@@ -52,8 +56,7 @@ def refuse_busy(commissioning: Commissioning, node_ids: list[int]) -> None:
         raise BusyError("another host runs the array; end it first, for it moves wheels too")
     running = [node for node in node_ids if commissioning.states.get(node) == nmt.OPERATIONAL]
     if running:
-        nodes = ", ".join(map(str, running))
-        raise BusyError(f"node {nodes} is operational; turn it off first: mdms stop")
+        raise BusyError(operational_text(running))
 
 
 def refuse_steering(commissioning: Commissioning, node_id: int) -> None:

@@ -9,7 +9,7 @@ from types import NoneType
 from typing import Any, Protocol, TypeAlias, get_args, get_origin, get_type_hints
 
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.limit import ANGLE, LENGTH, PLACE, Limit
+from mdms_model.scenario.limit import LENGTH, PLACE, Limit
 from mdms_model.scenario.scenario import DRAWN_M, ScenarioError, name_fault
 from mdms_model.scenario.tree import build
 
@@ -17,6 +17,8 @@ CELL = Limit(at_least=1, at_most=1_000_000)
 #: As `--speed` of `mdms serve`.
 SPEED = Limit(above=0.0, at_most=100.0)
 TIME = Limit(at_least=0.0, at_most=1e6)
+#: A belief that is dragged on may have turned several times.
+YAW = Limit(at_least=-1000.0, at_most=1000.0)
 
 
 class RefusedError(Exception):
@@ -34,7 +36,7 @@ class Goal:
     parcel: str
     x_m: float = field(metadata=PLACE)
     y_m: float = field(metadata=PLACE)
-    yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    yaw_rad: float | None = field(default=None, metadata=YAW)
     held: bool = False
 
 
@@ -104,7 +106,7 @@ class EndFault:
     number: int
     x_m: float | None = field(default=None, metadata=PLACE)
     y_m: float | None = field(default=None, metadata=PLACE)
-    yaw_rad: float | None = field(default=None, metadata=ANGLE)
+    yaw_rad: float | None = field(default=None, metadata=YAW)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.carrier import Traffic
 from mdms_host.programs.newcomers import Comings, NamingRegister, TrackedNewcomers, tracker_gate
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import ScriptError, Task, place_of
+from mdms_host.programs.script import ScriptError, Task, failure_text, place_of
 from mdms_host.programs.table import Table, TableDriver
 from mdms_host.programs.table_parcel import ProgramError, TableParcel
 from mdms_host.programs.traffic.by_cells import CellsTraffic
@@ -258,14 +258,20 @@ class TableProgram:
             error = self.driver.step(step_s)
         except ScriptError as raised:
             error = raised
+        self._notices += [
+            f"the program blocks for {took_s * 1e3:.0f} ms, in {where}: meanwhile no setpoint goes "
+            "out; write await table.sleep() in place of time.sleep(), and do long work in a thread"
+            for where, took_s in self.driver.take_blocked()
+        ]
         if error is None:
             return
         if isinstance(error, ProgramError):
-            self._failure = f"the program was broken off: {error}"
+            where = place_of(error)
+            behind = f", in {where}" if where else ""
+            self._failure = f"the program was broken off: {error}{behind}"
         else:
             self._raised = True
-            where = "" if isinstance(error, ScriptError) else f", in {place_of(error)}"
-            self._failure = f"the program failed: {type(error).__name__}: {error}{where}"
+            self._failure = f"the program failed: {failure_text(error)}"
         self._notices.append(self._failure)
         self.driver.stop()
 

@@ -17,7 +17,9 @@ False
 True
 """
 
-from collections.abc import Callable, Coroutine, Generator
+import warnings
+from collections.abc import Callable, Coroutine, Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from traceback import extract_tb
 from types import CoroutineType, coroutine
@@ -31,6 +33,10 @@ Condition = Callable[[], bool]
 _OURS = str(Path(__file__).parent)
 #: A coroutine that goes on more often within one cycle does not wait for anything.
 _MOST_ROUNDS = 1000
+#: A task that computes for longer keeps the wheels without setpoints, and cells wait for 50 ms [s].
+BLOCKED_S = 0.03
+#: Python's own word about a coroutine that is dropped.
+_DROPPED = "was never awaited"
 
 
 class ScriptError(Error):
@@ -64,10 +70,23 @@ class Task(Generic[Result]):
     @property
     def where(self) -> str:
         """Which coroutine it is, and at which line it has come to wait."""
-        routine = cast("CoroutineType[Any, Any, Result]", self._routine)
-        code, frame = routine.cr_code, routine.cr_frame
-        line = code.co_firstlineno if frame is None else frame.f_lineno
-        return place(code.co_name, code.co_filename, line)
+        code = self._native.cr_code
+        return place(code.co_name, code.co_filename, self.line or code.co_firstlineno)
+
+    @property
+    def line(self) -> int | None:
+        """The line at which it waits; None once it is done."""
+        frame = self._native.cr_frame
+        return None if frame is None else frame.f_lineno
+
+    @property
+    def file(self) -> str:
+        """The name of the file that it is in."""
+        return Path(self._native.cr_code.co_filename).name
+
+    @property
+    def _native(self) -> "CoroutineType[Any, Any, Result]":
+        return cast("CoroutineType[Any, Any, Result]", self._routine)
 
     def result(self) -> Result:
         """Its result, once it is done. Raises its error."""
@@ -102,21 +121,31 @@ class Task(Generic[Result]):
             self.error, self.done = error, True
         else:
             if not callable(condition):
-                self.cancel()
                 self.error = ScriptError(
-                    f"awaits {type(condition).__name__}, but a program waits only for "
-                    "its table: sleep, move, leave, arrival, and tasks"
+                    f"{self.where} awaits {type(condition).__name__}, but a program waits only for "
+                    "its table: table.sleep, move, leave, arrival, and tasks"
                 )
+                self.cancel()
             else:
                 self._condition = condition
         return True
 
 
 class Script:
-    """All tasks of a program."""
+    """All tasks of a program.
+
+    Where a clock is given to `watch`, `blocked` lists the tasks that have computed for too long, in
+    words, with the time that each took [s].
+    """
 
     def __init__(self) -> None:
         self._tasks: list[Task[Any]] = []
+        self._now_s: Callable[[], float] = lambda: 0.0
+        self.blocked: list[tuple[str, float]] = []
+
+    def watch(self, now_s: Callable[[], float]) -> None:
+        """Measure by a clock how long tasks compute."""
+        self._now_s = now_s
 
     def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
         """Have a coroutine go on by itself, from this cycle on."""
@@ -127,20 +156,34 @@ class Script:
     def step(self) -> BaseException | None:
         """Have all tasks go on as far as they can now; an error that nobody awaits, if any.
 
-        Raises `ScriptError` for a task that never waits.
+        Raises `ScriptError` for a task that never waits, and for a call without `await`.
         """
-        for _ in range(_MOST_ROUNDS):
-            # Tasks that are started meanwhile go on within the same cycle.
-            progress = [task.go_on() for task in list(self._tasks)]
-            if not any(progress) and len(progress) == len(self._tasks):
-                break
-        else:
+        with _dropped_coroutines() as dropped:
+            for _ in range(_MOST_ROUNDS):
+                # Tasks that are started meanwhile go on within the same cycle.
+                progress = [self._go_on(task) for task in list(self._tasks)]
+                if not any(progress) and len(progress) == len(self._tasks):
+                    break
+            else:
+                self.cancel()
+                raise ScriptError("a task of the program goes round without waiting for anything")
+        if dropped:
             self.cancel()
-            raise ScriptError("a task of the program goes round without waiting for anything")
+            raise ScriptError(dropped[0])
         errors = (task.unheeded for task in self._tasks if task.done)
         unheeded = next((error for error in errors if error is not None), None)
         self._tasks = [task for task in self._tasks if not task.done]
         return unheeded
+
+    def _go_on(self, task: Task[Any]) -> bool:
+        """Have a task go on, and note it if that takes too long."""
+        begun_s, line = self._now_s(), task.line
+        went_on = task.go_on()
+        if (took_s := self._now_s() - begun_s) >= BLOCKED_S:
+            end = "its end" if task.line is None else f"line {task.line}"
+            where = f"{task.file}, from line {line} to {end}"
+            self.blocked.append((where, took_s))
+        return went_on
 
     @property
     def waiting(self) -> tuple[str, ...]:
@@ -154,15 +197,55 @@ class Script:
         self._tasks.clear()
 
 
+@contextmanager
+def _dropped_coroutines() -> Iterator[list[str]]:
+    """Yield a list that has, in the end, what there is to say of coroutines that nobody awaited.
+
+    Python warns of each where it is dropped; other warnings go their way.
+    """
+    dropped: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.filterwarnings("always", f".*{_DROPPED}", RuntimeWarning)
+        yield dropped
+    for each in caught:
+        if _DROPPED in str(each.message):
+            name = str(each.message).split("'")[1].rpartition(".")[2]
+            dropped.append(
+                f"{name}() has no await before it, so it does nothing ({Path(each.filename).name}, "
+                f"line {each.lineno}); write await before it, or give it to table.start()"
+            )
+        else:
+            warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
+
+
 def place(name: str, file: str, line: int) -> str:
     """A place in a program, as a person finds it."""
     return f"{name} ({Path(file).name}, line {line})"
 
 
-def place_of(error: BaseException) -> str:
-    """Where in a program something was raised: the deepest line of the file that it came by."""
+def place_of(error: BaseException) -> str | None:
+    """Where in a program something was raised: the deepest line of the file that it came by.
+
+    None where it came by no file but this package's own.
+    """
     frames = extract_tb(error.__traceback__)
     theirs = [frame for frame in frames if not frame.filename.startswith(_OURS)]
-    file = theirs[0].filename if theirs else frames[-1].filename
+    if not theirs:
+        return None
+    file = theirs[0].filename
     deepest = next(frame for frame in reversed(frames) if frame.filename == file)
     return place(deepest.name, file, deepest.lineno or 0)
+
+
+def failure_text(error: BaseException) -> str:
+    """What there is to say of an error that has ended a program, with its place."""
+    if isinstance(error, ScriptError):
+        return str(error)
+    where = place_of(error)
+    behind = f", in {where}" if where else ""
+    if isinstance(error, RuntimeError) and "event loop" in str(error):
+        return (
+            "asyncio is of no use in a program, whose time is the table's; write await "
+            f"table.sleep(1.0) in place of asyncio.sleep, and table.start() for tasks{behind}"
+        )
+    return f"{type(error).__name__}: {error}{behind}"

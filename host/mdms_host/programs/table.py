@@ -1,7 +1,8 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
 from collections import deque
-from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from difflib import get_close_matches
 from math import inf, isfinite
 from numbers import Real
 from typing import Any, TypeVar
@@ -85,7 +86,9 @@ class Table:
         """The parcel of that name on the table. Raises ProgramError without one."""
         if name not in self._parcels:
             there = ", ".join(self._parcels) or "none"
-            raise ProgramError(f"no parcel {name!r} is on the table; there are: {there}")
+            close = get_close_matches(name, self._parcels, n=1)
+            hint = f"did you mean {close[0]!r}? there are: " if close else "there are: "
+            raise ProgramError(f"no parcel {name!r} is on the table; {hint}{there}")
         return self._parcels[name]
 
     @property
@@ -277,6 +280,7 @@ class TableDriver:
 
     def __init__(self, table: Table) -> None:
         self.table = table
+        self._on_blocked: Callable[[str, float], object] = lambda _where, _took_s: None
 
     @property
     def waits_for_outside(self) -> bool:
@@ -320,6 +324,22 @@ class TableDriver:
         """Let a cycle pass, and the program go on; an error that ends it, if any."""
         self.table.now_s += step_s
         return self.table._script.step()
+
+    def watch(self, now_s: Callable[[], float], on_blocked: Callable[[str, float], object]) -> None:
+        """Measure by a clock how long the program computes.
+
+        `on_blocked(where, took_s)` is called when that is too long for the table.
+        """
+        self.table._script.watch(now_s)
+        self._on_blocked = on_blocked
+
+    def take_blocked(self) -> list[tuple[str, float]]:
+        """Where the program computed for too long since the last call, and how long [s]."""
+        script = self.table._script
+        blocked, script.blocked = script.blocked, []
+        for where, took_s in blocked:
+            self._on_blocked(where, took_s)
+        return blocked
 
     def stop(self) -> None:
         """Break off the program, and bring all parcels to rest."""

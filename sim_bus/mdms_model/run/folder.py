@@ -13,7 +13,7 @@ import os
 import platform
 import re
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -135,6 +135,12 @@ class StoredRun:
     figures: dict[str, Any]
 
 
+def told_of_run(folder: str | Path) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    """The figures and the provenance of a run folder; None for anything else."""
+    meta = _read_meta(Path(folder))
+    return (meta["figures"], meta.get("provenance", {})) if _is_meta(meta) else None
+
+
 def check_target(folder: Path) -> None:
     """Raise `RunFolderError` unless a run may be written there: nothing foreign is touched."""
     if folder.is_dir():
@@ -192,8 +198,12 @@ def write_run(
     record: Record,
     figures: dict[str, Any],
     save_picture: SavePicture | None = None,
+    *,
+    provenance: Mapping[str, Any] | None = None,
 ) -> None:
     """Fill a folder with the record, its pictures and, last, `meta.json`.
+
+    `provenance` says from what the run has come: command, revision, packages, program, array file.
 
     A picture is drawn of any run, an animation where cells steered, or the host several parcels;
     `save_picture` goes by the name of its file.
@@ -213,6 +223,7 @@ def write_run(
         "versions": {"mdms-array": version("mdms-array"), "python": platform.python_version()},
         "scenario": plain(scenario),
         "figures": figures,
+        "provenance": dict(provenance or {}),
     }
     (folder / META).write_text(json.dumps(meta, indent=2) + "\n", "utf-8")
 

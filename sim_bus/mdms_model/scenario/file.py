@@ -3,6 +3,7 @@
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -116,8 +117,10 @@ def _locate(name_or_path: str | Path) -> Path:
     if (path / "meta.json").is_file():
         return path / "meta.json"
     if not path.exists():
+        close = get_close_matches(str(name_or_path), builtin_names(), n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
         raise ScenarioError(
-            f"{path}: no such scenario file; built-in scenarios: {', '.join(builtin_names())}"
+            f"{path}: no such scenario file; {hint}built-in scenarios: {', '.join(builtin_names())}"
         )
     return path
 

@@ -15,7 +15,9 @@ class Limit(TypedDict, total=False):
 
 LENGTH = Limit(above=0.0, at_most=1000.0)
 PLACE = Limit(at_least=-1000.0, at_most=1000.0)
-ANGLE = Limit(at_least=-1000.0, at_most=1000.0)
+#: A turn either way, as people round it: more is an angle in degrees.
+TURN_RAD = 6.2832
+ANGLE = Limit(at_least=-TURN_RAD, at_most=TURN_RAD)
 SPEED = Limit(at_least=-100.0, at_most=100.0)
 POSITIVE = Limit(above=0.0, at_most=1e6)
 NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)

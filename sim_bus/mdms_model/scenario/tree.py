@@ -111,8 +111,14 @@ def _number(kind: Any, value: Any, limit: Mapping[str, Any], key: str) -> Any:
     if not abs(value) <= sys.float_info.max:
         raise ScenarioError(f"{key} is {_shown(value)}, but must be a finite number")
     if any(name in limit and not holds(value, limit[name]) for name, holds in BOUNDS.items()):
-        raise ScenarioError(f"{key} is {_shown(value)}, but must be {_range(limit)}")
+        hint = degrees_hint(value) if key.endswith("_rad") else ""
+        raise ScenarioError(f"{key} is {_shown(value)}, but must be {_range(limit)}{hint}")
     return kind(value)
+
+
+def degrees_hint(value: float) -> str:
+    """What an angle would be that was written in degrees."""
+    return f"; {value:g} degrees are {math.radians(value):.4g} rad"
 
 
 def _range(limit: Mapping[str, Any]) -> str:

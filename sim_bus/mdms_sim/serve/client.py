@@ -61,9 +61,8 @@ class Packets:
 class PacketCodec:
     """The fixed-size packets of the python-can interface, after a greeting from both sides."""
 
-    greeting = packet.HELLO
-
-    def __init__(self, send: Callable[[Frame], bool], packets: Packets) -> None:
+    def __init__(self, send: Callable[[Frame], bool], packets: Packets, bitrate: int) -> None:
+        self.greeting = packet.greeting(bitrate)
         self.garbage = 0
         self._send = send
         self._packets = packets

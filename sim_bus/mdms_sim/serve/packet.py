@@ -1,7 +1,7 @@
 """The protocol between a served bus and the python-can interface, over a Unix socket.
 
-Both sides begin with `HELLO`; then packets of fixed size follow, one a frame. The identifier
-carries the flags of `mdms_sim.bus.wire` above it.
+Both sides begin with `HELLO`, behind which the server tells the bit rate of its bus. Then packets
+of fixed size follow, one a frame. The identifier carries the flags of `mdms_sim.bus.wire` above it.
 """
 
 import os
@@ -11,10 +11,23 @@ from pathlib import Path
 
 from mdms_protocol.codecs.frame import Frame
 
-HELLO = b"MDMSBUS1"
+HELLO = b"MDMSBUS2"
+_BITRATE = struct.Struct("<I")
+GREETING_SIZE = len(HELLO) + _BITRATE.size
 _PACKET = struct.Struct("<dIB3x8s")
 SIZE = _PACKET.size
 _DATA_MAX = 8
+
+
+def greeting(bitrate: int) -> bytes:
+    """What a server of a bus says first."""
+    return HELLO + _BITRATE.pack(bitrate)
+
+
+def bitrate_of(greeted: bytes) -> int:
+    """The bit rate in a whole greeting."""
+    (bitrate,) = _BITRATE.unpack(greeted[len(HELLO) :])
+    return int(bitrate)
 
 
 def pack(frame: Frame, epoch_s: float) -> bytes:

@@ -24,7 +24,8 @@ _READ_BYTES = 1 << 16
 class MdmsBus(can.BusABC):
     """A client of a bus that `mdms serve` runs on this machine.
 
-    `channel` is the served name. With `receive_own_messages` a frame sent is received as well.
+    `channel` is the served name. With `receive_own_messages` a frame sent is received as well. With
+    another `bitrate` than the bus has, every frame either way becomes an error frame, as on a wire.
     Raises can.CanInitializationError when nothing is served under the name.
     """
 
@@ -32,6 +33,7 @@ class MdmsBus(can.BusABC):
         self,
         channel: str = "array18",
         receive_own_messages: bool = False,
+        bitrate: int | None = None,
         **options: Any,
     ) -> None:
         self.channel_info = f"mdms {channel}"
@@ -39,11 +41,15 @@ class MdmsBus(can.BusABC):
         self._sending = threading.Lock()
         self._waiting: deque[can.Message] = deque()
         self._rest = bytearray()
-        self._socket = _connect(channel)
+        self._socket, served_bitrate = _connect(channel)
+        self._is_in_step = bitrate in (None, served_bitrate)
         super().__init__(channel, **options)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Hand a message to the bus; can.CanOperationError if it takes none within `timeout`."""
+        if not self._is_in_step:
+            self._waiting.append(_error_frame())
+            return
         data = packet.pack(_frame_of(msg), 0.0)
         with self._sending:
             self._send_all(memoryview(data), timeout)
@@ -91,6 +97,9 @@ class MdmsBus(can.BusABC):
         whole = len(self._rest) // packet.SIZE * packet.SIZE
         frames = packet.unpack(bytes(self._rest[:whole]))
         del self._rest[:whole]
+        if not self._is_in_step:
+            self._waiting.extend(_error_frame() for _ in frames)
+            return
         self._waiting.extend(_message_of(frame, epoch_s or 0.0) for frame, epoch_s in frames)
 
     def shutdown(self) -> None:
@@ -109,31 +118,48 @@ class MdmsBus(can.BusABC):
         ]
 
 
-def _connect(channel: str) -> socket.socket:
+def _connect(channel: str) -> tuple[socket.socket, int]:
+    """The connection to a served bus, and its bit rate. Raises can.CanInitializationError."""
     path = packet.socket_path(channel)
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         connection.settimeout(_HELLO_TIMEOUT_S)
         connection.connect(str(path))
         connection.sendall(packet.HELLO)
-        hello = connection.recv(len(packet.HELLO), socket.MSG_WAITALL)
+        hello = connection.recv(packet.GREETING_SIZE, socket.MSG_WAITALL)
     except (BrokenPipeError, ConnectionResetError):
         hello = b""
     except OSError as error:
         connection.close()
-        raise can.CanInitializationError(
-            f"no bus is served as {channel!r} ({error}); start one with: mdms serve array18"
-        ) from error
+        raise can.CanInitializationError(_no_bus(channel, error)) from error
     if not hello:
         connection.close()
         raise can.CanInitializationError(f"{path} takes no more clients; end one, then try again")
-    if hello != packet.HELLO:
+    if not hello.startswith(packet.HELLO) or len(hello) != packet.GREETING_SIZE:
         connection.close()
         raise can.CanInitializationError(
             f"{path} speaks {hello!r}, not {packet.HELLO!r}; use the same version on both sides"
         )
     connection.setblocking(True)
-    return connection
+    return connection, packet.bitrate_of(hello)
+
+
+def _error_frame() -> can.Message:
+    """What a controller reports of a frame at another bit rate than its own."""
+    return can.Message(timestamp=epoch_now_s(), is_error_frame=True, is_extended_id=False)
+
+
+def _no_bus(channel: str, error: OSError) -> str:
+    """That nothing is served under a name, and what is."""
+    names = sorted(path.stem for path in packet.runtime_folder().glob("*.sock"))
+    buses = [name for name in names if name.rpartition(".")[0] == channel]
+    if buses:
+        return f"{channel} is a table of several buses; name one: {', '.join(buses)}"
+    there = f"served are: {', '.join(names)}" if names else "nothing is served"
+    return (
+        f"no bus is served as {channel!r} ({error.strerror or error}); {there}; start one with: "
+        "mdms serve array18"
+    )
 
 
 def _frame_of(message: can.Message) -> Frame:

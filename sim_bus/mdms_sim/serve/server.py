@@ -119,7 +119,8 @@ class Server:
         unix = UnixListener(channel)
         opened.callback(unix.close)
         packets = Packets(self.time.epoch_s)
-        self._listen(unix.socket, "python-can", bus, partial(PacketCodec, packets=packets))
+        make_codec = partial(PacketCodec, packets=packets, bitrate=bus.bitrate)
+        self._listen(unix.socket, "python-can", bus, make_codec)
         return Addresses(channel, terminal.name, tcp_port)
 
     def __enter__(self) -> Self:

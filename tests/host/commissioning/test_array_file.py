@@ -31,13 +31,15 @@ def cells(draw):
 
 @given(cell=cells())
 def test_what_is_written_is_read_back(tmp_path_factory, cell):
-    (found,) = read(tmp_path_factory.mktemp("array"), array_text([cell]))
+    (found,) = read(tmp_path_factory.mktemp("array"), array_text({"can0": [cell]}))
     assert (found.serial, found.node_id, found.values) == (cell.serial, 1, cell.values)
 
 
 def test_values_stand_in_si_units():
     gain = BY_NAME["axis1.gain"]
-    assert "settings.axis1.gain = 12.5  # V s/m" in array_text([CellSettings(1, 2, {gain: 12_500})])
+    assert "settings.axis1.gain = 12.5  # V s/m" in array_text(
+        {"can0": [CellSettings(1, 2, {gain: 12_500})]}
+    )
 
 
 CELL = '[[cell]]\nserial = "0000000A"\nnode = 1\n'
@@ -198,7 +200,6 @@ def test_cells_of_several_buses_are_set_up_one_bus_after_the_other(tmp_path):
         (cell(1, 1, "bus = '0'"), "cell.bus: expected 0 to 999, got '0'"),
         (cell(1, 1, "bus = 1"), "cell.bus: there is a bus 1, but none on 0"),
         (TWO_BUSES + cell(3, 1, "number = 3\nbus = 1"), "node id 1 is there twice on bus 1"),
-        (cell(1, 1, "number = 1") + cell(2, 1, "bus = 1"), "cell.1.number is missing"),
         ("[array]\nchannels = ['a']\n" + TWO_BUSES, "array.channels has 1 items, but the cells"),
         ("[array]\nchannels = []\n", "array.channels has 0 items"),
     ],
@@ -229,3 +230,23 @@ def test_what_the_stop_holds_is_written_and_read_back(tmp_path):
     file = read_array(path)
     path.write_text(array_document(file))
     assert read_array(path).stop == file.stop == Stop("category_1", 2.0, 0.4)
+
+
+def test_cells_of_several_buses_are_written_with_their_channels_and_read_back(tmp_path):
+    gain = BY_NAME["axis1.gain"]
+    buses = {
+        "a54.0": [CellSettings(1, 1, {gain: 12_500})],
+        "a54.1": [CellSettings(1, 2, {gain: 13_000})],
+    }
+    path = tmp_path / "array.toml"
+    path.write_text(array_text(buses))
+    file = read_array(path)
+    assert file.table.channels == ("a54.0", "a54.1")
+    assert [(cell.serial, cell.node_id, cell.bus) for cell in file.cells] == [(1, 1, 0), (2, 1, 1)]
+
+
+def test_a_place_is_asked_for_where_a_node_id_is_none(tmp_path):
+    path = tmp_path / "array.toml"
+    path.write_text(cell(1, 1, "number = 1") + cell(2, 1, "bus = 1"))
+    with pytest.raises(ArrayFileError, match=r"cell\.1\.number is missing"):
+        read_array(path).by_number(2, 1)

@@ -172,7 +172,7 @@ def test_a_fault_names_what_was_held_up(link) -> None:
 
     done = operate(coordinator(), link, link, 10.0, on_event=hold_up)
     assert done.ending == Ending.FAULT
-    assert "this program's own cycle was up to" in done.fault
+    assert "the host's own cycle was up to" in done.fault
 
 
 def test_a_computer_that_was_held_up_once_is_a_pause_that_says_so(link) -> None:
@@ -186,7 +186,7 @@ def test_a_computer_that_was_held_up_once_is_a_pause_that_says_so(link) -> None:
     done = operate(coordinator(), link, link, 3.0, on_event=hold_up)
     assert (done.ending, done.fault) == (Ending.DONE, None)
     assert heard.count(Phase.RUNNING) == 2
-    assert any("held up (this program's own cycle was up to" in text for text in heard)
+    assert any("held up (the host's own cycle was up to" in text for text in heard)
 
 
 def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(link) -> None:

@@ -84,9 +84,10 @@ def test_what_is_refused_can_be_caught_or_ends_the_program_in_order():
         stage.refuse("box 1", "box 1 is lost")
         stage.run(0.3)
     assert stages[0].program.finished
-    assert stages[1].program.stuck == "the program was broken off: box 1 is lost"
+    told = "the program was broken off: box 1 is lost, in careless (test_table.py, line 79)"
+    assert stages[1].program.stuck == told
     assert stages[1].hands.stopped
-    assert stages[1].program.take_notices() == ["the program was broken off: box 1 is lost"]
+    assert stages[1].program.take_notices() == [told]
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
 from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.live_array import show_array
-from mdms_host.cli.streams import say
+from mdms_host.cli.streams import kept_for_json, say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import check_other_run, fresh_folder
@@ -45,7 +45,8 @@ def run(arguments: Namespace) -> int:
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
-    scenario, main = open_program(arguments.program, overrides)
+    with kept_for_json(arguments.json):
+        scenario, main = open_program(arguments.program, overrides)
     belief = believe(scenario, arguments.array, arguments)
     check_array(belief, arguments, arguments.array)
     if arguments.array is not None and belief.scenario.stop is None:
@@ -59,7 +60,8 @@ def run(arguments: Namespace) -> int:
         return show_array(belief, arguments, main)
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
-    operation, ended = _operate(belief, arguments, main)
+    with kept_for_json(arguments.json):
+        operation, ended = _operate(belief, arguments, main)
     if arguments.json:
         print(json.dumps(ended.figures))
     else:
@@ -100,7 +102,14 @@ def _operate(
         ended = replace(ended, figures={**ended.figures, "run": str(arguments.out)})
         lasted = lasting(belief.scenario, ended.duration_s)
         with writing(arguments.out):
-            keep_run(folder, lasted, ended.record, dict(ended.figures))
+            keep_run(
+                folder,
+                lasted,
+                ended.record,
+                dict(ended.figures),
+                main=main,
+                array_file=arguments.array,
+            )
     return operation, ended
 
 

@@ -13,12 +13,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from mdms_host.cli.cell_options import nodes_of
-from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
+from mdms_host.cli.configure.cells import open_table, present_nodes
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell
-from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import Spot
 from mdms_host.commissioning.wheel_turn import REVERSED
@@ -29,11 +29,16 @@ _MS_PER_S = 1000
 
 def identify(arguments: Namespace) -> Exit:
     """Have the cells blink; they end it by themselves."""
-    with open_commissioning(arguments) as commissioning:
-        node_ids = present_nodes(commissioning, nodes_of(arguments.nodes))
-        for node_id in node_ids:
-            blink(commissioning, node_id, arguments.seconds)
-    print(f"node {ranges(node_ids)}: both LEDs blink together for {arguments.seconds:g} s")
+    with open_table(arguments) as opened:
+        for bus, commissioning in opened:
+            node_ids = present_nodes(commissioning, nodes_of(arguments.nodes))
+            for node_id in node_ids:
+                blink(commissioning, node_id, arguments.seconds)
+            where = f"{bus.name}, " if len(opened) > 1 else ""
+            print(
+                f"{where}node {ranges(node_ids)}: both LEDs blink together for "
+                f"{arguments.seconds:g} s"
+            )
     return Exit.OK
 
 

@@ -3,24 +3,34 @@
 import json
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from mdms_array.checks import motor_of
+from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
-from mdms_host.cli.configure.cells import open_commissioning, present_nodes, ranges
+from mdms_host.cli.configure.cells import open_commissioning, present_nodes
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
-from mdms_host.commissioning.array_file import FiledCell, placed_cells, read_array
+from mdms_host.commissioning.array_file import ArrayFile, FiledCell, placed_cells, read_array
 from mdms_host.commissioning.cell_settings import check_identity, read_settings
 from mdms_host.commissioning.doctor.diagnosis import diagnose
 from mdms_host.commissioning.doctor.emergency_stop import SHORT, StopTest
 from mdms_host.commissioning.doctor.examination import Examination, examine, examine_wheels
 from mdms_host.commissioning.doctor.findings import KINDS, Finding
-from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.network import Commissioning, ranges
+from mdms_host.commissioning.status import NEIGHBOURS
+from mdms_host.commissioning.table_cells import (
+    Heard,
+    Missing,
+    Table,
+    TableBus,
+    how_known,
+    missing_cells,
+)
 from mdms_host.commissioning.wheel_turn import BusyError, refuse_busy
 from mdms_model.scenario.file import load_scenario
 
@@ -29,29 +39,63 @@ def run(arguments: Namespace) -> Exit:
     """Examine the bus and its cells, and print the findings; exit code 5 if any is serious."""
     if arguments.stop:
         return _stop(arguments)
-    listed = None if arguments.array is None else _listed(arguments)
-    with open_commissioning(arguments) as commissioning:
+    table = named_table(arguments)
+    heard: list[Heard] = []
+    findings: list[Finding] = []
+    for bus in table.buses:
+        examined, found = _examine(table, bus, arguments)
+        heard.append(_heard(bus, examined))
+        findings += [replace(each, bus=bus.name) if table.is_split else each for each in found]
+    # The array file knows more of its cells: their serial numbers.
+    if table.file is None or arguments.cells is not None:
+        findings += map(_absent, missing_cells(heard, arguments.cells))
+    findings.sort(key=lambda each: (not each.row.serious, list(KINDS).index(each.kind), each.nodes))
+    cells = {each.bus.name: sorted(each.node_ids) for each in heard}
+    source = how_known(heard, arguments.cells)
+    if arguments.json:
+        figures = {"buses": cells} if table.is_split else {"cells": cells[table.buses[0].name]}
+        rows = list(map(_row, findings))
+        print(json.dumps({**figures, "findings": rows, "expected_by": source}))
+    else:
+        _print(sum(map(len, cells.values())), findings)
+        print(f"how many there are to be: {source}")
+        if not arguments.turn:
+            say("wheels were not turned, so motors and encoders are not checked (--turn)")
+    return Exit.NODE_FAULT if any(each.row.serious for each in findings) else Exit.OK
+
+
+def _examine(
+    table: Table, bus: TableBus, arguments: Namespace
+) -> tuple[Examination, list[Finding]]:
+    """What one bus was found to be like."""
+    listed = None if table.file is None else _listed(table.file, bus.number)
+    with open_commissioning(bus.options) as commissioning:
         examined = examine(commissioning, MonotonicClock())
         findings = diagnose(examined, listed, empty=arguments.empty)
         if listed is not None:
             findings += _settings(commissioning, examined, listed)
         if arguments.turn:
             findings += _wheels(commissioning, examined, arguments)
-    findings.sort(key=lambda each: (not each.row.serious, list(KINDS).index(each.kind), each.nodes))
-    if arguments.json:
-        print(json.dumps({"cells": sorted(examined.cells), "findings": list(map(_row, findings))}))
-    else:
-        _print(len(examined.cells), findings)
-        if not arguments.turn:
-            say("wheels were not turned, so motors and encoders are not checked (--turn)")
-    return Exit.NODE_FAULT if any(each.row.serious for each in findings) else Exit.OK
+    return examined, findings
 
 
-def _listed(arguments: Namespace) -> dict[int, FiledCell]:
-    """The cells of the file on this bus, by serial number, whole. Raises ArrayFileError."""
-    file = read_array(arguments.array)
-    cells = placed_cells(file, getattr(arguments, "channel", None))
-    return {cell.serial: steps.at_defaults(cell) for cell in cells}
+def _heard(bus: TableBus, examined: Examination) -> Heard:
+    """The cells that answer, though some may speak another protocol or not answer all."""
+    there = {*examined.cells, *examined.silent, *examined.other_protocol}
+    neighbours = {
+        node_id: [cell[place] for place in NEIGHBOURS] for node_id, cell in examined.cells.items()
+    }
+    return Heard(bus, frozenset(there), neighbours)
+
+
+def _absent(missing: Missing) -> Finding:
+    kind = "missing" if missing.is_sure else "gap"
+    return Finding(kind, missing.source, missing.node_ids, missing.bus or None)
+
+
+def _listed(file: ArrayFile, bus: int) -> dict[int, FiledCell]:
+    """The cells of the file on a bus, by serial number, whole. Raises ArrayFileError."""
+    return {cell.serial: steps.at_defaults(cell) for cell in placed_cells(file, bus=bus)}
 
 
 def _settings(
@@ -102,9 +146,10 @@ def _stop(arguments: Namespace) -> Exit:
     """Test the emergency stop with a person, and print the findings; exit code 1 for anything."""
     form, wanted = SHORT, nodes_of(arguments.nodes)
     if arguments.array is not None:
-        stop = read_array(arguments.array).stop
-        form = SHORT if stop is None else stop.form
-        wanted = wanted or sorted(cell.node_id for cell in _listed(arguments).values())
+        file = read_array(arguments.array)
+        form = SHORT if file.stop is None else file.stop.form
+        channel = getattr(arguments, "channel", None)
+        wanted = wanted or sorted(cell.node_id for cell in placed_cells(file, channel))
     nobody = "mdms doctor --stop needs a person at a terminal, who presses the emergency stop"
     with pressed_keys(nobody) as pressed, open_commissioning(arguments) as commissioning:
         node_ids = present_nodes(commissioning, wanted)
@@ -134,8 +179,9 @@ def _print(cells: int, findings: Sequence[Finding]) -> None:
         kind = KINDS[name]
         print(f"{'!!' if kind.serious else ' !'} {kind.symptom} [{name}]")
         for finding in some:
+            bus = f"{finding.bus}: " if finding.bus else ""
             where = f"node {ranges(finding.nodes)}: " if finding.nodes else ""
-            print(f"     {where}{finding.text}")
+            print(f"     {bus}{where}{finding.text}")
         print(f"   cause: {kind.cause}\n   cure:  {kind.cure}\n")
     serious = sum(finding.row.serious for finding in findings)
     print(f"{cells} cells: {serious} serious findings, {len(findings) - serious} warnings")

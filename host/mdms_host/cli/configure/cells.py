@@ -2,9 +2,11 @@
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 
 from mdms_host.can_link.link import open_bus
+from mdms_host.cli.array.table import named_table, refuse_missing
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
@@ -18,8 +20,10 @@ from mdms_host.commissioning.cell_settings import (
     apply_changes,
     read_settings,
 )
-from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.network import Commissioning, CommissioningError, ranges
 from mdms_host.commissioning.parameters import Parameter
+from mdms_host.commissioning.status import NEIGHBOURS
+from mdms_host.commissioning.table_cells import Heard, TableBus, missing_cells
 from mdms_host.coordination.other_host import OtherHostError
 from mdms_host.coordination.supervision import OTHER_HOST
 
@@ -29,6 +33,43 @@ BLANK = "no cell has a node id yet, but blank ones are there: mdms configure ass
 def open_commissioning(arguments: Namespace) -> Commissioning:
     """The cells on the bus that the options name. Raises NoBusError."""
     return Commissioning(open_bus(arguments), MonotonicClock())
+
+
+@contextmanager
+def open_table(arguments: Namespace) -> Iterator[list[tuple[TableBus, Commissioning]]]:
+    """Each bus of the table that the options name, open, with its cells; closed at the end.
+
+    Raises NoBusError, ArrayFileError, `CommandError`.
+    """
+    with ExitStack() as opened:
+        yield [
+            (bus, opened.enter_context(open_commissioning(bus.options)))
+            for bus in named_table(arguments).buses
+        ]
+
+
+def refuse_absent(
+    arguments: Namespace,
+    cells: Sequence[tuple[TableBus, Sequence[CellSettings]]],
+    consequence: str = "mdms doctor names the cure",
+) -> None:
+    """Raise `CommandError` where cells of the table are missing; those of `--node` are named."""
+    if nodes_of(arguments.nodes) is not None:
+        return
+    heard = [
+        Heard(
+            bus,
+            frozenset(cell.node_id for cell in some),
+            {
+                cell.node_id: [
+                    number for each, number in cell.values.items() if each.place in NEIGHBOURS
+                ]
+                for cell in some
+            },
+        )
+        for bus, some in cells
+    ]
+    refuse_missing(len(cells) > 1, missing_cells(heard, arguments.cells), consequence)
 
 
 def read_cells(
@@ -99,15 +140,20 @@ def write_cells(
             commissioning.store(node_id)
 
 
-def show_changes(changes: Iterable[Change]) -> None:
-    """One line for each change that cells have in common."""
+def of_buses(figures: Mapping[str, dict[str, object]]) -> dict[str, object]:
+    """Figures of each bus by its name; those of the only one as they are."""
+    return next(iter(figures.values())) if len(figures) == 1 else {"buses": dict(figures)}
+
+
+def show_changes(changes: Iterable[Change], where: str = "") -> None:
+    """One line for each change that cells have in common, behind `where` they are."""
     grouped: dict[tuple[Parameter, int, int], list[int]] = {}
     for change in changes:
         key = (change.parameter, change.before, change.after)
         grouped.setdefault(key, []).append(change.node_id)
     for (parameter, before, after), node_ids in grouped.items():
         was, now = parameter.text(before, unit=False), parameter.text(after)
-        print(f"{parameter.name}: {was} -> {now}  (node {ranges(node_ids)})", flush=True)
+        print(f"{where}{parameter.name}: {was} -> {now}  (node {ranges(node_ids)})", flush=True)
 
 
 def agreed(arguments: Namespace, question: str) -> bool:
@@ -118,17 +164,6 @@ def agreed(arguments: Namespace, question: str) -> bool:
         raise CommandError("nobody can be asked here; say --yes, or --dry-run", Exit.USAGE)
     print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
-
-
-def ranges(numbers: Iterable[int]) -> str:
-    """Numbers as people write them: 1-4, 7, 9-12."""
-    runs: list[list[int]] = []
-    for number in sorted(numbers):
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
 def present_nodes(commissioning: Commissioning, wanted: list[int] | None) -> list[int]:

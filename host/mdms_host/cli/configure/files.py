@@ -5,12 +5,14 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.configure.cells import (
     agreed,
     open_commissioning,
-    ranges,
+    open_table,
     read_cells,
+    refuse_absent,
     refuse_other_host,
     show_changes,
     write_cells,
@@ -23,17 +25,22 @@ from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
 from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
-from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.parameters import PARAMETERS
+from mdms_host.commissioning.table_cells import TableBus
 
 STDOUT = Path("-")
 
 
 def dump(arguments: Namespace) -> Exit:
     """Read all settings and write the file, whole or not at all."""
-    with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, PARAMETERS)
-    text = array_text(cells)
+    with open_table(arguments) as opened:
+        found = [
+            (bus, read_cells(commissioning, arguments, PARAMETERS)) for bus, commissioning in opened
+        ]
+    refuse_absent(arguments, found, "nothing was written; --node names the others")
+    cells = [cell for _, some in found for cell in some]
+    text = array_text({bus.name: some for bus, some in found})
     if arguments.file == STDOUT:
         print(text, end="")
         return Exit.OK
@@ -50,8 +57,16 @@ def dump(arguments: Namespace) -> Exit:
 
 def load(arguments: Namespace) -> Exit:
     """Show what differs, and write it when that is agreed."""
-    filed = _filed(arguments)
-    with open_commissioning(arguments) as commissioning:
+    options = Namespace(**vars(arguments) | {"array": arguments.file})
+    buses = named_table(options).buses
+    results = [_load(arguments, bus, f"{bus.name}: " if len(buses) > 1 else "") for bus in buses]
+    return max(results)
+
+
+def _load(arguments: Namespace, bus: TableBus, where: str) -> Exit:
+    """The same for the cells of one bus."""
+    filed = _filed(arguments, bus.number)
+    with open_commissioning(bus.options) as commissioning:
         cells = _cells_of(commissioning, filed)
         changes = [
             change
@@ -59,23 +74,23 @@ def load(arguments: Namespace) -> Exit:
             for change in cell.changes(entry.values)
         ]
         check_margins(arguments.scenario, cells, [entry.values for entry in filed])
-        show_changes(changes)
+        show_changes(changes, where)
         if arguments.dry_run or not (changes or arguments.save):
-            print(f"{len(changes)} settings differ")
+            print(f"{where}{len(changes)} settings differ")
             return Exit.OK
         refuse_other_host(commissioning)
-        if not agreed(arguments, f"Write {len(changes)} settings?"):
+        if not agreed(arguments, f"{where}Write {len(changes)} settings?"):
             raise CommandError("nothing was written", Exit.FAILURE)
         node_ids = [cell.node_id for cell in cells]
         write_cells(commissioning, changes, node_ids, save=arguments.save)
     stored = f"; stored on node {ranges(node_ids)}" if arguments.save else ""
-    print(f"{len(changes)} settings written and verified{stored}")
+    print(f"{where}{len(changes)} settings written and verified{stored}")
     return Exit.OK
 
 
-def _filed(arguments: Namespace) -> Sequence[FiledCell]:
-    """The cells of the file, or those of them that `--node` names."""
-    filed = placed_cells(read_array(arguments.file), getattr(arguments, "channel", None))
+def _filed(arguments: Namespace, bus: int) -> Sequence[FiledCell]:
+    """The cells of the file on a bus, or those of them that `--node` names."""
+    filed = placed_cells(read_array(arguments.file), bus=bus)
     wanted = nodes_of(arguments.nodes)
     if wanted is None:
         return filed

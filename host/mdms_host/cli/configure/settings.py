@@ -14,9 +14,10 @@ from rich.table import Table
 from mdms_array.checks import motor_of
 from mdms_host.cli.configure.cells import (
     agreed,
-    open_commissioning,
-    ranges,
+    of_buses,
+    open_table,
     read_cells,
+    refuse_absent,
     refuse_other_host,
     show_changes,
     write_cells,
@@ -25,6 +26,7 @@ from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings, Change
+from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.parameters import (
     BY_NAME,
     PARAMETERS,
@@ -42,13 +44,18 @@ LEGEND = "* not the default   ! cells differ"
 def show_settings(arguments: Namespace) -> Exit:
     """Read the settings and print them."""
     parameters = _parameters(arguments)
-    with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, parameters)
+    with open_table(arguments) as opened:
+        found = [
+            (bus, read_cells(commissioning, arguments, parameters)) for bus, commissioning in opened
+        ]
     if arguments.json:
-        print(json.dumps(_document(parameters, cells)))
+        documents = {bus.name: _document(parameters, cells) for bus, cells in found}
+        print(json.dumps(of_buses(documents)))
     else:
-        show(_table(parameters, cells))
+        for bus, cells in found:
+            show(_table(parameters, cells, bus.name if len(found) > 1 else None))
         say(LEGEND)
+    refuse_absent(arguments, found)
     return Exit.OK
 
 
@@ -80,9 +87,11 @@ def _row(parameter: Parameter, cells: Sequence[CellSettings]) -> dict[str, objec
     }
 
 
-def _table(parameters: Sequence[Parameter], cells: Sequence[CellSettings]) -> Table:
+def _table(
+    parameters: Sequence[Parameter], cells: Sequence[CellSettings], bus: str | None
+) -> Table:
     nodes = ranges(cell.node_id for cell in cells)
-    table = Table(box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
+    table = Table(title=bus, box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
     for name in ("setting", "object", ""):
         table.add_column(name, no_wrap=True)
     for name in (f"node {nodes}", "unit", "default", "limits"):
@@ -144,18 +153,28 @@ LOOPS = tuple(
 def set_settings(arguments: Namespace) -> Exit:
     """Change settings."""
     wanted = parse_assignments(arguments.assignments)
-    with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, to_read(wanted), to_write=True)
-        check_margins(arguments.scenario, cells, [wanted] * len(cells))
-        changes = [change for cell in cells for change in cell.changes(wanted)]
-        node_ids = [cell.node_id for cell in cells]
-        if not arguments.json:
-            show_changes(changes)
-        write_cells(commissioning, changes, node_ids, save=arguments.save)
+    figures: dict[str, dict[str, object]] = {}
+    with open_table(arguments) as opened:
+        found = [
+            (bus, read_cells(commissioning, arguments, to_read(wanted), to_write=True))
+            for bus, commissioning in opened
+        ]
+        for _, cells in found:
+            check_margins(arguments.scenario, cells, [wanted] * len(cells))
+        for (bus, commissioning), (_, cells) in zip(opened, found, strict=True):
+            changes = [change for cell in cells for change in cell.changes(wanted)]
+            node_ids = [cell.node_id for cell in cells]
+            where = f"{bus.name}: " if len(opened) > 1 else ""
+            if not arguments.json:
+                show_changes(changes, where)
+            write_cells(commissioning, changes, node_ids, save=arguments.save)
+            rows = list(map(_change, changes))
+            figures[bus.name] = {"changes": rows, "saved": arguments.save}
+            if not arguments.json:
+                print(where + _verdict(changes, node_ids, saved=arguments.save), flush=True)
     if arguments.json:
-        print(json.dumps({"changes": list(map(_change, changes)), "saved": arguments.save}))
-    else:
-        print(_verdict(changes, node_ids, saved=arguments.save))
+        print(json.dumps(of_buses(figures)))
+    refuse_absent(arguments, found, "the others have the new settings")
     return Exit.OK
 
 
@@ -238,27 +257,41 @@ def _verdict(changes: Sequence[Change], node_ids: Sequence[int], *, saved: bool)
 def restore_defaults(arguments: Namespace) -> Exit:
     """Show all settings off their defaults; when that is agreed, restore, restart, and verify."""
     every = (*PARAMETERS, *WIRING)
-    with open_commissioning(arguments) as commissioning:
-        cells = read_cells(commissioning, arguments, every, to_write=not arguments.dry_run)
-        node_ids = [cell.node_id for cell in cells]
-        changes = [
-            change
-            for cell in cells
-            for change in cell.changes({each: each.default(cell.node_id) for each in every})
+    with open_table(arguments) as opened:
+        found = [
+            (bus, read_cells(commissioning, arguments, every, to_write=not arguments.dry_run))
+            for bus, commissioning in opened
         ]
-        show_changes(changes)
-        if arguments.dry_run:
-            print(f"{len(changes)} settings are not at their defaults")
-            return Exit.OK
-        refuse_other_host(commissioning)
-        if not agreed(arguments, f"Restore the defaults of node {ranges(node_ids)}, and restart?"):
-            raise CommandError("nothing was changed", Exit.FAILURE)
-        for node_id in node_ids:
-            commissioning.restore_defaults(node_id)
-        for change in changes:
-            found = commissioning.read(change.node_id, *change.parameter.place)
-            if found != change.after:
-                what = f"node {change.node_id}, {change.parameter.name}"
-                raise CommandError(f"{what} is not at its default", Exit.NODE_FAULT)
-    print(f"defaults restored and verified on node {ranges(node_ids)}")
+        for (bus, commissioning), (_, cells) in zip(opened, found, strict=True):
+            _restore(commissioning, arguments, cells, f"{bus.name}: " if len(opened) > 1 else "")
+    refuse_absent(arguments, found, "the others were looked after")
     return Exit.OK
+
+
+def _restore(
+    commissioning: Commissioning, arguments: Namespace, cells: Sequence[CellSettings], where: str
+) -> None:
+    """The same for the cells of one bus."""
+    node_ids = [cell.node_id for cell in cells]
+    every = (*PARAMETERS, *WIRING)
+    changes = [
+        change
+        for cell in cells
+        for change in cell.changes({each: each.default(cell.node_id) for each in every})
+    ]
+    show_changes(changes, where)
+    if arguments.dry_run:
+        print(f"{where}{len(changes)} settings are not at their defaults")
+        return
+    refuse_other_host(commissioning)
+    question = f"{where}Restore the defaults of node {ranges(node_ids)}, and restart?"
+    if not agreed(arguments, question):
+        raise CommandError("nothing was changed", Exit.FAILURE)
+    for node_id in node_ids:
+        commissioning.restore_defaults(node_id)
+    for change in changes:
+        number = commissioning.read(change.node_id, *change.parameter.place)
+        if number != change.after:
+            what = f"{where}node {change.node_id}, {change.parameter.name}"
+            raise CommandError(f"{what} is not at its default", Exit.NODE_FAULT)
+    print(f"{where}defaults restored and verified on node {ranges(node_ids)}")

@@ -15,9 +15,11 @@ from mdms_array.simulation import compiling_watched
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
+from mdms_host.cli.streams import say
 from mdms_model.arrays import Floats
 from mdms_model.outline import area_and_moment, outline_of, own_outline_m
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.motion import FIELDS
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 from mdms_model.squeeze import SqueezePlan, alike_turns, plan_squeezes, squeeze_function
 from mdms_sim.physics.analysis.field_map import FieldMap, Law, map_field
@@ -38,7 +40,7 @@ from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
 
 def draw_map(arguments: Namespace) -> Exit:
     """Draw the map and print its equilibria and the path of the picture."""
-    scenario = load_scenario(arguments.scenario, arguments.overrides)
+    scenario = _with_field(load_scenario(arguments.scenario, arguments.overrides))
     parcel = chosen_parcel(scenario, arguments.parcel)
     path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
     form_of(path)
@@ -53,6 +55,23 @@ def draw_map(arguments: Namespace) -> Exit:
     else:
         print(*_map_report(figures), f"  picture: {path}", sep="\n")
     return Exit.OK
+
+
+#: The field that is drawn of a scenario that has none.
+STAND_IN = "inward"
+
+
+def _with_field(scenario: Scenario) -> Scenario:
+    """The scenario, with a field in place of goals or a program, and a word about that."""
+    steered = scenario.motion.field
+    if steered not in ("goal", "program"):
+        return scenario
+    motion = replace(scenario.motion, field=STAND_IN, control="host", go_on=False)
+    say(
+        f"mdms: motion.field is {steered!r}, which is no field to draw; {STAND_IN!r} is drawn, and "
+        f"--set motion.field=NAME draws another: {', '.join(FIELDS)}"
+    )
+    return replace(scenario, motion=motion)
 
 
 def _map_figures(scenario: Scenario, parcel: Parcel, field: FieldMap) -> dict[str, Any]:

@@ -27,9 +27,9 @@ from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
 from mdms_host.cli.options import DEMO_FOLDER
-from mdms_host.cli.streams import say
+from mdms_host.cli.streams import kept_for_json, say
 from mdms_host.programs.program import Main
-from mdms_model.run.folder import BUS_LOG, check_other_run, read_run
+from mdms_model.run.folder import BUS_LOG, check_other_run, read_run, told_of_run
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import frame_bits
@@ -42,19 +42,50 @@ def run(arguments: Namespace) -> Exit:
     for name in ("seed", "fidelity"):
         if getattr(arguments, name) is not None:
             overrides.append(f"run.{name}={getattr(arguments, name)}")
-    scenario, main = open_program(arguments.scenario, overrides)
+    stored = told_of_run(arguments.scenario)
+    before = None if stored is None else stored[0]
+    with kept_for_json(arguments.json):
+        scenario, main = open_program(arguments.scenario, overrides)
     if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
         raise CommandError(
             "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE
         )
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, _repeated(scenario, main))
-    ended = simulate_scenario(scenario, arguments.nodes, arguments.out, arguments.bus_format, main)
+    with kept_for_json(arguments.json):
+        ended = simulate_scenario(
+            scenario, arguments.nodes, arguments.out, arguments.bus_format, main
+        )
+    told = _repetition(arguments, before, ended)
     if arguments.json:
-        print(json.dumps(ended.figures))
+        print(json.dumps({**ended.figures, **told}))
     else:
         print(*report(ended.figures), sep="\n")
+        if told:
+            same = "the same" if told["repeats"] else "another"
+            print(f"  the bus log is {same} as that of {arguments.scenario}")
     return verdict(ended)
+
+
+def _repetition(
+    arguments: Namespace, before: Mapping[str, Any] | None, ended: Run
+) -> dict[str, bool]:
+    """Whether the run of a folder has come out the same, for JSON; nothing for other runs.
+
+    `before` are the figures of that folder, if one is simulated.
+    """
+    changed = arguments.overrides or arguments.seed is not None or arguments.fidelity is not None
+    if before is None or changed:
+        return {}
+    if "seed" not in before:
+        say(
+            f"mdms: {arguments.scenario} is a run on a table, which nothing repeats; its scenario "
+            "was simulated"
+        )
+        return {}
+    if "bus" not in before or "bus" not in ended.figures:
+        return {}
+    return {"repeats": before["bus"]["log_sha256"] == ended.figures["bus"]["log_sha256"]}
 
 
 def _repeated(scenario: Scenario, main: Main | None) -> Scenario | None:
@@ -157,7 +188,8 @@ def ready_s(end_s: float, frame: Frame, bitrate: int) -> float:
 
 def demo(arguments: Namespace) -> Exit:
     """Run the prototype's array with its real firmware and report how it went; or with its page."""
-    scenario, main = open_program(arguments.scenario, ["run.fidelity=firmware"])
+    with kept_for_json(arguments.json):
+        scenario, main = open_program(arguments.scenario, ["run.fidelity=firmware"])
     if arguments.page is not None:
         require(PAGE, "mdms demo --page")
         # The page is an extra.
@@ -169,7 +201,8 @@ def demo(arguments: Namespace) -> Exit:
     columns, rows = scenario.array.columns, scenario.array.rows
     if not arguments.json:
         print(f"{columns} x {rows} cells with the real firmware on a virtual CAN bus:")
-    ended = simulate_scenario(scenario, "cpython", arguments.out, main=main)
+    with kept_for_json(arguments.json):
+        ended = simulate_scenario(scenario, "cpython", arguments.out, main=main)
     if arguments.json:
         print(json.dumps(ended.figures))
     else:

@@ -30,11 +30,15 @@ class FindingKind:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding: its kind by name, the nodes that have it, and the measurement."""
+    """One finding: its kind by name, the nodes that have it, and the measurement.
+
+    `bus` is the bus of the nodes, where a table has several.
+    """
 
     kind: str
     text: str
     nodes: tuple[int, ...] = ()
+    bus: str | None = None
 
     @property
     def row(self) -> FindingKind:
@@ -77,13 +81,15 @@ _HEAD = """\
 # Troubleshooting
 
 By symptom, in the order in which it pays to look. `mdms doctor` checks all of this and names the
-nodes. Its exit code is 5 if it finds anything serious.
+nodes. Its exit code is 5 if it finds anything serious. Without `--array` and `--cells` it expects
+the cells that others have stored as their neighbours. Else it says that the number is unknown.
 
 | option | checks |
 | --- | --- |
 | `--turn` | wheels: it turns each by some centimetres |
 | `--empty` | sensors, on an empty table |
-| `--array FILE` | missing cells, and settings |
+| `--array FILE` | missing cells, and settings; on all buses of the table |
+| `--cells N` | missing cells, by their number |
 | `--stop` | the emergency stop: it asks you to press and to release it; exit code 1 if it fails |
 
 `make generate` makes this page from the same tables.

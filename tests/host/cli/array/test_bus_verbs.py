@@ -68,18 +68,18 @@ def on(channel, verb, *arguments):
 
 
 def test_stop_is_confirmed_by_the_heartbeats(channel, capsys):
-    with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.OPERATIONAL}) as nodes:
+    with Nodes(channel, {1: nmt.OPERATIONAL, 2: nmt.OPERATIONAL}) as nodes:
         assert on(channel, "stop") == Exit.OK
     assert capsys.readouterr() == ("2 cells are off\n", "")
     assert set(nodes.states.values()) == {nmt.PRE_OPERATIONAL}
 
 
 def test_node_that_does_not_stop_is_named(channel, capsys):
-    with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.OPERATIONAL}, stubborn=(7,)):
+    with Nodes(channel, {1: nmt.OPERATIONAL, 2: nmt.OPERATIONAL}, stubborn=(2,)):
         assert on(channel, "stop", "--json") == Exit.NODE_FAULT
     told = capsys.readouterr()
-    assert json.loads(told.out) == {"heard": [1, 7], "not_off": [7]}
-    assert told.err == "mdms: not off: node 7; cut the motors' power\n"
+    assert json.loads(told.out) == {"heard": [1, 2], "not_off": [2], "missing": []}
+    assert told.err == "mdms: not off: node 2; cut the motors' power\n"
 
 
 def test_status_shows_every_node_that_is_heard(channel, capsys):

@@ -9,10 +9,9 @@ from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_array.checks import gain_limits
 from mdms_host.cli import main
-from mdms_host.cli.configure.cells import ranges
 from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning.network import Commissioning, SilentError
+from mdms_host.commissioning.network import Commissioning, SilentError, ranges
 from mdms_host.commissioning.node_ids import address_of
 from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario

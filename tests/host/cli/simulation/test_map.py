@@ -39,10 +39,12 @@ def test_turns_are_told_for_people_with_the_picture(capsys, picture):
     assert f"picture: {picture}" in told
 
 
-def test_goal_is_no_field_to_map(capsys, picture):
-    assert main(["map", "array18", "--out", str(picture)]) == 2
-    assert "motion.field: no field is called 'goal'" in capsys.readouterr().err
-    assert not picture.exists()
+def test_scenario_of_goals_is_mapped_with_a_field_that_is_named(capsys, picture):
+    assert main(["map", "array18", "--out", str(picture)]) == 0
+    told = capsys.readouterr()
+    assert "motion.field is 'goal', which is no field to draw; 'inward' is drawn" in told.err
+    assert "inward field on box" in told.out
+    assert picture.exists()
 
 
 def test_unknown_parcel_is_refused_with_the_known_ones(capsys, picture):
