@@ -63,7 +63,7 @@ EXPECTED = {
 }
 OF_WHEELS = {"opposed": [(5,)], "stands": [(6,)], "scale": [(7,)], "no-drive": [(8,)]}
 OF_LIST = {"missing", "unlisted", "settings"}
-ELSEWHERE = {"silence", "other-host"}
+ELSEWHERE = {"silence", "other-host", "gap"}
 #: In `test_doctor_stop`.
 OF_STOP = {"stop-welded", "stop-delay", "stop-silent", "stop-stays", "stop-restarts"}
 
@@ -199,7 +199,18 @@ def test_an_empty_bus_is_a_finding_and_so_is_another_host(capsys):
 def test_a_healthy_array_has_no_findings(capsys):
     with virtual_time(SimulatedArray(PythonBank(range(1, 19)))):
         assert main(["doctor", *BUS]) == Exit.OK
-        assert capsys.readouterr().out == "18 cells: 0 serious findings, 0 warnings\n"
+        told = capsys.readouterr()
+        assert told.out == "18 cells: 0 serious findings, 0 warnings\n"
+        assert "how many cells there are to be: unknown, so a cell that is gone may go" in told.err
+
+
+def test_a_dead_cell_is_missing_in_the_count_and_else_a_gap(capsys):
+    dead = "fault=[{kind='off', cells=[7]}]"
+    with virtual_time(SimulatedArray(PythonBank(range(1, 19)), dead)):
+        assert main(["doctor", "--json", *BUS]) == Exit.OK
+        assert found(capsys)[0] == {"gap": [(7,)]}
+        assert main(["doctor", "--json", "--cells", "18", *BUS]) == Exit.NODE_FAULT
+        assert found(capsys)[0] == {"missing": [(7,)]}
 
 
 @pytest.mark.real_time

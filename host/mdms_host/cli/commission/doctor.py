@@ -58,7 +58,7 @@ def run(arguments: Namespace) -> Exit:
         print(json.dumps({**figures, "findings": rows, "expected_by": source}))
     else:
         _print(sum(map(len, cells.values())), findings)
-        print(f"how many there are to be: {source}")
+        say(f"how many cells there are to be: {source}")
         if not arguments.turn:
             say("wheels were not turned, so motors and encoders are not checked (--turn)")
     return Exit.NODE_FAULT if any(each.row.serious for each in findings) else Exit.OK
