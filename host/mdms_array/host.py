@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from mdms_array.checks import goal_of, motor_of, timing_of
-from mdms_host.can_link.link import AnyLink
 from mdms_host.can_link.sdo_client import Setting
-from mdms_host.clock import Clock
 from mdms_host.commissioning.parameters import BY_NAME
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import OnLostCell, Policy
@@ -256,16 +254,6 @@ def programmed(scenario: Scenario) -> Scenario:
 def has_failed(coordinator: Coordinator) -> bool:
     """Whether a run's program has ended by an error in it."""
     return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
-
-
-def watch_program(coordinator: Coordinator, link: AnyLink, clock: Clock) -> None:
-    """Have a program that keeps the table waiting named as what was held up, in real time."""
-    program = coordinator.program
-    if clock.is_real and isinstance(program, TableProgram):
-        program.driver.watch(
-            clock.now_s,
-            lambda where, took_s: link.delays.on_blocked(where, took_s, clock.now_s()),
-        )
 
 
 def late_text(coordinator: Coordinator) -> str:

@@ -10,15 +10,17 @@ from mdms_array.array import BelievedArray
 from mdms_array.checks import check_load, refuse_tipping
 from mdms_array.connection import open_links
 from mdms_array.figures import believed_run
-from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable, watch_program
+from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
 from mdms_array.recording import PlanLog
 from mdms_array.run import Run
 from mdms_host.can_link.bus_log import LogWriter
-from mdms_host.can_link.link import DeviceGoneError
+from mdms_host.can_link.link import AnyLink, DeviceGoneError
+from mdms_host.clock import Clock
+from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
-from mdms_host.programs.program import Main
+from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.errors import Error, InputError
 from mdms_model.run.folder import BUS_LOG
@@ -124,3 +126,13 @@ def bus_log_in(folder: Path, belief: BelievedArray) -> Iterator[LogFrame]:
     """Yield the function that logs a frame of an array's buses into a run folder."""
     with (folder / BUS_LOG).open("w") as log:
         yield LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame
+
+
+def watch_program(coordinator: Coordinator, link: AnyLink, clock: Clock) -> None:
+    """Have a program that keeps the table waiting named as what was held up, in real time."""
+    program = coordinator.program
+    if clock.is_real and isinstance(program, TableProgram):
+        program.driver.watch(
+            clock.now_s,
+            lambda where, took_s: link.delays.on_blocked(where, took_s, clock.now_s()),
+        )

@@ -7,7 +7,8 @@ from contextlib import ExitStack, contextmanager
 from mdms_array.array import BelievedArray
 from mdms_array.checks import timing_of
 from mdms_array.connection import open_links
-from mdms_array.host import coordinator_of, layout_of, parcels_of, watch_program
+from mdms_array.host import coordinator_of, layout_of, parcels_of
+from mdms_array.operation import watch_program
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.cli.exits import CommandError, Exit, interrupted

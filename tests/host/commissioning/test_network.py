@@ -22,7 +22,7 @@ def test_all_cells_are_found_and_say_who_they_are(standing_cells) -> None:
     assert all(node.is_cell and node.problem is None for node in nodes)
     assert {node.state for node in nodes} == {"pre-operational"}
     assert (nodes[0].identity.name, nodes[0].identity.product_code) == (DEVICE_NAME, PRODUCT_CODE)
-    assert scan_table(nodes).row_count == 3
+    assert scan_table({"can0": nodes}).row_count == 3
 
 
 def test_nothing_is_found_on_an_empty_bus() -> None:
@@ -64,7 +64,7 @@ def test_name_of_a_stranger_controls_no_terminal() -> None:
         (stranger,) = scan_bus(None, MonotonicClock())
     assert stranger.identity.name == "?[2J[/red]?"
     shown = Console(file=io.StringIO(), width=120)
-    shown.print(scan_table([stranger]))
+    shown.print(scan_table({"can0": [stranger]}))
     assert "?[2J[/red]?" in shown.file.getvalue()
     assert "\x9b" not in stranger.identity.software
 
