@@ -27,10 +27,13 @@ _OLD = 3
 
 
 class Times(NamedTuple):
-    """How many beats of a lease are for a round, and after how many a cell is lost."""
+    """For how many beats an agreement counts, how many of them are for a round, and after how many
+    a silent cell is lost.
+    """
 
+    lease_beats: int = 3
     round_beats: int = 1
-    lost_beats: int = 3
+    lost_beats: int = 2
 
 
 class Beside(Cell):
@@ -42,7 +45,7 @@ class Beside(Cell):
         super().__init__(module, rules, links)
         self._direction = direction
         self._times = times
-        self._decider.lost.set_lease(rules.lease, times.round_beats, times.lost_beats)
+        self._decider.lost.set_lease(*times)
 
     def steps(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> tuple[int, ...]:
         """The same; whether the lost cell lives matters here."""
@@ -115,7 +118,7 @@ class Beside(Cell):
             lost.mask >> at & 1,
             lost._identities[at],
             behind,
-            min(lost._agreed_beats[at], self._rules.lease),
+            min(lost._agreed_beats[at], self._times.lease_beats),
             lost._granted_beats[at],
             lost._kept_beats[at],
         )
@@ -133,7 +136,7 @@ class Beside(Cell):
             lost.mask = voted << at
             lost._identities[at] = identity
             lost._numbers[at] = 0 if behind > _OLD else _NUMBER - behind
-            never = agreed >= self._rules.lease
+            never = agreed >= self._times.lease_beats
             lost._agreed_beats[at] = 255 if never else agreed
             lost._granted_beats[at], lost._kept_beats[at] = granted, kept
 

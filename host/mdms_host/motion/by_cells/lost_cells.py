@@ -67,7 +67,7 @@ class LostCells:
             for cell in range(1, layout.cells + 1)
         }
         self._declared: dict[int, Declaration] = {}
-        self._alone: dict[int, Lasting] = {}
+        self._together: dict[frozenset[int], Lasting] = {}
         self.silent_s: Mapping[int, float] = {}
 
     def on_answer(self, cell: int, answer: Lost) -> None:
@@ -103,10 +103,9 @@ class LostCells:
     def _is_lost(self, cell: int, now_s: float) -> bool:
         """Whether a cell has been silent for long, and all cells around it live."""
         beside = self._neighbours[cell] & self._reports.lost
-        lasting = self._alone.setdefault(cell, Lasting())
-        if lasting.step(bool(beside), now_s):
-            cells = cells_text(beside | {cell})
-            self._note(f"{cells} are lost side by side: no parcel crosses them")
+        together = beside | {cell}
+        if beside and self._together.setdefault(together, Lasting()).step(True, now_s):
+            self._note(f"{cells_text(together)} are lost side by side: no parcel crosses them")
         return not beside and self.silent_s.get(cell, 0.0) >= LOST_S
 
     def _is_bound(self, cell: int, wanting: Sequence[int], now_s: float) -> bool:

@@ -1,5 +1,7 @@
 """A lost cell that a box wants: the host's rounds, and the answers of the cells around."""
 
+from itertools import pairwise
+
 import pytest
 from tests.host.motion.by_cells.table import STEP_S, Table, reports
 
@@ -43,7 +45,7 @@ class Lossy(Table):
 
 def steps(pages):
     """By how much the number of each page is above that of the page before."""
-    return {after.number - before.number for before, after in zip(pages, pages[1:], strict=False)}
+    return {after.number - before.number for before, after in pairwise(pages)}
 
 
 def test_each_round_follows_the_last_once_all_around_have_agreed():
