@@ -301,10 +301,11 @@ class Exploration:
 
     def told(self, state: State) -> str:
         """A state in words."""
-        parcels, crash = self.world(state)
+        parcels, crash, *more = self.world(state)
         lines = [
             " ".join(f"{sorted(parcel.covers)}>{sorted(parcel.needs)}" for parcel in parcels)
             + (" may crash" if crash else "")
+            + "".join(f" {each}" for each in more)
         ]
         for cell in self._places:
             local = self.cells[cell].locals[state[1 + cell]]

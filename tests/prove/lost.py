@@ -7,6 +7,7 @@ restarts it, and revokes the declaration.
 """
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -23,7 +24,8 @@ _NUMBER = 1000
 AGAIN, NEXT, ANEW = 0, 1, 2
 #: In place of that: the declaration is revoked.
 REVOKED = 3
-_OLD = 3
+#: No agreement counts any more.
+_NEVER = 255
 
 
 class Times(NamedTuple):
@@ -34,6 +36,18 @@ class Times(NamedTuple):
     lease_beats: int = 3
     round_beats: int = 1
     lost_beats: int = 2
+
+
+@dataclass(frozen=True)
+class GridAround(Grid):
+    """A table on which no parcel lies on the lost cell alone: parcels are larger than a square."""
+
+    lost: int = 0
+
+    def next_of(self, now: Situation, may_drive: bool, noticed: bool = True) -> list[Situation]:
+        """The same, but for places on the lost cell alone."""
+        found = super().next_of(now, may_drive, noticed)
+        return [each for each in found if each.covers != {self.lost}]
 
 
 class Beside(Cell):
@@ -101,7 +115,7 @@ class Beside(Cell):
         identity, kind = page
         if kind == REVOKED:
             if identity > 0:
-                self._decider.lost.revoke(self._direction)
+                self._decider.readmit(self._direction)
             return False, 0
         if identity <= 0:
             return False, kind
@@ -110,18 +124,18 @@ class Beside(Cell):
 
     def _beside(self, given: Input, silent: int, agrees: bool, bump: int) -> Memory:
         lost, at = self._decider.lost, self._direction
-        number = lost._numbers[at]
-        behind = min(_NUMBER + bump - number, _OLD) if number else _OLD + 1
-        memory = super()._snapshot(given)
-        own = (
-            silent,
-            lost.mask >> at & 1,
-            lost._identities[at],
-            behind,
-            min(lost._agreed_beats[at], self._times.lease_beats),
-            lost._granted_beats[at],
+        behind = _NUMBER + bump - lost._numbers[at]
+        agreed, kept, granted = (
+            lost._agreed_beats[at],
             lost._kept_beats[at],
+            lost._granted_beats[at],
         )
+        if behind > NEXT or agreed >= self._times.lease_beats - self._times.round_beats:
+            # Whatever the host sends now begins anew for this cell.
+            behind = agreed = _NEVER
+        memory = super()._snapshot(given)
+        identity = lost._identities[at] if kept or granted or agreed != _NEVER else 0
+        own = (silent, lost.mask >> at & 1, identity, behind, agreed, granted, kept)
         return memory._replace(lost=own, agrees=agrees)
 
     def _snapshot(self, given: Input) -> Memory:
@@ -135,9 +149,8 @@ class Beside(Cell):
             _, voted, identity, behind, agreed, granted, kept = memory.lost
             lost.mask = voted << at
             lost._identities[at] = identity
-            lost._numbers[at] = 0 if behind > _OLD else _NUMBER - behind
-            never = agreed >= self._times.lease_beats
-            lost._agreed_beats[at] = 255 if never else agreed
+            lost._numbers[at] = 0 if behind == _NEVER else _NUMBER - behind
+            lost._agreed_beats[at] = agreed
             lost._granted_beats[at], lost._kept_beats[at] = granted, kept
 
 
@@ -249,16 +262,16 @@ class LostExploration(Exploration):
 
     def __init__(
         self,
-        grid: Grid,
+        grid: GridAround,
         starts: tuple[Cells, ...],
         *,
-        lost: int,
         rules: Rules,
         times: Times,
+        crossing: bool = False,
         module: Any = right_of_way,
         most_states: int = 10_000_000,
     ) -> None:
-        self._lost = lost
+        self._lost = lost = grid.lost
         self._times = times
         self._pages: dict[int, tuple[int, int]] = {}
         super().__init__(
@@ -271,6 +284,27 @@ class LostExploration(Exploration):
         self._judge = JudgeOfLost(
             links, settling._after_lease_beats, settling._reaction_beats, lost
         )
+        if crossing:
+            self.first = self._crossing(starts)
+
+    def _crossing(self, starts: tuple[Cells, ...]) -> State:
+        """The first parcel has come over the cell, which is cut off and knows nothing of it."""
+        first = Situation(starts[0], frozenset((self._lost,)), on_its_way=True)
+        others = (Situation(place, place) for place in starts[1:])
+        world = self._number(((first, *others), False, Host(), (0, 0)))
+        declared = (self._times.lost_beats, 1, 0, _NEVER, _NEVER, 0, 0)
+        numbers = []
+        for place, cell in enumerate(self.cells):
+            if place == self._lost:
+                local = cell.locals[cell.settled(Input(0, 0, 0))]
+                memory = local.memory._replace(cut_off=1, drive=0)
+            else:
+                local = cell.locals[cell.settled(self._inputs[world][place])]
+                memory = local.memory
+                if place in self._around:
+                    memory = memory._replace(lost=declared)
+            numbers.append(cell._number(local._replace(memory=memory)))
+        return world, *numbers
 
     def _cells(self, module: Any) -> list[Cell]:
         found: list[Cell] = []
@@ -285,8 +319,10 @@ class LostExploration(Exploration):
         return found
 
     def canonical(self, state: State) -> State:
-        """No symmetry keeps the lost cell in its place."""
-        return state
+        """Without the page, which has come by now; no symmetry keeps the lost cell in its place."""
+        parcels, crash, *more = self._worlds[state[0]]
+        host = more[0] if more else Host()
+        return (self._number((parcels, crash, host, (0, 0))), *state[1:])
 
     def _input(self, world: Any, cell: int) -> Input:
         page = world[3] if len(world) > 3 and cell != self._lost else (0, 0)
@@ -305,7 +341,7 @@ class LostExploration(Exploration):
         )
         age = min(host.age + 1, self._times.round_beats + 1)
         within = host.identity and age <= self._times.round_beats
-        yield Host(host.identity, agreed if within else 0, age), (0, 0)
+        yield Host(host.identity, agreed, age) if within else Host(), (0, 0)
         if within and agreed == self._all:
             yield Host(host.identity, 0, 0), (host.identity, NEXT)
         elif within:

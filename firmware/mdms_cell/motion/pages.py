@@ -212,7 +212,7 @@ class Pages:
         elif direction is None or kind not in (lost.DECLARED, lost.REVOKED):
             return True
         elif kind == lost.REVOKED:
-            rights.lost.revoke(direction)
+            rights.readmit(direction)
         else:
             heard = self._heard
             its = heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.IDENTITY]

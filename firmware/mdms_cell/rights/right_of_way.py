@@ -225,13 +225,21 @@ class RightOfWay:
         if its_identity == identity and self.reported[direction] == UNKNOWN:
             self.reported[direction] = identity
         promised = self.registers[STATE] >= PROMISED and not self.unsure
-        return self.lost.declare(
+        agrees = self.lost.declare(
             direction,
             identity,
             number,
             silent_beats=silent_beats,
             promised_to=self.registers[IDENTITY] if promised else 0,
         )
+        # At once, so that the promise which it agrees by does not end with this beat.
+        self._speak_for_the_lost()
+        return agrees
+
+    def readmit(self, direction):
+        """The host has revoked the declaration: that neighbour speaks for itself again."""
+        self.lost.revoke(direction)
+        self.said[LEFT + direction] = 0
 
     def approach(self, identity):
         """Be near this parcel, for something of it is to be known."""
@@ -261,6 +269,7 @@ class RightOfWay:
                 self.unsure = False
         if self.lost.mask:
             self._speak_for_the_lost()
+            self.lost.on_beat()
         _clear_the_wheels(registers, said, wants)
 
     def _speak_for_the_lost(self):
@@ -283,7 +292,6 @@ class RightOfWay:
             said[STATES + direction] = PROMISED if parcel else UNDER
             said[HOLDS + direction] = CLEAR
             said[LEFT + direction] = left if identity else 0
-        lost.on_beat()
 
     def _by_report(self, over):
         """Pass a beat; return the parcel over the square by neighbours, UNKNOWN if they differ.
