@@ -76,6 +76,10 @@ class Memory(NamedTuple):
     unsure: bool
     unheeded: int
     around: tuple[tuple[int, int, int], ...]  # direction, beats of silence, parcel reported here
+    #: 1: cut off, and without SYNC; 2: in touch again, with the memory from before
+    cut_off: int = 0
+    lost: tuple[int, ...] = ()  # of a neighbour of the cell that is lost, see `tests.prove.lost`
+    agrees: bool = False  # it has agreed within this beat
 
 
 #: Identity, state, mask of neighbours wanted, hold, mask of neighbours that the parcel lies over.
@@ -92,7 +96,7 @@ class Local(NamedTuple):
     def estimate(self) -> Estimate:
         """The cell's next estimate; an estimate without right of way shows that the cell lives."""
         memory = self.memory
-        if memory.down:
+        if memory.down or memory.cut_off == 1:
             return SILENCE
         if memory.state < right_of_way.PROMISED:
             return ALIVE
@@ -105,6 +109,7 @@ class Input(NamedTuple):
     over: int
     wants: int
     covers: int
+    page: tuple[int, int] = (0, 0)  # of the host, see `tests.prove.lost`; of no parcel: none
 
 
 NOTHING = Input(0, 0, 0)

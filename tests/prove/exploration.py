@@ -53,7 +53,7 @@ class Exploration:
         self._links = grid.neighbours
         self._judge = Judge(self._links, rules.hops * (rules.late + rules.hold), reaction_beats)
         self._places = range(len(self._links))
-        self.cells = [Cell(module, rules, links) for links in self._links]
+        self.cells = self._cells(module)
         self._said: list[dict[int, tuple[Arrivals, ...]]] = [{} for _ in self._places]
         self._worlds: list[World] = []
         self._inputs: list[tuple[Input, ...]] = []
@@ -77,6 +77,9 @@ class Exploration:
         )
         self.parents: dict[State, State | None] = {}
         self.transitions = 0
+
+    def _cells(self, module: Any) -> list[Cell]:
+        return [Cell(module, self.rules, links) for links in self._links]
 
     def world(self, state: State) -> World:
         """Where the parcels are in a state."""
@@ -298,10 +301,11 @@ class Exploration:
 
     def told(self, state: State) -> str:
         """A state in words."""
-        parcels, crash = self.world(state)
+        parcels, crash, *more = self.world(state)
         lines = [
             " ".join(f"{sorted(parcel.covers)}>{sorted(parcel.needs)}" for parcel in parcels)
             + (" may crash" if crash else "")
+            + "".join(f" {each}" for each in more)
         ]
         for cell in self._places:
             local = self.cells[cell].locals[state[1 + cell]]

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 from mdms_cell.rights import right_of_way
 from tests.prove.cells import Rules
 from tests.prove.exploration import Exploration, Found
+from tests.prove.lost import GridAround, LostExploration, Times
 from tests.prove.parcels import Grid
 from tests.prove.progress import Progress
 
@@ -34,6 +35,27 @@ class Table(NamedTuple):
         return found
 
 
+class LostTable(NamedTuple):
+    """Four cells in a row, of which the second is lost, and a parcel at either end.
+
+    With `crossing` the first parcel has come over the lost cell already. That cell is cut off.
+    """
+
+    crossing: bool
+
+    def explore(self, module: Any = right_of_way, most_states: int = 10_000_000) -> Found:
+        """Explore to closure; raises CounterexampleError."""
+        return LostExploration(
+            GridAround(4, 1, lost=1),
+            (frozenset((0,)), frozenset((3,))),
+            rules=Rules(lease=1, late=0, disturbed=0),
+            times=Times(),
+            crossing=self.crossing,
+            module=module,
+            most_states=most_states,
+        ).run()
+
+
 _ANY = Rules(lease=3, late=1)
 _ANY_SHORT = Rules(lease=1, late=0)
 _SINGLE = Rules(lease=3, late=1, disturbed=1)
@@ -45,7 +67,7 @@ _UNDISTURBED = Rules(lease=3, late=0, disturbed=0)
 
 #: Explored with the tests, within seconds. Parcels are of one cell, a lease is of three beats, an
 #: estimate at most one beat late, and at most one link is disturbed within a beat, unless said.
-QUICK = {
+QUICK: dict[str, Table] = {
     "2 x 1, a parcel, any lost or late, a crash": Table(2, 1, ((0,),), _ANY),
     "5 x 1, a parcel of three cells, lease 2, none late": Table(
         5, 1, ((0, 1, 2),), _TWO_STEPS, crash=False
@@ -60,7 +82,8 @@ QUICK = {
 }
 
 #: Explored by `python -m tests.prove` as well, within minutes.
-LONG = {
+LONG: dict[str, Table | LostTable] = {
+    "4 x 1, two parcels, one on a lost cell that comes back": LostTable(crossing=True),
     "4 x 1, a parcel of two cells, a crash": Table(4, 1, ((0, 1),), _SINGLE),
     "4 x 1, parcels of two cells and one, lease 2, none late": Table(
         4, 1, ((0, 1), (3,)), _SHORT, crash=False

@@ -9,6 +9,7 @@ from mdms_cell.rights.right_of_way import IDENTITY, PROMISED_TO
 from mdms_protocol import indices
 from mdms_protocol.compat import const, micropython
 from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours import lost
 
 _PROGRAM_PDO = 3
 #: Of the cells that could hand a program on, each does so in one of so many beats.
@@ -181,6 +182,8 @@ class Pages:
         """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
         page = [0] * wire.PROGRAM_FIELDS
         if not wire.unpack_program(data, page, 0):
+            if lost.is_lost(data):
+                return direction != HOST or self._on_lost(data)
             place = self._place
             return direction == HOST and self.precedence.take(data, place.column, place.row)
         identity = page[wire.PARCEL_IDENTITY]
@@ -190,6 +193,35 @@ class Pages:
             self._on_page_handed_on(self.programs.place_for(identity), page, direction)
         elif identity == self.asked and page[wire.PAGE] == wire.PARCEL:
             self.programs.place_for(identity).take(page)
+        return True
+
+    def _on_lost(self, data):
+        """A page of the host about a lost cell: answer it, if it is about a neighbour.
+
+        If it is about this cell itself, the cell is back, and knows nothing of what has come over
+        its square: it is as after a restart.
+        """
+        place, rights = self._place, self._rights
+        kind, number, identity = lost.kind_of(data), lost.number_of(data), data[lost.IDENTITY]
+        column, row = data[lost.COLUMN], data[lost.ROW]
+        direction = place.direction_of(column, row)
+        answer = kind
+        if (column, row) == (place.column, place.row):
+            rights.restart(place.present())
+            answer = lost.REFUSED
+        elif direction is None or kind not in (lost.DECLARED, lost.REVOKED):
+            return True
+        elif kind == lost.REVOKED:
+            rights.readmit(direction)
+        else:
+            heard = self._heard
+            its = heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.IDENTITY]
+            silent_beats = heard.silent_beats(direction)
+            agrees = rights.do_without(direction, identity, number, silent_beats, its)
+            answer = lost.AGREED if agrees else lost.REFUSED
+        at, frame = self._frame_at, lost.pack_lost(answer, column, row, identity, number)
+        self._objects.data[at : at + len(frame)] = frame
+        self._pdos.trigger(_PROGRAM_PDO)
         return True
 
     def _on_page_handed_on(self, program, page, direction):

@@ -95,6 +95,11 @@ class Heard:
         return NEVER if came == NEVER else self.beat - came & 0xFFFFFF
 
     @micropython.native
+    def silent_beats(self, direction):
+        """For how many beats nothing has come of a direction; NEVER if nothing has."""
+        return min(self.age(direction), self.speeds_age(direction))
+
+    @micropython.native
     def on_state(self, direction, data, now_ms):
         """A neighbour's TPDO 2; returns False if it is none: cells alike have no more sensors."""
         if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> SENSORS:

@@ -83,6 +83,14 @@ class Place:
                 mask |= 1 << direction
         return mask
 
+    def direction_of(self, column, row):
+        """The direction of the neighbour at this column and row; None if there is none."""
+        step = column - self.column, row - self.row
+        for direction in range(DIRECTIONS):
+            if step == STEPS[2 * direction : 2 * direction + 2] and self.nodes[direction]:
+                return direction
+        return None
+
     def shift_um(self, direction):
         """Where the centre of a neighbour is [from the cell's own centre]."""
         return self.shifts_um[2 * direction], self.shifts_um[2 * direction + 1]

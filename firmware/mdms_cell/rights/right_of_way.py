@@ -20,8 +20,10 @@ have let come. It promises nothing while a neighbour that lives has not been hea
 
 from array import array
 
+from mdms_cell.rights.lost_neighbours import LostNeighbours
 from mdms_protocol.compat import const, micropython, ptr8, ptr16
 from mdms_protocol.neighbours import frames as wire
+from mdms_protocol.neighbours.lost import LOST_BEATS
 
 NONE = const(0)
 NEAR = const(1)
@@ -71,7 +73,7 @@ _COLUMNS = const(32)
 #: In the place of an identity: a neighbour reports a parcel, and not whether it lies here.
 UNKNOWN = const(255)
 #: A neighbour that has been silent for so long is dead [beats].
-DEAD_BEATS = const(200)
+DEAD_BEATS = LOST_BEATS
 
 
 class RightOfWay:
@@ -107,6 +109,7 @@ class RightOfWay:
         registers[_PATIENCE_BEATS] = patience_beats
         registers[_BLOCKED_BEATS] = blocked_beats
         self.said = bytearray(_COLUMNS)
+        self.lost = LostNeighbours()
         self.unsure = False
         self._neighbours = 0
         #: Reports of neighbours may have been sent before all parcels stood, for so many beats.
@@ -123,6 +126,7 @@ class RightOfWay:
         valid_beats = registers[_VALID_BEATS] = lease_beats - late_beats
         registers[_STALE_BEATS] = max(0, valid_beats - hold_beats)
         registers[_BOUND_BEATS] = lease_beats + registers[_HOPS] * (late_beats + hold_beats)
+        self.lost.set_lease(lease_beats)
 
     def restart(self, neighbours=0):
         """Begin after a reset: belong to no parcel, and be silent about promises for a while.
@@ -130,6 +134,7 @@ class RightOfWay:
         `neighbours` is the mask of those that there are, and that are to be heard before.
         """
         self.unsure = True
+        self.lost.reset()
         self._neighbours = neighbours
         registers = self.registers
         for direction in range(DIRECTIONS):
@@ -180,6 +185,7 @@ class RightOfWay:
             silent_beats = self.silent_beats[direction]
             self.silent_beats[direction] = max(silent_beats, registers[_VALID_BEATS])
         self.unheeded_beats = registers[_BOUND_BEATS] + 1 + self._late_beats
+        self.lost.on_gap()
         registers[DRIVE_BEATS] = 0
         if registers[BOUND]:
             registers[BOUND] = registers[_BOUND_BEATS] + 1
@@ -190,8 +196,12 @@ class RightOfWay:
 
         A cell under a parcel counts the cells of the same parcel, and promises to it. Any other
         cell counts the cells under a parcel that want it. Return the mask of the fresh estimates;
-        none is fresh after this.
+        none is fresh after this. Estimates of lost neighbours are dropped.
         """
+        if self.lost.mask:
+            for direction in range(DIRECTIONS):
+                if self.lost.mask >> direction & 1:
+                    fresh[direction] = 0
         return _take_in(self.registers, self.said, estimates, fresh)
 
     def hear(self, direction, over):
@@ -203,6 +213,33 @@ class RightOfWay:
         if self.unheeded_beats == 0:
             self.silent_beats[direction] = 0
             self.reported[direction] = over
+
+    def do_without(self, direction, identity, number, silent_beats, its_identity=0):
+        """The host declares a neighbour lost for this parcel; return whether the cell agrees.
+
+        It agrees if that neighbour has been silent for long, and the cell itself is promised to the
+        parcel: then no other parcel comes to the lost cell's square by way of this one.
+        `its_identity` is the parcel of the neighbour's last estimate. If that is the same parcel,
+        no other can lie here by that report.
+        """
+        if its_identity == identity and self.reported[direction] == UNKNOWN:
+            self.reported[direction] = identity
+        promised = self.registers[STATE] >= PROMISED and not self.unsure
+        agrees = self.lost.declare(
+            direction,
+            identity,
+            number,
+            silent_beats=silent_beats,
+            promised_to=self.registers[IDENTITY] if promised else 0,
+        )
+        # At once, so that the promise which it agrees by does not end with this beat.
+        self._speak_for_the_lost()
+        return agrees
+
+    def readmit(self, direction):
+        """The host has revoked the declaration: that neighbour speaks for itself again."""
+        self.lost.revoke(direction)
+        self.said[LEFT + direction] = 0
 
     def approach(self, identity):
         """Be near this parcel, for something of it is to be known."""
@@ -230,7 +267,31 @@ class RightOfWay:
             if registers[STATE] >= PROMISED:
                 # From now on the cell knows the parcel that it lets come.
                 self.unsure = False
+        if self.lost.mask:
+            self._speak_for_the_lost()
+            self.lost.on_beat()
         _clear_the_wheels(registers, said, wants)
+
+    def _speak_for_the_lost(self):
+        """Have lost neighbours say what the host has declared.
+
+        A lost neighbour counts as under its only parcel: it asks a cell under none, and is promised
+        to a cell under that parcel.
+        """
+        registers, said, lost = self.registers, self.said, self.lost
+        parcel = registers[IDENTITY] if registers[STATE] == UNDER else 0
+        for direction in range(DIRECTIONS):
+            if not lost.mask >> direction & 1:
+                continue
+            if parcel:
+                identity, left = parcel, lost.granted_beats(direction, parcel)
+            else:
+                # One beat is left when the next decision is made.
+                identity, left = lost.asked_for(direction), 2
+            said[IDENTITIES + direction] = identity if left else 0
+            said[STATES + direction] = PROMISED if parcel else UNDER
+            said[HOLDS + direction] = CLEAR
+            said[LEFT + direction] = left if identity else 0
 
     def _by_report(self, over):
         """Pass a beat; return the parcel over the square by neighbours, UNKNOWN if they differ.

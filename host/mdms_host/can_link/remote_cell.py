@@ -6,6 +6,7 @@ have other objects, or the same with another meaning. The lower half changes not
 """
 
 from collections.abc import Callable, Mapping
+from math import inf
 
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
@@ -65,6 +66,7 @@ class RemoteCell:
         self.suspect = 0
         self.garbage = 0
         self._voltage = True
+        self._heard_s = -inf
         #: Whether a PDO has come since the last heartbeat that left the cell no more of them.
         self._told = False
         self.handlers: dict[int, Handler] = {
@@ -110,6 +112,10 @@ class RemoteCell:
             for axis, state in enumerate(self.drive_states, 1)
         )
 
+    def silence_s(self, now_s: float) -> float:
+        """For how long neither a heartbeat nor a state has come [s]; inf if none ever has."""
+        return now_s - self._heard_s
+
     def on_heartbeat(self, data: bytes, now_s: float) -> None:
         """A heartbeat: the cell is alive, and in this NMT state."""
         state = nmt.decode_heartbeat(data)
@@ -128,6 +134,7 @@ class RemoteCell:
             if self.moving:
                 self.drive_states = None
         self.last_heartbeat_s, self.nmt_state = now_s, state
+        self._heard_s = now_s
 
     def on_status(self, data: bytes, now_s: float) -> None:
         """Its second TPDO: the statuswords and the presence bits."""
@@ -135,6 +142,7 @@ class RemoteCell:
         if values is None:
             self.garbage += 1
             return
+        self._heard_s = now_s
         *statuswords, self.presence = values
         self.drive_states = tuple(map(cia402.state, statuswords))
         self._voltage = all(word & cia402.VOLTAGE_ENABLED for word in statuswords)

@@ -16,7 +16,13 @@ from mdms_host.motion.program import ByCells
 from mdms_model.arrays import Floats
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.neighbours.messages import Page, decode_estimate, encode_page
+from mdms_protocol.neighbours.messages import (
+    Lost,
+    Page,
+    decode_estimate,
+    decode_page,
+    encode_page,
+)
 
 
 class CellsControl:
@@ -40,8 +46,17 @@ class CellsControl:
         else:
             self._program.on_estimate(cell.number, estimate, now_s)
 
+    def on_page(self, cell: BringUpCell, data: bytes, _now_s: float) -> None:
+        """The fourth TPDO of a cell: an answer, or a page that it hands on to its neighbours."""
+        page = decode_page(data)
+        if page is None:
+            cell.garbage += 1
+        elif isinstance(page, Lost):
+            self._program.on_answer(cell.number, page)
+
     def frames(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> Iterator[Frame]:
         """Frames to send in this cycle, given the beliefs."""
+        self._program.on_silence({cell.number: cell.silence_s(now_s) for cell in self._cells})
         return map(_frame, self._program.step(beliefs, now_s, step_s))
 
     def begin_again(self) -> None:

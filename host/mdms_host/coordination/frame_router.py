@@ -71,6 +71,7 @@ class FrameRouter:
         handlers[cob.SDO_RESPONSE_BASE + node_id] = partial(self._on_answer, cell)
         if by_cells is not None:
             handlers[cob.ESTIMATE_BASE + node_id] = partial(by_cells.on_estimate, cell)
+            handlers[cob.PROGRAM_BASE + node_id] = partial(by_cells.on_page, cell)
 
     def _on_heartbeat(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         before = cell.nmt_state

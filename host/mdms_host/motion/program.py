@@ -30,7 +30,7 @@ from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats
-from mdms_protocol.neighbours.messages import Estimate, Page
+from mdms_protocol.neighbours.messages import Estimate, Lost, Page
 
 
 @runtime_checkable
@@ -533,6 +533,14 @@ class ByCells(AnyProgram, Protocol):
 
     def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
         """A cell (from 1) has sent its estimate."""
+        ...
+
+    def on_answer(self, cell: int, answer: Lost) -> None:
+        """A cell (from 1) has answered a page about a lost cell."""
+        ...
+
+    def on_silence(self, silent_s: Mapping[int, float]) -> None:
+        """For how long nothing has come of each cell (from 1) [s]."""
         ...
 
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:

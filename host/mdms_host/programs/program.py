@@ -19,7 +19,7 @@ from mdms_host.programs.table import Table, TableDriver
 from mdms_host.programs.table_parcel import ProgramError, TableParcel
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_model.arrays import Floats
-from mdms_protocol.neighbours.messages import Estimate, Page
+from mdms_protocol.neighbours.messages import Estimate, Lost, Page
 
 #: A program that has been broken off is over once all parcels have been at rest for so long [s].
 _RESTED_S = 0.2
@@ -297,6 +297,14 @@ class CellsTableProgram(TableProgram):
     def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
         """A cell (from 1) has sent its estimate."""
         self._cells.on_estimate(cell, estimate, now_s)
+
+    def on_answer(self, cell: int, answer: Lost) -> None:
+        """A cell (from 1) has answered a page about a lost cell."""
+        self._cells.on_answer(cell, answer)
+
+    def on_silence(self, silent_s: Mapping[int, float]) -> None:
+        """For how long nothing has come of each cell (from 1) [s]."""
+        self._cells.on_silence(silent_s)
 
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
         """The pages to send now, given the beliefs; once a cycle."""

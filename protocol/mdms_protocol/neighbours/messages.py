@@ -7,6 +7,7 @@ from collections import namedtuple
 
 from mdms_protocol.entry import OutOfRangeError
 from mdms_protocol.neighbours import frames as n
+from mdms_protocol.neighbours import lost
 from mdms_protocol.neighbours import precedence as p
 
 #: What a cell believes and promises; fields as in `neighbours`.
@@ -27,8 +28,12 @@ End = namedtuple("End", "identity sequence")
 #: `precedence.PLACES` of them. `number` as in `precedence`.
 Precedence = namedtuple("Precedence", "number column row identities")
 
+#: The cell at a column and row is lost, and which parcel may cross its square; a host's page, or a
+#: neighbour's answer. `kind` and `number` as in `lost`.
+Lost = namedtuple("Lost", "kind column row identity number")
+
 #: Any page of a program, and the frames among them.
-Page = Parcel | Place | Goal | End | Precedence
+Page = Parcel | Place | Goal | End | Precedence | Lost
 
 _PAGES = (Parcel, Place, Goal, End)
 _COORDINATE = (-131_072, 131_071)
@@ -61,6 +66,13 @@ _LIMITS: dict[type, dict[str, tuple[int, int]]] = {
     Goal: {**_POSE, "leg": (0, n.JOINS), "legs": (0, n.LEGS_MAX)},
     End: _HEAD,
     Precedence: {"number": (0, p.NUMBERS - 1), "column": (1, 255), "row": (1, 255)},
+    Lost: {
+        "kind": (lost.DECLARED, lost.REVOKED),
+        "column": (1, 255),
+        "row": (1, 255),
+        "identity": (1, n.IDENTITY_MAX),
+        "number": (1, lost.NUMBER_MAX),
+    },
 }
 
 
@@ -84,6 +96,8 @@ def encode_page(page: Page) -> bytes:
     if isinstance(page, Precedence):
         _check_identities(page.identities)
         return p.pack_precedence(*page)
+    if isinstance(page, Lost):
+        return lost.pack_lost(*page)
     if isinstance(page, Goal) and page.legs < page.leg < n.JOINS:
         raise OutOfRangeError(f"Goal.leg: {page.leg} is not in 0..{page.legs}, and not {n.JOINS}")
     fields = [0] * n.PROGRAM_FIELDS
@@ -102,6 +116,9 @@ def decode_page(data: bytes) -> Page | None:
         identities = bytes(data[p.FIRST :]).rstrip(b"\0")
         number = data[p.NUMBER] * p.NUMBERS >> 8
         return Precedence(number, data[p.COLUMN], data[p.ROW], tuple(identities))
+    if lost.is_lost(data):
+        place = data[lost.COLUMN], data[lost.ROW], data[lost.IDENTITY]
+        return Lost(lost.kind_of(data), *place, lost.number_of(data))
     fields = array("i", bytes(4 * n.PROGRAM_FIELDS))
     if not n.unpack_program(data, fields, 0):
         return None

@@ -20,6 +20,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET, ENTRIES
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
+from mdms_protocol.neighbours.lost import AGREED
 from mdms_sim.physics.plane.control_step import Registers
 from mdms_sim.referee import watch
 from mdms_sim.referee.truth import Note, Truth
@@ -143,6 +144,8 @@ class Wheels:
         self._stored: list[dict[tuple[int, int], int]] = [{} for _ in range(cells)]
         self._estimates = [bytes(wire.LENGTH)] * cells
         self._ended = [0] * cells
+        #: Of cells that are lost, the parcel for which each around them has agreed last, and when.
+        self._agreed: dict[int, dict[int, tuple[int, int]]] = {}
         #: Flags and acceleration [m/s2] of programs by the identities of their parcels.
         self._programs: dict[int, tuple[int, float]] = {}
         for cell in range(cells):
@@ -181,6 +184,7 @@ class Wheels:
                 handlers[cob.HEARTBEAT_BASE + node_id] = partial(self._on_state, cell)
                 handlers[pdo.STATUS.can_id(node_id)] = partial(self._on_status, cell)
                 handlers[cob.ESTIMATE_BASE + node_id] = partial(self._on_estimate, cell)
+                handlers[cob.PROGRAM_BASE + node_id] = partial(self._on_answer, cell)
         return handlers
 
     # What happens
@@ -430,6 +434,33 @@ class Wheels:
                     self._cells[cell].ended_ns = self._now_ns + END_NS
             elif isinstance(page, _PROGRAM_PAGES) and page.identity == self._ended[cell]:
                 self._revive(cell)
+
+    def _on_answer(self, cell: int, data: bytes) -> None:
+        """A cell agrees to do without a lost one, and keeps its own square for the same parcel.
+
+        Once all around it have, a lost cell counts as if it had spoken with the first of them.
+        """
+        page = messages.decode_page(data)
+        if not isinstance(page, messages.Lost) or page.kind != AGREED:
+            return
+        own = messages.decode_estimate(self._estimates[cell])
+        if own is None or own.state < wire.PROMISED or own.identity != page.identity:
+            return
+        columns, rows = self._array.columns, self._array.rows
+        column, row = page.column - 1, page.row - 1
+        if not (0 <= column < columns and 0 <= row < rows):
+            return
+        lost = row * columns + column
+        agreed = self._agreed.setdefault(lost, {})
+        agreed[cell] = page.identity, self._now_ns
+        around = {
+            r * columns + k
+            for r in range(max(row - 1, 0), min(row + 2, rows))
+            for k in range(max(column - 1, 0), min(column + 2, columns))
+        } - {lost}
+        if around <= agreed.keys() and len({agreed[each][0] for each in around}) == 1:
+            first_ns = min(agreed[each][1] for each in around)
+            self._said_ns[lost] = max(int(self._said_ns[lost]), first_ns)
 
     def _revive(self, cell: int) -> None:
         """The cell has another program than the ended one."""

@@ -7,9 +7,9 @@ from types import ModuleType
 import pytest
 from tests.prove.cells import Rules
 from tests.prove.exploration import CounterexampleError
-from tests.prove.tables import QUICK, Table
+from tests.prove.tables import QUICK, LostTable, Table
 
-from mdms_cell.rights import right_of_way
+from mdms_cell.rights import lost_neighbours, right_of_way
 
 ALONE = Table(2, 1, ((0,),), Rules(lease=3, late=1))
 LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=False)
@@ -151,3 +151,68 @@ def test_table_is_explored_to_closure(table):
 def test_rule_is_missed_when_it_is_gone(mutant, table, seen):
     with pytest.raises(CounterexampleError, match=seen):
         table.explore(mutant)
+
+
+#: The same of a lost cell: the module, what is replaced in it, by what, and whether a parcel has
+#: come over the cell before.
+MUTANTS_OF_LOST = {
+    "a cell that is heard is taken for lost": (
+        lost_neighbours,
+        "if silent_beats < self._lost_beats:",
+        "if False:",
+        False,
+    ),
+    "a cell agrees that is promised to another": (
+        lost_neighbours,
+        "        if promised_to != identity:",
+        "        promised_to = identity\n        if False:",
+        False,
+    ),
+    "a round that begins anew counts as agreed": (
+        lost_neighbours,
+        "if newer == 1 and agreed_beats",
+        "if newer and agreed_beats",
+        False,
+    ),
+    "a request for the lost cell counts as its promise": (
+        right_of_way,
+        "        self.said[LEFT + direction] = 0\n\n    def approach",
+        "        pass\n\n    def approach",
+        False,
+    ),
+    "a cell that is back promises before it is restarted": (
+        lost_neighbours,
+        "if silent_beats < self._lost_beats:\n            self._withdraw(direction)",
+        "if silent_beats < self._lost_beats:\n            self.revoke(direction)",
+        True,
+    ),
+    "an agreement counts from when the next page comes": (
+        lost_neighbours,
+        "self._granted_beats[direction] = self._grant_beats - agreed_beats",
+        "self._granted_beats[direction] = 20",
+        True,
+    ),
+}
+
+
+def test_first_states_with_a_lost_cell_break_no_rule():
+    with pytest.raises(MemoryError):
+        LostTable(crossing=False).explore(most_states=5_000)
+
+
+@pytest.mark.parametrize(
+    ("changed", "old", "new", "crossing"), MUTANTS_OF_LOST.values(), ids=MUTANTS_OF_LOST
+)
+def test_rule_of_a_lost_cell_is_missed_when_it_is_gone(changed, old, new, crossing):
+    modules = {}
+    for original in (lost_neighbours, right_of_way):
+        source = Path(original.__file__).read_text()
+        if original is changed:
+            assert source.count(old) == 1
+            source = source.replace(old, new)
+        module = modules[original] = ModuleType("mutant")
+        exec(compile(source, "mutant", "exec"), module.__dict__)
+    mutant = modules[right_of_way]
+    mutant.LostNeighbours = modules[lost_neighbours].LostNeighbours
+    with pytest.raises(CounterexampleError, match=r"not kept|two parcels"):
+        LostTable(crossing).explore(mutant, most_states=30_000)

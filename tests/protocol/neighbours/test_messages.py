@@ -25,7 +25,7 @@ def test_estimate_is_what_was_encoded(estimate):
     assert messages.decode_estimate(messages.encode_estimate(estimate)) == estimate
 
 
-@given(made((messages.Parcel, messages.Place, messages.Goal, messages.End)))
+@given(made((messages.Parcel, messages.Place, messages.Goal, messages.End, messages.Lost)))
 def test_page_is_what_was_encoded(page):
     assert messages.decode_page(messages.encode_page(page)) == page
     assert type(messages.decode_page(messages.encode_page(page))) is type(page)

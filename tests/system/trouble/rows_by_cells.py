@@ -74,9 +74,17 @@ ROWS = (
     Row(
         "cell killed",
         "kind='off', cells=[6]",
-        2.6,
-        ends=Exit.TIME_LIMIT,
+        9.0,
         lost=(6,),
+        more=(GO_ON,),
+        always=True,
+    ),
+    Row(
+        "two cells killed side by side",
+        "kind='off', cells=[6, 7]",
+        3.6,
+        ends=Exit.TIME_LIMIT,
+        lost=(6, 7),
         stands_s=0.9,
         more=(GO_ON,),
         always=True,
@@ -171,7 +179,7 @@ def run_row(row: Row, start_s: float = START_S, seed: int = 1) -> Ended:
         verdict(run),
         " / ".join(event.detail for event in record.events),
         _moved_m_s(record, start_s + row.stands_s),
-        _strayed_m_s(record),
+        _strayed_m_s(record, row.lost),
         sum(event.kind == "touch" for event in record.events),
     )
 
@@ -189,14 +197,18 @@ def _moved_m_s(record: Record, stands_s: float) -> float:
     return float(np.abs(record.speed_m_s[stand]).max(initial=0.0))
 
 
-def _strayed_m_s(record: Record) -> float:
-    """The fastest that a wheel turns whose cell reports no parcel over it, and did not of late."""
+def _strayed_m_s(record: Record, lost: tuple[int, ...]) -> float:
+    """The fastest that a wheel turns whose cell reports no parcel over it, and did not of late.
+
+    A lost cell reports nothing, and a parcel drags its wheels along.
+    """
     assert record.state is not None
     under = record.state == wire.UNDER
     steps = round(STANDS_S / float(record.time_s[1] - record.time_s[0]))
     lately = under.copy()
     for back in range(1, min(steps, len(under))):
         lately[back:] |= under[:-back]
+    lately[:, [cell - 1 for cell in lost]] = True
     wheels = record.speed_m_s.shape[1] // under.shape[1]
     away = np.repeat(~lately, wheels, axis=1)
     return float(np.abs(np.where(away, record.speed_m_s, 0.0)).max())

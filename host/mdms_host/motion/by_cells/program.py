@@ -11,6 +11,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.lost_cells import LostCells
 from mdms_host.motion.by_cells.reports import Observed, Reports
 from mdms_host.motion.by_cells.sending import ENDS, CellTurn, Precedences, Sending, Way
 from mdms_host.motion.by_cells.stages import Followed, Stages
@@ -21,7 +22,7 @@ from mdms_host.motion.outcome import TRIES, Tries
 from mdms_host.motion.safe_goals import Places
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
-from mdms_protocol.neighbours.messages import Estimate, Page
+from mdms_protocol.neighbours.messages import Estimate, Lost, Page
 
 #: A parcel is about to be at its goal within this, a corner's way included [m].
 _NEAR_M = 0.01
@@ -68,6 +69,7 @@ class CellsProgram:
         self._tries: dict[str, Tries] = {}
         self._poses: dict[str, Floats] = {}
         self._notices: list[str] = []
+        self._lost_cells = LostCells(layout, self._reports, self._notices.append)
         for parcel in parcels:
             self.add(parcel)
         for name, sending in self._sendings.items():
@@ -176,6 +178,14 @@ class CellsProgram:
         """A cell (from 1) has sent its estimate."""
         self._reports.take(cell, estimate, now_s)
 
+    def on_answer(self, cell: int, answer: Lost) -> None:
+        """A cell (from 1) has answered a page about a lost cell."""
+        self._lost_cells.on_answer(cell, answer)
+
+    def on_silence(self, silent_s: Mapping[int, float]) -> None:
+        """For how long nothing has come of each cell (from 1) [s]."""
+        self._lost_cells.silent_s = silent_s
+
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
         """The pages to send now, given the beliefs; once a cycle."""
         # A doubtful place is neither sent nor compared with reports of cells.
@@ -206,6 +216,10 @@ class CellsProgram:
             shown = belief if self._may_send(name, now_s) else None
             pages += sending.pages(None if shown is None else shown.pose, now_s)
         identities = {name: sending.identity for name, sending in self._sendings.items()}
+        if not self.goes_on:
+            # A parcel that goes on without the host could meet another on a lost cell's square.
+            names = {identity: name for name, identity in identities.items()}
+            pages += self._lost_cells.step(names, now_s)
         return [*pages, *self._precedences.pages(identities, now_s)]
 
     def begin_again(self) -> None:

@@ -144,6 +144,14 @@ class Reports:
             if estimate.hold == 0
         }
 
+    def wanting(self, cell: int, neighbours: frozenset[int]) -> Iterator[int]:
+        """The parcels that want a cell's square, once for each neighbour under them."""
+        for neighbour in sorted(neighbours & self._last.keys()):
+            _, estimate = self._last[neighbour]
+            direction = self._neighbours[neighbour].index(cell)
+            if estimate.state == wire.UNDER and estimate.wants >> direction & 1:
+                yield estimate.identity
+
     def _lacked(self, cell: int, estimate: Estimate) -> Iterator[int]:
         """The neighbours that a cell wants, and that are not promised to its parcel."""
         for direction, neighbour in enumerate(self._neighbours[cell]):
