@@ -75,7 +75,7 @@ class Reader:
         monkeypatch.setattr("mdms_array.operation.open_links", self._open_links)
         monkeypatch.setattr("mdms_array.operation.ThreadExecutor", VirtualExecutor)
         monkeypatch.setattr("mdms_host.cli.array.cells.open_bus", lambda _options: None)
-        monkeypatch.setattr("mdms_host.cli.array.cells.open_link", self._open_link)
+        monkeypatch.setattr("mdms_host.cli.array.cells.open_links", self._open_link)
 
     def read(self, block):
         if block.name:
@@ -164,7 +164,7 @@ class Reader:
             )
 
     @contextmanager
-    def _open_link(self, _options):
+    def _open_link(self, _options, _channels=()):
         with SimulatedLink.around(self._table.simulation) as link:
             yield link, link
 
