@@ -98,7 +98,7 @@ def test_one_that_listens_only_sends_nothing():
     assert said(adapter, port) == b"t5850\r"
 
 
-def test_what_is_no_line_or_another_speed_is_refused():
+def test_a_bad_line_or_another_speed_is_refused():
     adapter, bus, port = made(b"O\r")
     for line in (b"t8000", b"t0019", b"t00120", b"tXYZ0", b"t001", b"T000000010", b"r0010", b"S8"):
         assert said(adapter, port, line + b"\r") == b"\x07", line
@@ -126,7 +126,7 @@ def test_a_frame_that_the_bus_does_not_take_is_refused_and_reported():
     assert said(adapter, port, b"F\rF\r") == b"F%02X\rF00\r" % SEND_FULL
 
 
-def test_what_the_host_does_not_read_is_counted_in_its_place():
+def test_frames_that_the_host_does_not_read_are_counted_in_their_place():
     adapter, bus, port = made(b"O\r")
     port.room = 0
     frames = 200
@@ -142,7 +142,7 @@ def test_what_the_host_does_not_read_is_counted_in_its_place():
     assert said(adapter, port, b"F\r", turns=2) == b"t7FF0\rF%02X\r" % OVERRUN
 
 
-def test_what_the_controller_lost_is_reported_too():
+def test_frames_that_the_controller_lost_are_reported_too():
     adapter, bus, port = made(b"O\r")
     bus.lost = 3
     assert said(adapter, port, b"F\r") == b"x0003\rF%02X\r" % (RECEIVE_FULL | OVERRUN)

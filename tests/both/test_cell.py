@@ -284,7 +284,7 @@ def test_cell_that_sends_sync_says_so_and_at_which_period():
     assert (asked(cell, board, 0x1005), asked(cell, board, 0x1006)) == (0x80, 0)
 
 
-def test_who_sends_sync_is_not_written_to_0x1005():
+def test_the_producer_of_sync_is_not_written_to_0x1005():
     cell, board = booted()
     cell.on_frame(0x605, sdo.write_request(0x1005, 0, b"\x80\0\0\x40"), cell.now_ms)
     assert board.take()[-1] == (0x585, sdo.abort(0x1005, 0, sdo.INVALID_VALUE))

@@ -208,7 +208,7 @@ def test_frame_that_has_a_box_waits_there_and_the_others_keep_their_order():
     assert cell.received == 2
 
 
-def test_frame_is_stamped_with_what_held_when_its_turn_came():
+def test_frame_is_stamped_with_the_values_of_its_turn():
     runner, cell, board = bench()
     take = cell.on_frame
 

@@ -36,7 +36,7 @@ def test_core_needs_neither_simulator_nor_cell_nor_compiler():
 
 
 @pytest.mark.parametrize("package", ["estimation", "motion", "coordination"])
-def test_what_decides_needs_no_bus_library(package):
+def test_deciding_packages_need_no_bus_library(package):
     modules = [name for name in CORE if name.startswith(f"mdms_host.{package}.")]
     modules = [name for name in modules if not name.endswith((".operation", ".other_host"))]
     assert imported_by(modules).isdisjoint({"can", "canopen", "serial", "rich"})

@@ -22,7 +22,7 @@ def test_defaults_lie_within_limits_and_limits_within_the_type():
             assert entry.from_node or entry.low <= entry.default <= entry.high, entry
 
 
-def test_axis_2_has_what_axis_1_has():
+def test_axis_2_has_the_objects_of_axis_1():
     for (index, sub), entry in ENTRIES.items():
         if 0x2000 <= index < 0x2800 or 0x6000 <= index < 0x6800:
             other = ENTRIES[index + AXIS_OFFSET, sub]

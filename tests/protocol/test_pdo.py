@@ -15,7 +15,7 @@ def map_and_values(draw):
 
 
 @given(map_and_values())
-def test_what_is_encoded_is_decoded(case):
+def test_encoded_values_are_decoded(case):
     carried, values = case
     data = carried.encode(values)
     assert len(data) == carried.length

@@ -39,7 +39,7 @@ def test_a_storm_breaks_no_rule_and_a_run_that_ends_early_says_why(setting: str,
 
 
 @pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
-def test_what_a_storm_has_found_once_stays_mended(path: Path) -> None:
+def test_a_fault_that_a_storm_has_found_stays_mended(path: Path) -> None:
     assert run(load(path.read_text("utf-8"))).crash is None
 
 
@@ -61,7 +61,7 @@ def test_a_storm_is_a_legal_scenario_and_its_file_is_the_whole_of_it(seed: int) 
 
 
 @pytest.mark.violates("apart")
-def test_a_storm_reports_what_the_referee_notes_and_what_raises(monkeypatch) -> None:
+def test_a_storm_reports_violations_and_errors(monkeypatch) -> None:
     storm = with_duration(draw(5, "small host goal"), 0.1)
     with monkeypatch.context() as patch:
         patch.setattr(Referee, "finish", lambda referee: referee._note("apart", "planted"))
@@ -139,7 +139,7 @@ def with_duration(storm: Storm, duration_s: float) -> Storm:
     return replace(storm, tables=dict(storm.tables) | {"run": run_table})
 
 
-def test_shrinking_keeps_what_breaks_the_rule_and_little_else() -> None:
+def test_shrinking_keeps_the_cause_and_little_else() -> None:
     storm = next(
         storm
         for storm in (draw(seed, "large host tasks") for seed in range(1, 100))

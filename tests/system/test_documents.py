@@ -248,7 +248,7 @@ def test_everything_in_a_document_runs(name, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
-def test_what_is_not_run_is_marked_and_is_nothing_else(path):
+def test_a_block_that_is_not_run_is_marked_as_such(path):
     for block in blocks_of(path):
         assert block.language in ("sh", "python", "toml", "text"), block
         if block.not_run:

@@ -25,7 +25,7 @@ def simulated(capsys, name, *options):
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_an_example_does_what_it_says(name, capsys):
+def test_an_example_does_as_it_says(name, capsys):
     code, figures, err = simulated(capsys, EXAMPLES / name)
     assert (code, figures["fault"]) == (0, None), err
     assert all(goal["reached"] for goal in figures["goals"])
@@ -42,7 +42,7 @@ def test_a_box_is_carried_by_hand():
     assert done.stdout.endswith("reached>\n")
 
 
-def test_54_cells_on_three_buses_sort_what_comes(capsys):
+def test_54_cells_on_three_buses_sort_all_that_comes(capsys):
     code, figures, _ = simulated(capsys, "sort54", "--set", "task.0.count=2")
     assert code == 0
     assert (figures["stream"]["left"], figures["stream"]["touches"]) == (2, 0)

@@ -89,7 +89,7 @@ def test_silence_is_told_over_the_wrap_of_the_clock():
     assert bench.consumer.poll(100)
 
 
-def test_what_is_no_heartbeat_does_not_count_as_one():
+def test_a_frame_that_is_no_heartbeat_does_not_count_as_one():
     bench = watching()
     bench.hear(HOST, 0)
     for data in (b"", b"\x03", b"\x05\x00"):
@@ -116,7 +116,7 @@ def test_node_that_is_watched_already_is_refused():
     assert bench.refused(4, 0, 100) is None
 
 
-def test_write_to_one_entry_leaves_what_is_known_of_all_other_nodes():
+def test_write_to_one_entry_leaves_the_state_of_all_other_nodes():
     bench = watching()
     bench.hear(HOST, 0)
     bench.hear(NEIGHBOUR, 100)

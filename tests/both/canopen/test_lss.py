@@ -140,7 +140,7 @@ def test_message_of_another_length_is_none():
     assert not Slave().lss.on_request(b"\x04\x01")
 
 
-def test_end_of_what_never_began_is_taken_and_changes_nothing():
+def test_end_of_a_program_that_never_began_changes_nothing():
     slave = Slave()
     assert slave.lss.on_request(b"\x04\x00\0\0\0\0\0\0")
     assert slave.answers == []

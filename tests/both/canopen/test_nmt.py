@@ -82,7 +82,7 @@ def test_all_nodes_are_meant_by_0_and_others_are_left_alone():
     assert slave.state == nmt.OPERATIONAL
 
 
-def test_what_is_no_command_is_said_to_be_none():
+def test_an_unknown_command_is_answered_as_such():
     slave, cell = booted()
     for data in (b"", b"\x01", b"\x01\x05\x00", b"\x00\x05", b"\x83\x05"):
         assert not slave.on_command(data)

@@ -46,7 +46,7 @@ def test_limits_are_those_of_the_table():
                 raise AssertionError((index, sub, wrong))
 
 
-def test_what_is_not_in_the_table_is_not_found():
+def test_an_object_beyond_the_table_is_not_found():
     indices = {index for index, _ in ENTRIES}
     for index in sorted(indices):
         for sub in range(12):

@@ -112,7 +112,7 @@ def axis_in(state):
     return axis
 
 
-def test_every_controlword_in_every_state_does_what_the_standard_says():
+def test_every_controlword_in_every_state_follows_the_standard():
     for state, row in EXPECTED.items():
         for column, expected in enumerate(row):
             axis = axis_in(state)

@@ -83,7 +83,7 @@ def test_pages_lie_in_their_frames_as_laid_down():
         assert list(read)[len(values) + 1 :] == list(fields)[len(values) + 1 :]
 
 
-def test_cell_clips_what_does_not_fit_and_lets_yaw_wrap():
+def test_cell_clips_values_that_do_not_fit_and_lets_yaw_wrap():
     fields = array("i", (5000, -5000, 2049, 99, 9, 0x1FF, 99, 9, 9, 15))
     frame, read = bytearray(8), array("i", [0] * n.ESTIMATE_FIELDS)
     n.pack_estimate(fields, 0, frame, 0)

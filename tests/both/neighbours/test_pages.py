@@ -174,7 +174,7 @@ FEW = [cells for cells in range(1 << CELLS) if bin(cells).count("1") <= CELLS //
 PATTERNS = [one | two << CELLS | three << 2 * CELLS for one in FEW for two in FEW for three in FEW]
 
 
-def test_all_come_to_the_newest_goal_and_none_is_replaced_by_an_older_one_whoever_missed_what():
+def test_all_come_to_the_newest_goal_and_no_older_one_replaces_it_whatever_is_missed():
     for pattern in PATTERNS[::7]:
         check(pattern)
 

@@ -27,7 +27,7 @@ def test_cell_has_no_place_until_it_is_given_one():
     assert (place.column, place.row) == (3, 2)
 
 
-def test_only_what_changes_the_neighbours_sets_filters_anew():
+def test_only_a_change_of_neighbours_sets_filters_anew():
     objects, _, changes = made()
     write(objects, indices.PLACE, 1, 3)
     assert not changes

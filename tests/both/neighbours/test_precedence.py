@@ -105,7 +105,7 @@ def test_parcel_whose_turn_it_is_not_gets_no_promise_without_the_host():
     assert asked.beats(60) == FIRST
 
 
-def test_while_the_host_is_there_whoever_comes_first_is_promised_the_cell():
+def test_while_the_host_is_there_the_first_parcel_is_promised_the_cell():
     asked = Asked()
     asked.order(1, FIRST, SECOND)
     asked.asking = {EAST: SECOND}
@@ -185,7 +185,7 @@ def test_order_that_is_repeated_does_not_begin_again_and_a_new_number_does():
     assert asked.beats(LAPSED) == 0
 
 
-def test_whoever_waits_for_one_that_never_comes_gets_the_cell_at_last():
+def test_a_parcel_that_waits_in_vain_gets_the_cell_at_last():
     asked = alone()
     asked.asking = {EAST: SECOND}
     assert asked.beats(1480) == 0

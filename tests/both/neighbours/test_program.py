@@ -66,7 +66,7 @@ def test_legs_follow_one_after_the_other_each_as_a_program_of_the_next_sequence(
     assert rest(whole()) == [place[:2] for place in WAY]
 
 
-def test_what_is_lacking_is_not_gone_beyond():
+def test_no_parcel_goes_beyond_a_lacking_leg():
     program = given(parcel_page(), goal_page(WAY[0]), leg_page(2))
     assert program.complete
     assert not program.whole
@@ -126,7 +126,7 @@ def test_goal_before_the_next_one_of_the_way_leaves_all_that_follow():
     assert rest(program) == [(150, 50), WAY[1][:2], WAY[2][:2]]
 
 
-def test_way_that_joins_and_is_longer_lacks_what_is_new():
+def test_way_that_joins_and_is_longer_lacks_the_new_legs():
     program = whole()
     program.take(goal_page(WAY[1], sequence=2, leg=wire.JOINS, legs=2))
     assert not program.whole

@@ -141,7 +141,7 @@ def started_after(seed):
     return again, fresh
 
 
-def test_what_was_before_a_stop_has_no_say_after_it():
+def test_nothing_before_a_stop_counts_after_it():
     for seed in SEEDS:
         kinds, drove = set(), False
         lived, fresh = started_after(seed)

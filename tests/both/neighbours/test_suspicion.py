@@ -122,7 +122,7 @@ def test_neighbour_that_believes_the_parcel_elsewhere_drags_nobody_away():
     assert abs(cell.estimate[wire.X] * wire.STEP_UM - cell.x_um) < 4_000
 
 
-def test_cell_that_is_outvoted_takes_what_the_others_believe():
+def test_outvoted_cell_takes_the_belief_of_the_others():
     class Wrong(Broken):
         placed_y_um = 40_000
 

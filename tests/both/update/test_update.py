@@ -88,7 +88,7 @@ def test_trial_ends_after_a_minute_also_without_a_node_id():
     assert bench.board.restarts == 1
 
 
-def test_firmware_is_confirmed_only_after_it_was_asked_what_it_is_and_keeps_time():
+def test_firmware_is_confirmed_only_after_a_question_and_punctual_beats():
     bench = Bench()
     assert bench.control(codes.CONFIRM) == sdo.WRONG_STATE
     assert bench.reason() == codes.NOT_ON_TRIAL
@@ -242,7 +242,7 @@ def test_firmware_on_trial_is_not_written_over():
     assert bench.reason() == codes.ON_TRIAL
 
 
-def test_flash_that_fails_is_reported_and_what_ran_runs_on():
+def test_flash_that_fails_is_reported_and_the_old_firmware_runs_on():
     bench = Bench()
     bench.files.fails = True
     assert bench.control(codes.CLEAR) == sdo.HARDWARE_ERROR

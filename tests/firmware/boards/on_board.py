@@ -91,7 +91,7 @@ def test_both_leds_blink_together_while_the_board_is_the_one_meant(bench):
     assert not world.levels[leds[1]]
 
 
-def test_reports_what_is_free_of_its_heap_and_flash(bench):
+def test_reports_the_free_heap_and_flash(bench):
     assert 0 < bench.board.heap_free() < 1 << 31
     assert 0 <= bench.board.flash_free() < 1 << 31
 

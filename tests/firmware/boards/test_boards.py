@@ -90,7 +90,7 @@ def test_wiring_table_is_that_of_the_board(name):
         ("NUCLEO-G474RE with STM32G474", "nucleo_g474re"),
     ],
 )
-def test_board_is_found_by_what_micropython_calls_it(micropython, machine, name):
+def test_board_is_found_by_its_name_in_micropython(micropython, machine, name):
     asked = (
         f"from bench import Bench; Bench({name!r}); "
         f"from boards.detect import board_module; print(board_module({machine!r}).__name__)"

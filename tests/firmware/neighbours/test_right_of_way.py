@@ -57,7 +57,7 @@ def test_cell_is_silent_about_promises_after_a_reset():
     assert cell.state == PROMISED
 
 
-def test_cell_does_not_promise_what_a_sensor_sees_covered():
+def test_cell_does_not_promise_a_square_that_a_sensor_sees_covered():
     cell = ready()
     beat(cell, asks(7), occupied=True)
     assert cell.state == NEAR
@@ -203,7 +203,7 @@ def test_cell_between_two_parcels_stays_with_the_first():
         assert cell.identity == 7
 
 
-def test_gap_without_updates_stops_the_wheels_and_voids_what_was_said():
+def test_gap_without_updates_stops_the_wheels_and_voids_earlier_reports():
     cell = ready()
     beat(cell, over=7, wants=TO_EAST)
     beat(cell, promise(7), over=7, wants=TO_EAST)

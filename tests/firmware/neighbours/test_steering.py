@@ -61,7 +61,7 @@ def test_goal_at_the_far_end_of_a_large_table_asks_for_no_root_that_a_board_cann
     assert hypot(vx, vy) == pytest.approx(1_275_000, rel=5e-3)
 
 
-def test_goal_beyond_what_lengths_are_exact_for_is_gone_to_as_fast_as_may_be():
+def test_goal_beyond_exact_lengths_is_gone_to_as_fast_as_may_be():
     vx, vy, _ = steered(-120_000, 90_000, 100)
     assert vx == pytest.approx(-1_020_000, rel=5e-3)
     assert vy == pytest.approx(765_000, rel=5e-3)

@@ -40,7 +40,7 @@ def test_a_run_has_one_status_and_poses_by_name():
     assert again.log_sha256 == run.log_sha256 == mdms.simulate("array18", limit_s=3.0).log_sha256
 
 
-def test_a_run_that_has_too_little_time_raises_with_what_is_left():
+def test_a_run_with_too_little_time_raises_with_the_distance_left():
     run = mdms.simulate("array18", limit_s=0.8)
     assert run.status == "time limit"
     with pytest.raises(mdms.TimeLimitError, match=r"goal not reached: box is \d+") as raised:
@@ -96,7 +96,7 @@ def test_a_signal_of_the_scenario_reaches_its_program():
     assert 0.0 < at_s <= 1.0
 
 
-def test_what_a_caller_gets_wrong_is_told_and_the_table_goes_on():
+def test_a_mistake_of_a_caller_is_told_and_the_table_goes_on():
     with mdms.virtual("array18") as table:
         for wrong in (print, no_table):
             with pytest.raises(mdms.InputError, match="program: "):
@@ -192,7 +192,7 @@ def test_a_fault_of_the_cells_ends_the_calls_that_wait():
         ({"scenario": "sort54", "signals": {"scanner": (1.0, "A")}}, "scanner has 1.0, but must"),
     ],
 )
-def test_what_cannot_be_run_is_refused(arguments, told):
+def test_a_scenario_that_cannot_be_run_is_refused(arguments, told):
     with pytest.raises(mdms.InputError, match=told):
         mdms.simulate(**arguments)
 
@@ -207,7 +207,7 @@ def test_what_cannot_be_run_is_refused(arguments, told):
         ("mcap", "mdms.write_run('run', None, None, {})", "a run folder needs .*\\[record\\]"),
     ],
 )
-def test_what_needs_an_extra_names_it(missing, call, told, tmp_path):
+def test_a_function_that_needs_an_extra_names_it(missing, call, told, tmp_path):
     script = (
         f"import sys; sys.modules[{missing!r}] = None\n"
         "import mdms_array as mdms\n"

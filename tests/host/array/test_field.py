@@ -15,7 +15,7 @@ FAST = ("--set", "motion.policy=rolling", "--set", "run.duration_s=0.5")
 CLAMP = ("--set", "motion.outside=clamp")
 
 
-def test_simulate_refuses_what_is_outside_the_policy_with_exit_2(capsys):
+def test_simulate_refuses_a_field_outside_the_policy_with_exit_2(capsys):
     assert main(["simulate", "paper-fig7", *FAST]) == 2
     said = capsys.readouterr().err
     assert said.startswith("mdms: motion.policy is 'rolling', but 10 of 10 wheels")

@@ -44,7 +44,7 @@ def test_prototype_is_at_the_defaults_of_the_firmware_but_for_the_gain(plane):
 @pytest.mark.parametrize(
     ("rotor_inertia_kg_m2", "told"), [(2e-6, 20_053), (4e-6, 13_607), (1e-9, 38_083)]
 )
-def test_cells_are_told_what_suits_the_inertia_of_their_wheels(plane, rotor_inertia_kg_m2, told):
+def test_cells_get_settings_that_suit_the_inertia_of_their_wheels(plane, rotor_inertia_kg_m2, told):
     cell = replace(plane.cell, rotor_inertia_kg_m2=rotor_inertia_kg_m2)
     assert settings_of(cell)[3] == Setting(0x200A, 0, told)
 
@@ -56,7 +56,7 @@ def test_cells_are_told_nothing_of_wheels_without_inertia_and_no_more_than_they_
     assert settings_of(light)[3] == Setting(0x200A, 0, 65_535)
 
 
-def test_what_the_host_relies_on_is_written_to_both_axes(plane):
+def test_the_host_writes_its_settings_to_both_axes(plane):
     cell = replace(plane.cell, gain_vs_per_m=7.5, supply_v=12.0)
     assert settings_of(cell) == (
         Setting(0x2000, 0, 7500),
@@ -125,7 +125,7 @@ def test_bad_table_is_refused_by_its_key(plane):
         references_m_s(replace(plane, motion=motion))
 
 
-def test_discs_and_polygons_are_handed_on_as_what_they_are(plane):
+def test_discs_and_polygons_are_handed_on_as_such(plane):
     corners_m = ((0.17, -0.15), (0.0, 0.15), (-0.17, -0.15))
     (box,) = plane.parcel
     disc = replace(box, shape="disc", length_m=0.3, width_m=0.3)

@@ -20,7 +20,7 @@ def refusal(*overrides, scenario="array18"):
     return str(caught.value)
 
 
-def test_a_slow_bus_is_refused_with_what_helps():
+def test_a_slow_bus_is_refused_with_a_cure():
     assert refusal("wire.bitrate=500000") == (
         "array: a run of 18 cells needs 103% of a bus at 500 kbit/s, and above 80% cells fall "
         "silent; take 13 cells a bus or a slower SYNC (wire.sync_period_s = 0.02) or a higher bit "
@@ -28,7 +28,7 @@ def test_a_slow_bus_is_refused_with_what_helps():
     )
 
 
-def test_what_does_not_help_is_not_said():
+def test_a_cure_that_does_not_help_is_not_said():
     message = refusal("wire.bitrate=250000")
     assert message.endswith("take 6 cells a bus or a higher bit rate")
     message = refusal("wire.bitrate=500000", "wire.sync_period_s=0.02", "array.columns=10")

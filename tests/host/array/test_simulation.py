@@ -38,7 +38,7 @@ def compile_something():
     numba.njit(lambda x: x + 1)(1)
 
 
-def test_only_what_is_compiled_during_the_run_is_taken_off_its_time():
+def test_only_compilation_during_the_run_is_taken_off_its_time():
     worked_s = []
 
     def work():

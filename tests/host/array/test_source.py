@@ -36,7 +36,7 @@ def test_a_scenario_beside_the_file_is_found_and_overrides_count(written):
     assert (scenario.title, scenario.run.seed) == ("beside", 7)
 
 
-def test_what_is_no_file_of_python_has_no_main():
+def test_a_file_that_is_no_python_has_no_main():
     assert open_program("sort54", [])[1] is None
 
 
@@ -50,7 +50,7 @@ def test_what_is_no_file_of_python_has_no_main():
         ("import nothing_of_that_name\n", "ModuleNotFoundError: No module named"),
     ],
 )
-def test_what_a_file_lacks_is_said_in_one_line(written, text, reason):
+def test_a_lack_of_a_file_is_said_in_one_line(written, text, reason):
     path = written(text)
     with pytest.raises(InputError) as refused:
         open_program(path, [])

@@ -154,7 +154,7 @@ def test_a_priority_that_was_given_already_stays(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("machine", [Machine(may=False), SimpleNamespace()], ids=["may not", "no"])
-def test_who_may_not_come_first_runs_all_the_same(
+def test_a_thread_without_priority_runs_all_the_same(
     machine: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mdms_host.can_link.delays.os", machine)

@@ -139,7 +139,7 @@ def test_frames_that_cannot_be_sent_are_counted_until_the_device_is_gone(clock) 
             link.send(HEARTBEAT)
 
 
-def test_what_is_no_plain_data_frame_is_counted_and_dropped(clock) -> None:
+def test_other_than_plain_data_frames_are_counted_and_dropped(clock) -> None:
     strange = [
         can.Message(is_error_frame=True),
         can.Message(arbitration_id=0x701, is_extended_id=True),
@@ -164,7 +164,7 @@ def marked(frame: Frame) -> can.Message:
     )
 
 
-def test_what_a_driver_returns_of_what_was_sent_is_dropped(clock) -> None:
+def test_sent_frames_that_a_driver_returns_are_dropped(clock) -> None:
     own = Frame(0x201, b"\x01")
     for bus in (
         ScriptedBus(marked(own), MESSAGE),
@@ -311,7 +311,7 @@ def test_missing_driver_is_named_with_its_package(monkeypatch, interface, proble
     ("interface", "problem"),
     [("slcan", "could not open port can0"), (None, "No module named 'usb'"), ("own", "not found")],
 )
-def test_what_nothing_is_to_be_installed_for_names_no_package(interface, problem):
+def test_an_error_without_a_missing_package_names_none(interface, problem):
     assert remedy(interface, problem) is None
 
 

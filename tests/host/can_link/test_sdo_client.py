@@ -27,7 +27,7 @@ def test_a_negative_value_goes_in_twos_complement() -> None:
     assert list(client.poll(0.0)) == [Frame(0x601, bytes.fromhex("23ff6000feffffff"))]
 
 
-def test_what_is_read_is_kept_with_its_sign() -> None:
+def test_a_read_value_is_kept_with_its_sign() -> None:
     client = SdoClient(1, (Read(0x6041, 0), Read(0x606C, 0)))
     assert list(client.poll(0.0)) == [Frame(0x601, bytes.fromhex("4041600000000000"))]
     client.on_response(bytes.fromhex("4b41600027020000"))

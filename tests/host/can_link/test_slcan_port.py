@@ -93,7 +93,7 @@ def test_noise_is_counted_and_costs_no_other_frame(adapter):
     assert "garbage was received" in link.incidents[0][1]
 
 
-def test_what_our_own_adapter_had_no_room_for_is_an_incident(adapter):
+def test_frames_without_room_in_our_own_adapter_are_an_incident(adapter):
     link, far = adapter
     os.write(far, b"x0102\rt701105\r")
     assert received(link, 1) == [Frame(0x701, b"\x05")]

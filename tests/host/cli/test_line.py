@@ -33,7 +33,7 @@ def ended(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int
         (["line", "certificate", "--days", "0"], "0 is not 1 to 36500"),
     ],
 )
-def test_what_makes_no_line_is_refused(arguments, told, capsys) -> None:
+def test_options_that_make_no_line_are_refused(arguments, told, capsys) -> None:
     code, error = ended(arguments, capsys)
     assert (code, told in error) == (2, True), error
 

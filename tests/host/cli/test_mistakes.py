@@ -75,7 +75,7 @@ def test_a_wrong_line_of_a_program_is_named_with_its_place(tmp_path, capsys, lin
     assert "RuntimeWarning" not in err
 
 
-def test_what_a_program_prints_leaves_the_json_alone(tmp_path, capsys):
+def test_the_print_of_a_program_leaves_the_json_alone(tmp_path, capsys):
     path = tmp_path / "talks.py"
     path.write_text(
         "SCENARIO = 'array18'\nprint('at import')\n"

@@ -30,7 +30,7 @@ def cells(draw):
 
 
 @given(cell=cells())
-def test_what_is_written_is_read_back(tmp_path_factory, cell):
+def test_written_values_are_read_back(tmp_path_factory, cell):
     (found,) = read(tmp_path_factory.mktemp("array"), array_text({"can0": [cell]}))
     assert (found.serial, found.node_id, found.values) == (cell.serial, 1, cell.values)
 
@@ -65,7 +65,7 @@ CELL = '[[cell]]\nserial = "0000000A"\nnode = 1\n'
         (CELL + CELL.replace("0A", "0B"), "node id 1 is there twice"),
     ],
 )
-def test_what_a_file_cannot_say_is_refused_with_its_place(tmp_path, text, told):
+def test_a_bad_file_is_refused_with_the_place(tmp_path, text, told):
     with pytest.raises(ArrayFileError, match=told):
         read(tmp_path, text)
 
@@ -168,7 +168,7 @@ def test_cells_that_do_not_fill_the_grid_are_refused(tmp_path, cells, told):
         (CELL + "number = 1\nrow = 1\ncolumn = 1", "cell.column: a place is"),
     ],
 )
-def test_what_a_table_cannot_say_is_refused_with_its_key(tmp_path, text, told):
+def test_a_bad_table_is_refused_with_its_key(tmp_path, text, told):
     with pytest.raises(ArrayFileError, match=rf"array.toml: {told}"):
         read_all(tmp_path, text)
 
@@ -224,7 +224,7 @@ def test_a_stop_that_cannot_be_is_refused_by_its_key(tmp_path, text, told):
         read_array(path)
 
 
-def test_what_the_stop_holds_is_written_and_read_back(tmp_path):
+def test_the_limits_of_the_stop_are_written_and_read_back(tmp_path):
     path = tmp_path / "array.toml"
     path.write_text('[array]\n[stop]\nform = "category_1"\nmass_kg = 2\nspeed_m_s = 0.4\n')
     file = read_array(path)

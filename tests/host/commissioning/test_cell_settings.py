@@ -32,7 +32,7 @@ def test_every_stored_object_is_a_setting_under_a_name_of_its_own():
     assert len(BY_NAME) == len(stored)
 
 
-def test_wiring_is_what_the_coordinator_relies_on():
+def test_wiring_agrees_with_the_coordinator():
     assert {each.entry.index for each in WIRING} & set(range(0x2000, 0x7000)) == set()
     assert {each.place for each in PARAMETERS} >= {(0x1017, 0), (0x2000, 0), (0x3000, 0)}
 
@@ -86,7 +86,7 @@ def test_values_are_in_si_units(text, numbers):
         ("statusword=1", "there is no such setting"),
     ],
 )
-def test_what_cannot_be_is_refused_with_what_can(text, told):
+def test_an_impossible_value_is_refused_with_the_possible_ones(text, told):
     with pytest.raises(ParameterError, match=told):
         parse_assignments([text])
 
@@ -98,7 +98,7 @@ def test_two_values_for_one_setting_contradict_each_other():
 
 
 @given(st.sampled_from((*PARAMETERS, *WIRING)), st.data())
-def test_what_is_shown_means_the_same_when_it_is_set(parameter, data):
+def test_a_shown_value_means_the_same_when_it_is_set(parameter, data):
     number = data.draw(st.integers(parameter.entry.low, parameter.entry.high))
     assert parameter.parse(parameter.text(number)) == number
     assert parameter.parse(repr(parameter.si(number))) == number
@@ -118,7 +118,7 @@ def test_a_stranger_and_a_cell_of_another_protocol_are_refused():
         check_identity(3, replace(CELL, revision=0x00020000))
 
 
-def test_changes_are_what_differs():
+def test_changes_are_the_differences():
     cell = read_back({GAIN: 10_000, TIMEOUT: 50})
     assert cell.changes({GAIN: 12_000, TIMEOUT: 50}) == [Change(1, GAIN, 10_000, 12_000)]
 
@@ -150,7 +150,7 @@ def test_a_cell_that_says_yes_and_does_otherwise_is_found_out(commissioning, mon
         apply_changes(commissioning, [Change(2, GAIN, 13_000, 12_000)], lambda _share: None)
 
 
-def test_what_is_stored_outlives_a_restart_until_the_defaults_are_restored(commissioning):
+def test_stored_settings_outlive_a_restart_until_the_defaults_are_restored(commissioning):
     commissioning.write(3, *GAIN.place, 9_000)
     commissioning.restart(3)
     assert commissioning.read(3, *GAIN.place) == 13_000
@@ -169,7 +169,7 @@ def test_cells_of_one_serial_number_are_told(commissioning, monkeypatch):
         identify_cells(commissioning, [1, 2])
 
 
-def test_who_has_no_identity_is_no_cell(commissioning, monkeypatch):
+def test_a_node_without_an_identity_is_no_cell(commissioning, monkeypatch):
     def refuse(_node):
         raise RefusedError
 

@@ -118,7 +118,7 @@ def test_selected_cell_takes_and_keeps_its_node_id_and_no_other_does():
     assert bus.slaves[0].pending_node_id == cob.NODE_NONE
 
 
-def test_who_is_not_there_cannot_be_selected():
+def test_an_absent_cell_cannot_be_selected():
     with pytest.raises(LssError, match="no cell answers to serial number 00000004"):
         Bus(Slave(ours(1))).master.select(ours(4))
 

@@ -16,7 +16,7 @@ from mdms_protocol.entry import OutOfRangeError
 from mdms_sim.nodes.python_bank import PythonBank
 
 
-def test_all_cells_are_found_and_say_who_they_are(standing_cells) -> None:
+def test_all_cells_are_found_with_their_identities(standing_cells) -> None:
     nodes = scan_bus(None, MonotonicClock())
     assert [node.node_id for node in nodes] == [1, 2, 3]
     assert all(node.is_cell and node.problem is None for node in nodes)
@@ -69,7 +69,7 @@ def test_name_of_a_stranger_controls_no_terminal() -> None:
     assert "\x9b" not in stranger.identity.software
 
 
-def test_what_is_written_is_read_back(commissioning) -> None:
+def test_written_values_are_read_back(commissioning) -> None:
     commissioning.write(2, 0x2000, 0, 8_000)
     assert commissioning.read(2, 0x2000) == 8_000
     assert commissioning.read(1, 0x2000) == 13_000

@@ -88,7 +88,7 @@ def test_a_row_alone_is_a_grid_of_one_row():
     assert moved(layout, keys, (0.15, 0.15), snake(layout)).grid() == truth(layout, keys)
 
 
-def test_what_was_not_seen_with_another_is_left_out():
+def test_a_cell_not_seen_with_another_is_left_out():
     layout = Layout(6, 3)
     keys = keys_of(layout)
     first_row = snake(layout)[:2]

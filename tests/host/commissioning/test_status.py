@@ -92,7 +92,7 @@ def test_a_cell_that_was_stopped_is_read_anew_and_not_shown_as_it_was() -> None:
     assert (row.speeds_m_s, row.presence) == (None, 1)
 
 
-def test_what_is_no_cells_frame_adds_no_row() -> None:
+def test_a_frame_of_no_cell_adds_no_row() -> None:
     model = after(Frame(0x77F, b"\x05"), Frame(0x205, bytes(8)), Frame(0x000, b"\x01\x00"))
     assert model.rows(0.1) == []
 
@@ -132,7 +132,7 @@ def test_an_error_that_is_gone_is_no_longer_shown_and_others_stay() -> None:
     assert model.rows(0.1)[0].errors == ()
 
 
-def test_a_suspect_is_shown_with_those_whom_it_contradicts_until_it_agrees() -> None:
+def test_a_suspect_is_shown_with_the_cells_that_it_contradicts_until_it_agrees() -> None:
     model = after(
         *(Frame(0x700 + node, b"\x05") for node in (5, 6, 7)),
         Frame(0x085, bytes.fromhex("01ff810907010000")),

@@ -191,7 +191,7 @@ def test_a_cell_with_another_stored_setting_is_refused_by_name(rolling_array) ->
     assert all(cell.states == [cia402.SWITCH_ON_DISABLED] * 2 for cell in array.cells)
 
 
-def test_what_one_cell_needs_otherwise_is_written_to_it_alone(rolling_array) -> None:
+def test_a_setting_of_one_cell_is_written_to_it_alone(rolling_array) -> None:
     reversed_ = Setting(0x607E, 0, 0x40)
     coordinator = Coordinator(LAYOUT, still(), own_settings={5: (reversed_,)})
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
@@ -225,7 +225,7 @@ def test_a_later_revision_of_the_same_protocol_is_taken(rolling_array) -> None:
     assert coordinator.phase == Phase.RUNNING
 
 
-def test_a_cell_that_does_not_say_who_it_is_is_a_fault() -> None:
+def test_a_cell_without_an_identity_is_a_fault() -> None:
     layout = Layout(1, 1)
     coordinator = Coordinator(layout, still(layout))
     coordinator.on_frame(Frame(0x701, b"\x7f"), 0.0)

@@ -139,7 +139,7 @@ def emergency(code: int, source: int) -> Frame:
     return Frame(0x082, code.to_bytes(2, "little") + bytes((0x11, source, 0, 0, 0, 0)))
 
 
-def test_emergencies_have_their_words_and_what_is_cleared_is_called_so(rolling_array) -> None:
+def test_emergencies_have_their_words_and_a_cleared_one_is_called_so(rolling_array) -> None:
     coordinator = Coordinator(LAYOUT, still())
     array = running(rolling_array, coordinator)
     before = len(coordinator.events)

@@ -165,7 +165,7 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None
     assert operate(coordinator(), link, link, 1.5).ending == Ending.DONE
 
 
-def test_a_fault_names_what_was_held_up(link) -> None:
+def test_a_fault_names_the_parts_that_were_held_up(link) -> None:
     def hold_up(_now_s: float, text: str) -> None:
         if text == Phase.RUNNING:
             link.sleep(0.5)

@@ -52,7 +52,7 @@ def test_samples_keep_their_rate(recorded):
     assert np.diff(record.time_s)[-50:] == pytest.approx(0.01, abs=0.006)
 
 
-def test_every_frame_is_logged_whoever_sent_it(recorded):
+def test_every_frame_is_logged_of_any_sender(recorded):
     _, frames, outcome = recorded
     assert len(frames) == pytest.approx(outcome.bus.frames, abs=20)
 

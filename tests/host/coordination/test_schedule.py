@@ -12,7 +12,7 @@ def test_a_thing_is_due_once_a_period() -> None:
     assert taken == [0, 10, 20, 30, 40]
 
 
-def test_what_was_never_set_or_was_cancelled_is_never_due() -> None:
+def test_a_time_that_was_never_set_or_was_cancelled_is_never_due() -> None:
     schedule = Schedule()
     schedule.set("sync", 1.0)
     schedule.cancel("sync")

@@ -40,7 +40,7 @@ def test_an_announced_parcel_is_found_once_it_is_set_down(table) -> None:
     assert list(table.tracker.beliefs(0.6, 0.6)) == ["box"]
 
 
-def test_what_was_taken_for_a_parcel_that_was_to_come_is_withdrawn_when_it_is_lost(table) -> None:
+def test_a_false_newcomer_is_withdrawn_when_it_is_lost(table) -> None:
     table.tracker.announce(BOX, INFEED)
     table.put("box", BOTTOM, -0.35, 0.05, 0.2)
     table.run(0.5)
@@ -103,7 +103,7 @@ def test_a_name_is_given_once(table) -> None:
         table.tracker.announce(BOX)
 
 
-def test_what_nobody_announced_is_an_obstacle_that_contains_it_within_a_fifth_of_a_second(
+def test_an_unannounced_thing_is_an_obstacle_that_contains_it_within_a_fifth_of_a_second(
     table,
 ) -> None:
     table.run(0.2)
@@ -241,7 +241,7 @@ def test_a_parcel_that_is_doubted_before_its_exit_while_sensors_show_it_has_not_
     assert table.off_m("box") < 0.02
 
 
-def test_what_stays_at_an_exit_is_unknown_from_then_on() -> None:
+def test_a_thing_that_stays_at_an_exit_is_unknown_from_then_on() -> None:
     table = boxed()
     table.tracker.depart("box")
     table.run(1.5)
@@ -289,7 +289,7 @@ def test_a_heap_that_is_parted_is_parcels_again(table) -> None:
     assert ("unknown-1", BeliefEvent.EXPLAINED) in table.events()
 
 
-def test_what_no_convex_parcel_covers_is_a_heap(table) -> None:
+def test_a_region_that_no_convex_parcel_covers_is_a_heap(table) -> None:
     table.put("one", Rectangle(0.5, 0.2), 0.0, 0.0, 0.0)
     table.put("two", Rectangle(0.2, 0.3), -0.15, 0.2, 0.0)
     table.run(0.3)
@@ -399,7 +399,7 @@ def test_a_newcomer_is_not_found_where_a_parcel_is_though_something_sticks_out_b
     assert {name for name, _ in table.events()} == {"large"}
 
 
-def test_what_covers_sensors_where_a_parcel_was_lost_is_an_obstacle_at_once() -> None:
+def test_sensors_covered_where_a_parcel_was_lost_are_an_obstacle_at_once() -> None:
     table, seen_s = boxed(), []
 
     def look() -> None:

@@ -26,7 +26,7 @@ def test_bounds_hold_however_a_box_lies(seed: int) -> None:
     assert abs(size.width_m - width_m) < 4 * size.deviation_m[1]
 
 
-def test_what_no_rectangle_covers_has_no_size() -> None:
+def test_a_region_that_no_rectangle_covers_has_no_size() -> None:
     corner = (SENSORS_M > -0.02).all(axis=1) & (SENSORS_M < 0.3).all(axis=1)
     covered = corner & ~(SENSORS_M > 0.14).all(axis=1)
     assert size_of(SENSORS_M[covered], SENSORS_M[~covered]) is None

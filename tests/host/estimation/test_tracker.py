@@ -107,7 +107,7 @@ def test_parcels_are_looked_for_together_and_all_are_found() -> None:
     assert [names for names in found if names] == [["left", "right"]]
 
 
-def test_what_sensors_show_while_cells_come_and_go_moves_no_belief() -> None:
+def test_sensors_of_cells_that_come_and_go_move_no_belief() -> None:
     tracker = tracking(LEFT)
     before = tracker.estimate("left", 0.1)
     tracker.look_away()

@@ -130,7 +130,7 @@ def test_a_sweep_of_which_every_run_fails_ends_with_1(file, capsys):
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(file, tmp_path):
+def test_ctrl_c_keeps_finished_runs_and_the_same_command_goes_on(file, tmp_path):
     file.write_text(FILE.replace("seeds = 2", "seeds = 500"))
     command = [str(MDMS), "sweep", "fig8.toml", "--workers", "2"]
     journal = tmp_path / "runs" / "fig8" / "journal.sqlite"

@@ -92,7 +92,7 @@ def test_each_kind_of_sweep_has_a_picture(over, shape, tmp_path):
     assert (tmp_path / "again.png").read_bytes() == first
 
 
-def test_a_picture_of_what_is_not_there_is_refused(tmp_path):
+def test_a_picture_of_a_missing_column_is_refused(tmp_path):
     result = table({"cell.friction": GRID})
     with pytest.raises(mdms.InputError, match=r"speed has no numbers to draw; there are reached"):
         result.plot(tmp_path / "a.png", "speed")

@@ -86,7 +86,7 @@ def test_a_row_is_the_run_that_anybody_simulates(executor):
     assert row["position_error_m"] == pytest.approx(0.2, abs=0.02)
 
 
-def test_what_was_run_is_not_run_again(executor, tmp_path):
+def test_a_finished_run_is_not_run_again(executor, tmp_path):
     first = mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path / "s")
     seen = []
     again = mdms.sweep(
@@ -162,7 +162,7 @@ def test_a_worker_with_other_code_ends_the_sweep(executor, monkeypatch):
         mdms.sweep(ROW, OVER, seeds=1, executor=executor)
 
 
-def test_what_ends_a_sweep_keeps_what_is_done(executor, tmp_path):
+def test_an_ended_sweep_keeps_its_finished_runs(executor, tmp_path):
     def end(state):
         if state.done == 3:
             raise KeyboardInterrupt
@@ -197,7 +197,7 @@ def test_records_are_kept_if_they_are_asked_for(executor, tmp_path):
         ({"program": end_m}, "is not `async def program"),
     ],
 )
-def test_what_cannot_be_swept_is_refused(change, told, executor):
+def test_an_impossible_sweep_is_refused(change, told, executor):
     arguments = {"scenario": ROW, "over": OVER, "seeds": 1, "executor": executor} | change
     with pytest.raises(mdms.InputError, match=told):
         mdms.sweep(**arguments)

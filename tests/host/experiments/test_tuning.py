@@ -52,7 +52,7 @@ def runs_in(path):
         return journal.execute("SELECT key, columns FROM runs").fetchall()
 
 
-def test_tuning_finds_what_is_better_within_bounds_and_comes_out_the_same_again(file, capsys):
+def test_tuning_finds_better_values_within_bounds_and_repeats(file, capsys):
     code, first = tuned(capsys)
     assert code == Exit.OK
     assert first["better"]

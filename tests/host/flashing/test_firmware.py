@@ -35,7 +35,7 @@ def test_everything_that_a_board_imports_is_there(pyboard):
     assert len(pyboard.files) == len(sources())
 
 
-def test_what_only_the_host_imports_is_not(pyboard):
+def test_modules_of_the_host_alone_are_not(pyboard):
     stems = {path.rpartition("/")[2].partition(".")[0] for path in pyboard.files}
     assert not stems & {"dictionary", "eds", "dbc", "generate", "reference", "cpython"}
 

@@ -103,7 +103,7 @@ def test_romfs_that_is_too_small_or_taken_is_left_alone(romfs):
 @pytest.mark.parametrize(
     "memory", [{"heap": COPIES_HEAP - 1}, {"heap": ROM_HEAP - 1, "rom_size": ROM_SIZE}]
 )
-def test_board_with_too_little_memory_is_refused_with_what_to_do(memory):
+def test_board_with_too_little_memory_is_refused_with_a_cure(memory):
     with pytest.raises(BoardError, match=r"KB free.*freeze .*firmware/FREEZING.md"):
         chosen(**memory)
 
@@ -112,12 +112,12 @@ def test_board_with_the_same_firmware_frozen_in_gets_main_alone():
     assert chosen(frozen=VERSION, heap=0).files.keys() == {START}
 
 
-def test_board_with_other_firmware_frozen_in_is_refused_with_what_to_do():
+def test_board_with_other_firmware_frozen_in_is_refused_with_a_cure():
     with pytest.raises(VersionError, match=r"9\.9\.9 is frozen .* has .*firmware/FREEZING.md"):
         chosen(frozen="9.9.9")
 
 
-def test_older_micropython_is_refused_with_what_to_do():
+def test_older_micropython_is_refused_with_a_cure():
     with pytest.raises(VersionError, match=r"MicroPython 1.27.2 has no machine.CAN; install 1.28"):
         chosen(micropython=(1, 27, 2))
 

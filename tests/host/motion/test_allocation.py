@@ -29,7 +29,7 @@ def test_of_two_that_move_the_nearer_has_the_wheel() -> None:
     assert [serves(*movers, at_m=at_m) for at_m in (-0.01, 0.01)] == [0, 1]
 
 
-def test_a_wheel_under_or_close_to_a_parked_parcel_holds_it_whoever_else_is_there() -> None:
+def test_a_wheel_under_or_close_to_a_parked_parcel_holds_it_beside_any_other() -> None:
     mover, parked = claim(-0.16, parked=False), claim(0.16, parked=True)
     for at_m in (0.02, 0.005):
         assert serves(mover, parked, at_m=at_m) == 1

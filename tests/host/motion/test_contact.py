@@ -75,7 +75,7 @@ def test_parcels_that_stand_may_touch() -> None:
     assert pairs(body(0.0), body(0.29)) == []
 
 
-def test_what_is_so_for_a_moment_only_is_not_reported() -> None:
+def test_a_state_of_a_moment_is_not_reported() -> None:
     assert pairs(body(0.0, speed_m_s=0.1), body(0.304), steps=3) == []
 
 

@@ -49,7 +49,7 @@ def test_a_parcel_waits_only_where_it_would_come_nearer(
     assert obstacles.hold(box(0.0), way_to(*end), 0.0) is waits
 
 
-def test_a_parcel_goes_on_around_what_is_beside_its_way_and_before_its_goal() -> None:
+def test_a_parcel_goes_on_past_things_beside_its_way_and_its_goal() -> None:
     obstacles = Obstacles()
     obstacles.see({"unknown-1": thing(0.265)}, {"box": None})
     corners = np.array([(0.0, 0.0, 0.0), (0.0, 0.3, 0.0), (0.4, 0.3, 0.0), (0.6, 0.0, 0.0)])
@@ -67,7 +67,7 @@ def test_waiting_is_reported_once_and_ends_when_the_way_is_free() -> None:
     assert obstacles.take_notices() == []
 
 
-def test_a_program_stops_before_what_is_unknown_and_goes_on_when_it_is_gone() -> None:
+def test_a_program_stops_before_an_unknown_thing_and_goes_on_when_it_is_gone() -> None:
     program = GoalProgram(traction_of(LAYOUT), (BOX,), {"box": Goal(0.3, 0.0)})
     table, there = Table(np.array([-0.35, 0.0, 0.0]), BOX, LAYOUT), thing(0.1)
     under = THING.distance_m(LAYOUT.wheel_positions_m, there.pose) < 0
@@ -86,7 +86,7 @@ def test_a_program_stops_before_what_is_unknown_and_goes_on_when_it_is_gone() ->
     assert program.take_notices() == ["box waits: unknown-1 is in its way"]
 
 
-def test_wheels_under_what_is_unknown_stand_though_a_parcel_is_about_to_use_them() -> None:
+def test_wheels_under_an_unknown_thing_stand_though_a_parcel_is_about_to_use_them() -> None:
     program = GoalProgram(traction_of(LAYOUT), (BOX,), {"box": Goal(-0.3, 0.0)})
     there = thing(0.22, 0.12)
     references_m_s = program.references_m_s({"box": box(0.0), "unknown-1": there}, 0.01)

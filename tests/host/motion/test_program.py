@@ -64,7 +64,7 @@ def test_a_program_is_finished_when_all_parcels_have_arrived() -> None:
     assert steered.finished
 
 
-def test_wheels_under_a_parcel_without_a_goal_stand_still_whoever_passes_it() -> None:
+def test_wheels_under_a_parcel_without_a_goal_stand_still_as_others_pass() -> None:
     poses = {"left": np.array([-0.25, 0.0, 0.0]), "right": np.array([0.09, 0.0, 0.0])}
     references_m_s = program(left=Goal(-0.25, 0.5)).references_m_s(known(poses), 0.01)
     under = Rectangle(0.30, 0.30).distance_m(LAYOUT.wheel_positions_m, poses["right"]) < 0
@@ -101,7 +101,7 @@ def test_a_parcel_that_does_not_get_on_rests_within_a_second_and_is_stopped_afte
     assert steered.stuck == stopped
 
 
-def test_a_parcel_gets_on_once_what_held_it_is_gone() -> None:
+def test_a_parcel_gets_on_once_its_obstacle_is_gone() -> None:
     steered = program(left=Goal(0.4, 0.0))
     for _ in range(130):
         steered.references_m_s(known(), 0.01)
@@ -218,7 +218,7 @@ def lying(kind: BeliefKind) -> Belief:
 
 
 @pytest.mark.parametrize("kind", [BeliefKind.UNKNOWN, BeliefKind.HEAP])
-def test_what_nobody_has_named_gets_no_goal(kind: BeliefKind) -> None:
+def test_an_unnamed_thing_gets_no_goal(kind: BeliefKind) -> None:
     steered = program()
     steered.references_m_s(known() | {"crate": lying(kind)}, 0.01)
     with pytest.raises(KeyError):
@@ -226,7 +226,7 @@ def test_what_nobody_has_named_gets_no_goal(kind: BeliefKind) -> None:
     assert not steered.references_m_s(known() | {"crate": lying(kind)}, 0.01).any()
 
 
-def test_what_has_been_named_gets_a_goal_and_is_in_nobodys_way_but_others() -> None:
+def test_a_named_thing_gets_a_goal_and_counts_as_a_parcel() -> None:
     steered = program(left=Goal(0.4, 0.0))
     there = known() | {"crate": lying(BeliefKind.PARCEL)}
     steered.references_m_s(there, 0.01)

@@ -30,7 +30,7 @@ def test_goal_beyond_the_edge_is_refused_and_one_on_the_table_is_not():
     assert refused(Goal(0.9, 0.0, None), start=None)
 
 
-def test_what_counts_is_the_centre_of_mass():
+def test_the_centre_of_mass_counts():
     edge = Goal(0.28, 0.0, 0.0)
     assert not refused(edge)
     assert refused(edge, box=(0.1, 0.0))

@@ -49,7 +49,7 @@ def test_cell_is_off_ready_running_at_fault_suspected_and_silent_by_its_frames(w
     assert state_of(watch, 0.5) is CellState.FAULT
 
 
-def test_what_a_cell_did_before_it_was_stopped_or_restarted_is_not_what_it_does(watch):
+def test_a_cell_that_was_stopped_or_restarted_is_not_shown_as_before(watch):
     watch.on_frame(heartbeat(NODE), 0.0)
     speeds = pdo.ACTUAL_VELOCITY.encode((100_000, -50_000))
     watch.on_frame(Frame(pdo.ACTUAL_VELOCITY.can_id(NODE), speeds), 0.0)
@@ -66,7 +66,7 @@ def test_what_a_cell_did_before_it_was_stopped_or_restarted_is_not_what_it_does(
     assert state_of(watch, 0.3) is CellState.READY
 
 
-def test_what_a_silent_cell_did_last_is_not_what_it_does(watch):
+def test_a_silent_cell_is_not_shown_as_it_was_last(watch):
     watch.on_frame(heartbeat(NODE), 0.0)
     speeds = pdo.ACTUAL_VELOCITY.encode((100_000, -50_000))
     watch.on_frame(Frame(pdo.ACTUAL_VELOCITY.can_id(NODE), speeds), 0.0)

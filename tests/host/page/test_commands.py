@@ -52,13 +52,13 @@ def test_every_command_has_an_example_here():
 
 
 @pytest.mark.parametrize("message", GOOD)
-def test_what_the_schema_allows_is_taken(message):
+def test_a_command_that_the_schema_allows_is_taken(message):
     jsonschema.validate(message, SCHEMA)
     assert isinstance(command_from(message), COMMANDS[message["command"]])
 
 
 @pytest.mark.parametrize("message", BAD)
-def test_what_the_schema_forbids_is_refused(message):
+def test_a_command_that_the_schema_forbids_is_refused(message):
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(message, SCHEMA)
     with pytest.raises(RefusedError):
@@ -66,7 +66,7 @@ def test_what_the_schema_forbids_is_refused(message):
 
 
 @pytest.mark.parametrize("message", [None, [], "stop_all", 3, {"command": ["stop_all"]}])
-def test_what_is_no_command_is_refused(message):
+def test_a_message_that_is_no_command_is_refused(message):
     with pytest.raises(RefusedError):
         command_from(message)
 
@@ -89,7 +89,7 @@ def test_fault_has_the_keys_of_a_scenario():
     assert keys["probability"] == {"type": "number", "minimum": 0.0, "maximum": 1.0}
 
 
-def test_only_what_is_offered_is_in_the_schema():
+def test_only_offered_commands_are_in_the_schema():
     assert [one["title"] for one in schema(("pause", "seek"))["oneOf"]] == ["pause", "seek"]
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 

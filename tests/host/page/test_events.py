@@ -14,7 +14,7 @@ def test_events_of_several_sources_are_in_the_order_of_their_times():
     assert events.story()["events"] == message["events"]
 
 
-def test_who_comes_late_gets_the_last_of_them():
+def test_a_late_client_gets_the_last_of_them():
     events = EventList()
     events.add([event_of(number / 10, "page", f"{number}") for number in range(KEPT + 5)])
     assert len(events.take_message()[0]["events"]) == KEPT + 5
@@ -22,7 +22,7 @@ def test_who_comes_late_gets_the_last_of_them():
     assert (len(kept), kept[-1]["text"]) == (KEPT, f"{KEPT + 4}")
 
 
-def test_what_can_be_helped_says_how_and_is_a_trouble():
+def test_an_event_with_a_remedy_has_it_and_is_a_trouble():
     tip = Event(1.0, "tip", "the supports no longer hold its centre of mass", parcel="box")
     (shown,) = events_of([tip])
     assert shown["text"] == "box: the supports no longer hold its centre of mass"

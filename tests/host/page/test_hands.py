@@ -39,7 +39,7 @@ def asked(page, table: StillTable) -> Command:
     return command
 
 
-def test_every_hand_asks_for_what_it_does(still, open_page):
+def test_every_hand_asks_for_its_own_command(still, open_page):
     table, address = still
     page = open_page(address)
     box = place_of(page, -0.15, 0.04)
@@ -146,7 +146,7 @@ def test_numbers_of_cells_cover_neither_sensors_nor_each_other(browser, columns,
             assert not [y for _, y in near if top - radius < y < bottom + radius], (text, size)
 
 
-def test_what_is_unknown_is_named_with_the_size_that_is_proposed_or_as_a_disc(still, open_page):
+def test_an_unknown_thing_is_named_with_the_proposed_size_or_as_a_disc(still, open_page):
     table, address = still
     page = open_page(address)
     page.mouse.click(*place_of(page, 0.2, 0.05))

@@ -50,7 +50,7 @@ def test_client_that_confirms_nothing_gets_no_more_snapshots(drained):
     assert drained(client) == [bytes([19])]
 
 
-def test_confirming_what_was_never_sent_brings_no_more(drained):
+def test_confirming_a_snapshot_that_was_never_sent_brings_no_more(drained):
     client = Client("one")
     for _ in range(50):
         client.seen()
@@ -75,7 +75,7 @@ def test_client_that_misses_messages_has_to_come_again(drained):
     assert not client._messages
 
 
-def test_first_who_may_is_in_control_until_another_takes_it():
+def test_the_first_client_that_may_is_in_control_until_another_takes_it():
     vacated = []
     hub = Hub(lambda: vacated.append(True))
     watcher, first, second = Client("watcher"), Client("first"), Client("second")

@@ -189,7 +189,7 @@ def test_when_the_one_in_control_stays_away_the_table_is_told_once(table, visit)
     assert table.abandoned == 1
 
 
-def test_page_that_is_loaded_again_keeps_what_it_has_begun(table, visit):
+def test_page_that_is_loaded_again_keeps_its_faults(table, visit):
     visit().socket.close()
     again = visit()
     again.await_message("control", yours=True)
@@ -210,7 +210,7 @@ def test_page_that_is_loaded_again_keeps_what_it_has_begun(table, visit):
         ('{"command": "goal", "parcel": "box", "x_m": 1e999, "y_m": 0}', "x_m"),
     ],
 )
-def test_garbage_is_answered_with_what_is_wrong_and_moves_nothing(table, visit, garbage, says):
+def test_garbage_is_answered_with_its_fault_and_moves_nothing(table, visit, garbage, says):
     visitor = visit()
     visitor.await_message("control")
     visitor.socket.send(garbage)
@@ -220,7 +220,7 @@ def test_garbage_is_answered_with_what_is_wrong_and_moves_nothing(table, visit, 
     assert table.done == []
 
 
-def test_who_sends_nothing_but_garbage_is_shown_the_door(visit):
+def test_a_client_that_sends_nothing_but_garbage_is_shown_the_door(visit):
     visitor, other = visit(), visit()
     # Mistakes between commands are a person's.
     for _ in range(2):
@@ -234,7 +234,7 @@ def test_who_sends_nothing_but_garbage_is_shown_the_door(visit):
     assert other.ask("take_control")["ok"]
 
 
-def test_who_talks_without_end_is_listened_to_no_more_than_others(table, visit):
+def test_a_client_that_talks_without_end_is_heard_no_more_than_others(table, visit):
     visitor, other = visit(), visit()
     visitor.await_message("control")
     for _ in range(3 * MOST_PER_S):
@@ -245,7 +245,7 @@ def test_who_talks_without_end_is_listened_to_no_more_than_others(table, visit):
     assert table.done == [commands.StopAll()]
 
 
-def test_who_comes_and_says_nothing_keeps_nobody_out(page, visit, table):
+def test_a_silent_connection_keeps_nobody_out(page, visit, table):
     at_the_door = [
         connect(f"ws://{LOOPBACK}:{page.gate.port}/api/live", legacy=True, close_timeout=0.2)
         for _ in range(2 * MOST_AT_THE_DOOR)
@@ -266,7 +266,7 @@ def test_connections_that_ask_for_nothing_keep_nobody_out(page, visit):
         each.close()
 
 
-def test_who_has_no_token_keeps_nobody_out_who_has(table, visit):
+def test_clients_without_a_token_keep_nobody_out_that_has_one(table, visit):
     for _ in range(MOST_CLIENTS):
         visit(token=None).await_message("control")
     with pytest.raises(ConnectionClosed, match="too many"):
@@ -277,7 +277,7 @@ def test_who_has_no_token_keeps_nobody_out_who_has(table, visit):
     assert table.done == [commands.Start(), commands.StopAll()]
 
 
-def test_what_anybody_may_ask_for_leaves_room_for_commands(table):
+def test_public_requests_leave_room_for_commands(table):
     with Page(table, MonotonicClock()) as page:
         visitor = welcomed(page, page.gate.token)
         asking = [
@@ -358,7 +358,7 @@ def test_command_that_is_too_late_for_its_answer_is_not_carried_out_but_a_stop_i
         assert table.done == [commands.StopAll()]
 
 
-def test_stop_overtakes_what_waits_and_calls_it_off(table):
+def test_stop_overtakes_waiting_commands_and_calls_them_off(table):
     with Page(table, MonotonicClock()) as page:
         visitor, watcher = welcomed(page, page.gate.token), welcomed(page, None)
         visitor.say({"id": 1, "command": "start"})

@@ -42,7 +42,7 @@ def shown(table, time_s=None):
     return unpacked(table.description(), table.snapshot(1))
 
 
-def test_every_time_shows_what_was_recorded_then(table, run):
+def test_every_time_shows_the_record_of_then(table, run):
     for time_s in (2.5, 1.0, 2.0):
         now = shown(table, time_s)
         sample = int(np.searchsorted(run.record.time_s, time_s))
@@ -138,7 +138,7 @@ def test_run_without_plans_has_the_goals_of_its_scenario(run):
     assert shown(table, 1.0)["parcel_goal"][0] == pytest.approx([0.1, 0.0, 0.5236], abs=1e-4)
 
 
-def test_nothing_can_be_done_to_what_has_been(table):
+def test_nothing_can_be_done_to_the_past(table):
     with pytest.raises(RefusedError):
         table.do(commands.Goal("box", 0.0, 0.0))
 

@@ -184,7 +184,7 @@ def test_fault_with_a_duration_ends_by_itself(running):
         (fault("off", start_s=1.0), "begins at once"),
     ],
 )
-def test_fault_of_what_is_not_there_is_refused(desk, wrong, says):
+def test_fault_of_a_missing_part_is_refused(desk, wrong, says):
     with pytest.raises(RefusedError, match=says):
         desk.table.do(wrong)
     assert desk.faults == []
@@ -292,7 +292,7 @@ def test_reading_a_cell_that_is_dead_ends(desk):
         desk.table.do(commands.ReadObjects(40))
 
 
-def test_what_nobody_has_announced_is_shown_as_unknown_and_gets_a_name(monkeypatch):
+def test_an_unannounced_thing_is_shown_as_unknown_and_gets_a_name(monkeypatch):
     box = load_scenario("array18").parcel[0]
     crate = replace(box, name="crate", length_m=0.28, width_m=0.26, x_m=0.32, goal=None)
     scenario = replace(

@@ -126,6 +126,6 @@ def test_served_table_is_run_from_the_page_of_another_program(tmp_path):
         ("replay", "somewhere", "--nodes", "cpython"),
     ],
 )
-def test_what_does_not_go_with_a_page_is_refused(arguments, capsys):
+def test_an_option_that_does_not_go_with_a_page_is_refused(arguments, capsys):
     assert main([*arguments, "--page", "0"]) == Exit.USAGE
     assert "--page" in capsys.readouterr().err

@@ -62,7 +62,7 @@ def naming(newcomer, x_m=0.15):
     return stage, Register(stage)
 
 
-def test_what_lies_at_a_place_is_named_found_and_moved():
+def test_a_thing_at_a_place_is_named_found_and_moved():
     stage, register = naming(CRATE)
     lay_unknown(stage)
     stage.run(0.1)
@@ -95,7 +95,7 @@ def test_without_a_size_that_of_the_sensors_is_taken():
         (CRATE, 0.15, SEEN, "unknown-1 has not the outline of crate"),
     ],
 )
-def test_what_cannot_be_named_is_refused_with_the_reason(newcomer, x_m, size, text):
+def test_a_thing_that_cannot_be_named_is_refused_with_the_reason(newcomer, x_m, size, text):
     stage, _ = naming(newcomer, x_m)
     register = Register(stage, size)
     lay_unknown(stage)
@@ -143,7 +143,7 @@ def test_a_parcel_as_heavy_as_the_emergency_stop_holds_is_taken():
     assert "crate" in register.expected
 
 
-def test_what_was_taken_for_a_parcel_to_come_is_none_and_the_parcel_is_expected_again():
+def test_a_false_newcomer_is_withdrawn_and_the_parcel_is_expected_again():
     came = []
 
     async def main(table):

@@ -28,7 +28,7 @@ def test_tasks_go_on_in_the_order_of_their_start_and_within_one_cycle():
     assert log == ["a", "b", "b", "a"]
 
 
-def test_an_error_reaches_who_awaits_it_and_else_whoever_steps():
+def test_an_error_reaches_the_task_that_awaits_it_and_else_the_driver():
     script, caught = Script(), []
 
     async def failing():
@@ -66,7 +66,7 @@ def test_a_task_that_is_cancelled_tidies_up_and_goes_no_further():
     assert log == ["tidy"]
 
 
-def test_what_another_loop_would_wait_for_is_refused():
+def test_an_awaitable_of_another_loop_is_refused():
     script = Script()
 
     async def sleeping():

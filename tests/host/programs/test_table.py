@@ -70,7 +70,7 @@ def test_a_new_order_takes_the_place_of_the_last():
     assert stage.program.finished
 
 
-def test_what_is_refused_can_be_caught_or_ends_the_program_in_order():
+def test_a_refusal_can_be_caught_or_ends_the_program_in_order():
     async def careful(table):
         with pytest.raises(ProgramError, match="is lost"):
             await table["box 1"].move(0.1, 0.0)
@@ -98,7 +98,7 @@ def test_what_is_refused_can_be_caught_or_ends_the_program_in_order():
         (lambda table: table["can 1"].leave(), "no exit is for parcels of the kind 'can'"),
     ],
 )
-def test_what_is_not_there_is_named(wish, text):
+def test_a_missing_parcel_is_named(wish, text):
     async def main(table):
         await wish(table)
 

@@ -67,7 +67,7 @@ def test_all_arrive_and_no_tile_has_two_however_late_anybody_is(plan: Plan, seed
     pytest.fail(f"they did not arrive: {progress_m}")
 
 
-def test_who_is_gone_keeps_nobody_waiting(plan: Plan) -> None:
+def test_a_parcel_that_is_gone_keeps_nobody_waiting(plan: Plan) -> None:
     last = plan.order[-1]
     length_m = plan.routes[last].length_m
     assert plan.authority.limits_m(dict.fromkeys(plan.routes, 0.0))[last] < length_m

@@ -18,7 +18,7 @@ def test_all_arrive_and_none_touch(number: int) -> None:
         assert not held(plan), f"seed {seed}"
 
 
-def test_others_pass_over_what_a_turn_swept_while_who_turned_waits_beside_it() -> None:
+def test_others_pass_over_the_sweep_of_a_turn_while_the_turned_parcel_waits_beside_it() -> None:
     table = TABLES[2]
     assert not held(table.planner.plan(instance(table, 900_051)))
 

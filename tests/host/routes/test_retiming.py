@@ -24,7 +24,7 @@ def test_a_route_that_keeps_to_its_times_is_left_as_it_was(planner: Planner) -> 
         assert np.allclose(route.arrives_s, plan.routes[name].arrives_s, atol=0.01)
 
 
-def test_who_waits_for_one_that_is_late_is_late_as_well(planner: Planner) -> None:
+def test_a_parcel_that_waits_for_a_late_one_is_late_as_well(planner: Planner) -> None:
     plan = planner.plan(crossing())
     first, second = plan.order
     kept = planner.kept(plan, {first: 0.0, second: 0.0}, 3.0)
@@ -81,7 +81,7 @@ def test_a_kept_route_over_the_place_of_one_that_is_blocked_is_held(planner: Pla
     assert not held(free)
 
 
-def test_who_was_to_pass_first_finds_a_way_again_before_others_close_it() -> None:
+def test_the_parcel_that_was_to_pass_first_finds_a_way_again_before_others_close_it() -> None:
     planner = Planner(Tiles(Layout(15, 8)))
     closed = np.zeros(planner.tiles.count, dtype=bool)
     for row in (0, 1, 2, 6, 7):

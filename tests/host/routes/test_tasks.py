@@ -35,7 +35,7 @@ def planner() -> Planner:
     return Planner(Tiles(Layout(9, 6)))
 
 
-def test_who_leaves_is_in_nobodys_way_at_its_goal(planner: Planner) -> None:
+def test_a_leaving_parcel_is_in_nobodys_way_at_its_goal(planner: Planner) -> None:
     leaving = RouteTask(
         "a", BOX, np.array([[0.1, 0.0, 0.0]]), np.array([0.56, 0.0, 0.0]), True, 0.5
     )

@@ -34,7 +34,7 @@ def test_first_ones_are_planned_first_where_that_does() -> None:
     assert planner.plan([other, one]).order == ("other", "one")
 
 
-def test_who_is_in_the_way_at_its_start_goes_before_who_comes_first() -> None:
+def test_a_parcel_in_the_way_at_its_start_goes_before_the_first_one() -> None:
     planner = Planner(Tiles(Layout(9, 3)))
     behind = task("behind", (-0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
     ahead = task("ahead", (0.05, 0.0, 0.0), (0.4, 0.0, 0.0))

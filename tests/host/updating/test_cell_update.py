@@ -59,7 +59,7 @@ def transfer(data, sink, lost=frozenset()):
 
 
 @given(st.binary(min_size=1, max_size=2000))
-def test_what_is_sent_arrives_and_every_byte_once(data):
+def test_sent_frames_arrive_and_every_byte_once(data):
     sink = Sink()
     client = transfer(data, sink)
     assert (client.done, client.failure, client.repeated) == (True, None, 0)

@@ -46,7 +46,7 @@ def units(dictionary):
     return found
 
 
-def test_data_sheet_says_what_the_table_says(dictionary):
+def test_data_sheet_agrees_with_the_table(dictionary):
     for (index, sub), entry in ENTRIES.items():
         variable = dictionary.get_variable(index, sub)
         assert variable.name.endswith(entry.name)

@@ -21,12 +21,12 @@ def made(draw, kinds):
 
 
 @given(made((messages.Estimate,)))
-def test_estimate_is_what_was_encoded(estimate):
+def test_estimate_is_decoded_as_encoded(estimate):
     assert messages.decode_estimate(messages.encode_estimate(estimate)) == estimate
 
 
 @given(made((messages.Parcel, messages.Place, messages.Goal, messages.End, messages.Lost)))
-def test_page_is_what_was_encoded(page):
+def test_page_is_decoded_as_encoded(page):
     assert messages.decode_page(messages.encode_page(page)) == page
     assert type(messages.decode_page(messages.encode_page(page))) is type(page)
 
@@ -40,14 +40,14 @@ def test_page_is_what_was_encoded(page):
         st.lists(st.integers(1, 63), max_size=5).map(tuple),
     )
 )
-def test_order_over_a_cell_is_what_was_encoded(order):
+def test_order_over_a_cell_is_decoded_as_encoded(order):
     data = messages.encode_page(order)
     assert messages.decode_page(data) == order
     assert data[0] & wire.IDENTITY_MAX == 0
 
 
 @given(st.binary(max_size=12))
-def test_garbage_decodes_to_nothing_or_to_what_gives_its_fields_again(data):
+def test_garbage_decodes_to_nothing_or_to_fields_that_encode_again(data):
     estimate = messages.decode_estimate(data)
     if estimate is not None:
         assert messages.encode_estimate(estimate) == data

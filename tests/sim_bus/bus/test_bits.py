@@ -124,7 +124,7 @@ def test_a_sender_that_sees_its_recessive_identifier_bit_dominant_gives_in_and_n
     assert bench.heard_us() == [[], [32 + LENGTH], [32 + LENGTH]]
 
 
-def test_who_is_put_out_of_arbitration_by_an_error_flag_is_not_to_blame(bench_of):
+def test_a_node_put_out_of_arbitration_by_an_error_flag_is_not_to_blame(bench_of):
     bench = disturbed(bench_of, 3, [0])
     bench.nodes[1].send(Frame(0x127, b""))
     bench.run_us(26)
@@ -250,7 +250,7 @@ def test_two_pieces_that_both_send_are_joined_and_both_frames_come_through(bench
     assert [frame for frame, _ in bench.ears[3].heard] == [FRAME, other]
 
 
-def test_who_comes_in_the_midst_of_a_frame_hears_the_next(bench_of):
+def test_a_node_that_comes_amid_a_frame_hears_the_next(bench_of):
     bench = bench_of(2)
     bench.nodes[0].send(FRAME)
     bench.nodes[0].send(FRAME)

@@ -74,7 +74,7 @@ def test_a_node_sends_the_lowest_of_three_mailboxes_and_keeps_the_order_of_equal
     assert sent == [(0x200, b"b"), (0x100, b"d"), (0x50, b"e"), (0x200, b"c"), (0x300, b"a")]
 
 
-def test_a_filter_lets_through_what_it_contains_and_a_node_never_hears_itself():
+def test_a_filter_passes_its_identifiers_and_a_node_never_hears_itself():
     kernel = Kernel()
     bus = Bus(kernel)
     ears = [Ear(), Ear(), Ear()]

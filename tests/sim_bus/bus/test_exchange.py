@@ -39,7 +39,7 @@ def figures(outcome):
 
 
 @given(frames, st.lists(st.tuples(counters, counters), min_size=2, max_size=4))
-def test_a_good_frame_is_to_every_bit_what_its_length_says(frame, counts):
+def test_a_good_frame_has_exactly_the_bits_of_its_length(frame, counts):
     sender, *others = nodes(counts)
     plain = Exchange(0, parties([(sender, frame)], others)).outcome()
     # A bit that nobody sees wrong has it followed all the same.

@@ -18,7 +18,7 @@ def test_without_faults_nothing_is_told_and_nothing_is_missed():
     assert [life.speeds(cell, 1.0, 2.0) for cell in (1, 2, 3)] == [100, 100, 100]
 
 
-def test_lost_frames_are_missed_by_those_who_lose_them_only():
+def test_lost_frames_are_missed_by_their_losers_only():
     life = Life(Fault("loss", start_s=1.0, duration_s=0.5, cells=(2,)))
     assert life.speeds(2, 1.0, 1.5) == 0
     assert [life.speeds(cell, 1.0, 1.5) for cell in (1, 3)] == [50, 50]
@@ -43,7 +43,7 @@ def test_corruption_costs_time_and_error_frames_but_no_frame():
     assert [life.speeds(cell, 1.0, 2.0) for cell in (1, 2, 3)] == [100, 100, 100]
 
 
-def test_a_node_that_sees_what_is_not_there_turns_passive_so_that_frames_get_through():
+def test_a_node_that_sees_false_errors_turns_passive_so_that_frames_get_through():
     fault = Fault("corruption", start_s=1.0, cells=(1,), seen_by=(3,))
     life = Life(fault, until_s=1.06)
     # It takes 15 errors at 9 each until it can no longer destroy what others send.
@@ -162,7 +162,7 @@ def test_both_kinds_of_nodes_give_the_same_bytes_under_every_fault():
     assert digest() == digest(kind=MicropythonBank)
 
 
-def test_one_more_fault_does_not_change_what_the_others_draw():
+def test_one_more_fault_does_not_change_the_draws_of_the_others():
     loss = Fault("loss", start_s=1.0, cells=(1,), probability=0.5)
     other = Fault("loss", start_s=1.0, cells=(3,), probability=0.5)
     one, two = Life(loss), Life(loss, other)
@@ -177,7 +177,7 @@ def test_slower_buses_carry_the_same_with_more_load(bitrate):
     assert life.outcome.bus.load == pytest.approx(fast * 1_000_000 / bitrate, rel=0.01)
 
 
-def test_fault_that_somebody_begins_does_what_one_of_the_schedule_does():
+def test_fault_that_somebody_begins_acts_as_one_of_the_schedule():
     scheduled = Life(Fault("off", start_s=1.0, duration_s=0.5, cells=(2,)))
     by_hand = Life(until_s=1.0)
     simulation = by_hand.simulation

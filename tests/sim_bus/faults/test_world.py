@@ -24,7 +24,7 @@ def bits_at(life, cell, time_s):
     return [bits for now_s, bits in presence(life, cell) if now_s <= time_s][-1]
 
 
-def test_a_stuck_sensor_is_what_the_cell_reports_until_it_is_well():
+def test_the_cell_reports_a_stuck_sensor_until_it_is_well():
     covered = Fault("sensor_stuck", start_s=1.0, duration_s=0.5, cells=(1,), sensors=(2, 3))
     free = Fault("sensor_stuck", start_s=1.0, duration_s=0.5, cells=(2,), covered=False)
     life = Life(covered, free)
@@ -80,7 +80,7 @@ def test_a_push_moves_the_parcel_and_one_in_the_air_does_not():
 
 
 @pytest.mark.parametrize("kind", ["wheel_jammed", "motor_reversed", "encoder_stuck"])
-def test_what_is_wrong_with_a_wheel_is_told_with_its_axis(kind):
+def test_a_fault_of_a_wheel_is_told_with_its_axis(kind):
     life = Life(Fault(kind, start_s=0.5, duration_s=0.5, cells=(1, 3), axes=(2,)), until_s=1.1)
     assert life.events == [
         (0.5, f"{kind} begins: axis 2", 1),

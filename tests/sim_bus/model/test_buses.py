@@ -109,7 +109,7 @@ def test_longest_frames_are_those_of_the_literature(size, bits):
     assert worst_bits(size) == bits
 
 
-def test_load_is_the_sum_of_what_is_repeated():
+def test_load_is_the_sum_of_repeated_frames():
     # SYNC and the host's heartbeat; setpoints and speeds, state, and heartbeat of each cell.
     expected = 100 * 55 + 10 * 65 + 18 * (100 * 2 * 135 + 5 * 105 + 10 * 65)
     assert traffic().load(18) == pytest.approx(expected / 1e6)

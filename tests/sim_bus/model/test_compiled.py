@@ -130,7 +130,7 @@ def total(values):
     return result
 
 
-def test_code_for_given_types_gives_what_the_function_gives():
+def test_code_for_given_types_gives_the_result_of_the_function():
     quick = for_types_of(total, np.zeros(3))
     assert quick(np.array([1.0, 2.0, 3.5])) == total(np.array([1.0, 2.0, 3.5])) == 6.5
 

@@ -135,7 +135,7 @@ def test_prototype_gain_is_allowed_and_a_large_one_refused_with_the_limit():
         check_gain(PAPER, 3 * largest)
 
 
-def test_wheel_behind_a_gear_weighs_what_the_same_rotor_would():
+def test_wheel_behind_a_gear_weighs_as_the_same_rotor():
     behind = motor_of(Cell(rotor_inertia_kg_m2=2e-6, wheel_inertia_kg_m2=2.7e-5))
     assert behind.mass_kg == pytest.approx(PAPER.mass_kg)
 

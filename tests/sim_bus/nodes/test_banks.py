@@ -121,7 +121,7 @@ def test_the_cell_that_is_meant_blinks_until_its_power_is_gone(bench):
     assert not bench.bank.blinking.any()
 
 
-def test_the_filter_follows_what_the_cell_listens_to(bench):
+def test_the_filter_follows_the_identifiers_of_the_cell(bench):
     accepted = bench.bank.accepts(0)
     assert cob.SYNC not in accepted
     bench.tick(BOOT_TICKS)

@@ -59,7 +59,7 @@ def test_ways_are_apart_and_nothing_comes_back():
     assert [bus.frames for bus in pair.buses] == [4, 4]
 
 
-def test_crowded_bus_gets_the_newest_and_what_it_did_not_take_is_counted():
+def test_crowded_bus_gets_the_newest_frames_and_the_others_are_counted():
     pair = Pair()
 
     def babble():

@@ -40,7 +40,7 @@ def frames(path):
         return picture.n_frames
 
 
-def test_animation_has_ten_frames_a_second_and_says_who_drew_it(tmp_path, plane, short):
+def test_animation_has_ten_frames_a_second_and_names_its_maker(tmp_path, plane, short):
     path = tmp_path / "run.gif"
     save_picture(path, plane, short)
     assert frames(path) == 8
@@ -108,7 +108,7 @@ def test_video_is_written_where_there_is_an_encoder_and_refused_by_name_where_th
             check_name(path)
 
 
-def test_frames_go_to_the_encoder_in_its_own_terms_and_what_it_says_is_passed_on(
+def test_frames_go_to_the_encoder_in_its_own_terms_and_its_messages_are_passed_on(
     tmp_path, monkeypatch, plane, short
 ):
     encoder = tmp_path / "ffmpeg"

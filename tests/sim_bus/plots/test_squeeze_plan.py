@@ -27,7 +27,7 @@ def titles(figure):
     return [axes.get_title() or axes.get_title(loc="left") for axes in figure.axes]
 
 
-def test_a_plan_alone_shows_the_squeeze_function_its_steps_and_what_each_leaves():
+def test_a_plan_alone_shows_the_squeeze_function_its_steps_and_their_results():
     figure = draw_squeeze_plan(TABLE, PART, PLAN, None)
     assert titles(figure)[0] == "Squeeze function"
     assert titles(figure)[2:] == [

@@ -105,7 +105,7 @@ def test_a_touch_while_all_coast_after_an_emergency_stop_is_unavoidable():
     assert simulation.referee.unavoidable == [touch]
 
 
-def test_what_a_hand_pushes_into_another_parcel_or_sets_down_on_it_is_the_hands_doing():
+def test_a_parcel_pushed_into_another_or_set_down_on_it_is_the_hands_doing():
     push = '{kind="push", start_s=0.2, parcel="box1", impulse_n_s=[1.5, 0.0]}'
     lift = '{kind="lift", start_s=0.2, duration_s=0.3, parcel="box1", x_m=-0.05}'
     for fault in (push, lift):

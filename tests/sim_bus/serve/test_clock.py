@@ -39,7 +39,7 @@ def test_new_speed_counts_from_now(machine):
     assert time.wait_s(16 * MS, 15 * MS) == pytest.approx(0.002)
 
 
-def test_what_was_given_up_before_is_not_made_up_for_after_a_change(machine):
+def test_time_given_up_before_is_not_made_up_for_after_a_change(machine):
     time = RealTime()
     machine[0] += 100 * MS
     assert time.sim_ns(0) == PATIENCE_NS

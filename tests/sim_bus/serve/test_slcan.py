@@ -100,7 +100,7 @@ def test_full_bus_is_told_by_the_error_byte():
 
 
 @given(FRAMES)
-def test_what_one_adapter_tells_another_understands(frame):
+def test_one_adapter_understands_another(frame):
     teller, _ = opened()
     hearer, heard = opened()
     hearer.feed(teller.line(frame, 0))

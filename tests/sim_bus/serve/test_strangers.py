@@ -106,7 +106,7 @@ def test_a_socket_whose_owner_is_too_busy_to_answer_is_not_taken_for_dead(path):
     assert path.is_socket()
 
 
-def test_what_took_the_name_meanwhile_stays_at_the_end(path):
+def test_a_file_that_took_the_name_meanwhile_stays_at_the_end(path):
     listener = UnixListener(str(path))
     path.unlink()
     path.write_text("somebody's work")

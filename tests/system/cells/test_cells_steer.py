@@ -79,7 +79,7 @@ def test_host_sends_the_program_until_it_is_acknowledged_and_no_setpoint_ever(st
     assert others == {cob.SYNC, HOST_HEARTBEAT}
 
 
-def test_record_shows_who_has_the_box_as_it_passes(steered):
+def test_record_shows_the_cells_that_have_the_box_as_it_passes(steered):
     record = steered.record
     assert record.identity.shape == record.state.shape == (len(record.time_s), 18)
     under = record.state == wire.UNDER

@@ -32,7 +32,7 @@ TWO = (
 )
 
 
-def test_what_is_under_way_arrives_without_the_host_if_it_is_to_go_on() -> None:
+def test_a_parcel_under_way_arrives_without_the_host_if_it_is_to_go_on() -> None:
     gone = ("motion.go_on=true", "fault=[{kind='host', start_s=1.1}]", "run.duration_s=3.4")
     scenario = load_scenario("array18", [*ONE, *gone])
     record = mdms.simulate(scenario).record

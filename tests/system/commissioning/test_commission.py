@@ -224,7 +224,7 @@ def test_a_stop_between_two_pushes_ends_the_nudge_too(serve, capsys):
     assert not [frame for frame in sent if starts(frame)]
 
 
-def test_cell_in_fault_is_not_nudged_and_the_message_says_what_to_do(serve, capsys):
+def test_cell_in_fault_is_not_nudged_and_the_message_has_the_cure(serve, capsys):
     array = serve()
     array.time.array.bank._cells[2]._axes.fail(0x2310)
     assert array.commission("--nudge") == Exit.NODE_FAULT

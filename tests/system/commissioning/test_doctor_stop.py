@@ -197,13 +197,13 @@ def test_a_cell_whose_bridges_are_not_pulled_low_is_named(table, category_1, cap
     assert found(capsys)[0] == [("stop-welded", (1,), text)]
 
 
-def test_nobody_who_presses_is_a_time_limit(table, capsys, monkeypatch):
+def test_no_press_is_a_time_limit(table, capsys, monkeypatch):
     monkeypatch.setattr(doctor, "AtTerminal", Nobody)
     assert main([*STOP, "--limit", "5"]) == Exit.TIME_LIMIT
     assert "mdms: nobody has pressed the emergency stop for 5 s\n" in capsys.readouterr().err
 
 
-def test_nobody_who_releases_is_a_time_limit_too(table, capsys):
+def test_no_release_is_a_time_limit_too(table, capsys):
     table.release = lambda: None
     assert main([*STOP, "--limit", "5"]) == Exit.TIME_LIMIT
     assert "mdms: nobody has released the emergency stop for 5 s\n" in capsys.readouterr().err

@@ -202,7 +202,7 @@ def array():
 JOG = ["jog", "--node", str(CELL), "--axis", "1", "-0.05", "--seconds", "0.2", "-i", "virtual"]
 
 
-def test_verbs_blink_and_turn_what_they_name(array, capsys):
+def test_verbs_blink_and_turn_the_cells_that_they_name(array, capsys):
     blink = ["identify", "--node", "3", "7-8", "--seconds", "30", "-i", "virtual"]
     assert main(blink) == Exit.OK
     assert capsys.readouterr().out == "node 3, 7-8: both LEDs blink together for 30 s\n"

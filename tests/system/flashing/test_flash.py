@@ -182,7 +182,7 @@ def test_dry_run_writes_nothing_and_the_cell_runs_again(plug_in, capsys):
     assert {path: files_of(board)[path] for path in OLD.files} == OLD.files
 
 
-def test_list_shows_what_is_there(plug_in, capsys):
+def test_list_shows_the_boards_that_are_there(plug_in, capsys):
     board = plug_in(OLD.files)
     assert main(["flash", "--list", "--json", "--port", board.port]) == Exit.OK
     (row,) = json.loads(capsys.readouterr().out)["boards"]

@@ -125,7 +125,7 @@ def freeze(tmp_path, monkeypatch):
     return freeze
 
 
-def test_what_lies_in_the_file_system_does_not_pass_for_frozen(plug_in):
+def test_a_module_in_the_file_system_does_not_pass_for_frozen(plug_in):
     board = plug_in(NEW.files)
     with BoardLink(board.port, MonotonicClock()) as link:
         assert identify(link).frozen is None
@@ -170,7 +170,7 @@ def test_copies_are_refused_where_they_do_not_fit_into_the_heap(plug_in, capsys)
     assert {path: files_of(board)[path] for path in OLD.files} == OLD.files
 
 
-def test_romfs_takes_what_the_heap_does_not(plug_in, copies):
+def test_romfs_takes_modules_that_the_heap_does_not(plug_in, copies):
     # The stand-in for the partition lies in the heap here.
     board = plug_in({}, rom=b"", heap_bytes=SMALL_HEAP + ROM_SIZE)
     with BoardLink(board.port, MonotonicClock()) as link:

@@ -212,7 +212,7 @@ def test_frames_are_refused_once_mailboxes_and_queue_are_full_and_those_taken_go
     assert sent(adapter, taken) == [(number, b"") for number in range(taken)]
 
 
-def test_bus_off_is_reported_and_what_comes_meanwhile_refused_not_sent_late(adapter):
+def test_bus_off_is_reported_and_frames_meanwhile_are_refused_not_sent_late(adapter):
     adapter.command(SHORT)
     adapter.type(b"".join(b"t%03X0\r" % number for number in range(8)))
     assert adapter.read(b"z\r" * 8) == b"z\r" * 8

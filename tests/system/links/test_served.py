@@ -66,7 +66,7 @@ def test_scan_finds_every_cell(served, door):
 
 
 @pytest.mark.parametrize("door", ["mdms", "terminal"])
-def test_status_lists_every_cell_and_what_lies_on_it(served, door):
+def test_status_lists_every_cell_and_its_sensors(served, door):
     done = served.run("mdms", "status", "--once", "--json", *door_options(served, door))
     assert done.returncode == 0, done.stderr
     cells = json.loads(done.stdout)["cells"]

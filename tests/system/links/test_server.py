@@ -22,7 +22,7 @@ def alone(serve_array):
     return serve_array(name="alone")
 
 
-def test_nothing_served_under_a_name_is_told_with_what_to_do(alone):
+def test_nothing_served_under_a_name_is_told_with_a_cure(alone):
     done = alone.run("mdms", "scan", "-i", "mdms", "-c", "nobody")
     assert done.returncode == 4
     assert "mdms serve array18" in done.stderr

@@ -134,7 +134,7 @@ def test_current_read_by_sdo_is_that_of_the_motor(overloaded):
     assert np.abs(nearby - told_ma).min() <= RATED_MA / 1000
 
 
-def test_bridge_that_limits_the_current_to_what_is_allowed_keeps_the_drive_on():
+def test_bridge_that_limits_the_current_to_its_bound_keeps_the_drive_on():
     held = run("cpython", 3.0)
     assert held.current_ma[:, 0].max() == LIMIT_MA
     assert held.host.emergencies == []

@@ -92,7 +92,7 @@ ROWS = (
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.what)
-def test_a_program_ends_as_it_should_and_what_broke_is_reported(row: Row) -> None:
+def test_a_program_ends_as_it_should_and_the_fault_is_reported(row: Row) -> None:
     fault = [f"fault=[{{{row.fault}, start_s={START_S}}}]"] if row.fault else []
     overrides = (*TABLE, *fault, f"run.duration_s={row.until_s}", *row.more)
     run = mdms.simulate(load_scenario("array18", overrides))
@@ -138,7 +138,7 @@ def test_a_program_that_cannot_go_on_ends_with_a_message_and_all_at_rest(
 
 
 @pytest.mark.parametrize("control", ["host", "cells"])
-def test_a_program_whose_parcel_is_not_there_says_soon_what_it_waits_for(
+def test_a_program_without_its_parcel_says_soon_that_it_waits_for_it(
     control: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     gone = "fault=[{kind='lift', parcel='crate', start_s=0.0}]"

@@ -15,7 +15,7 @@ from tests.system.trouble.rows_by_cells import GOAL, HEADING, ROWS, STANDS_M_S, 
 @pytest.mark.parametrize(
     "row", [row for row in ROWS if row.always], ids=lambda row: row.what.replace(" ", "-")
 )
-def test_run_ends_as_it_should_and_what_broke_is_reported(row: Row) -> None:
+def test_run_ends_as_it_should_and_the_fault_is_reported(row: Row) -> None:
     ended = run_row(row, seed=row.seed)
     assert ended.ends is row.ends
     assert ended.run.pauses in row.pauses

@@ -60,7 +60,7 @@ def blocked():
     return run(6.0, {"x_m": 0.1, "y_m": 0.02})
 
 
-def test_what_is_not_known_is_found_where_it_lies(blocked):
+def test_an_unknown_thing_is_found_at_its_place(blocked):
     (found_s,) = times_of(blocked, "unknown-1 appeared at x = 0.0")
     (box_s,) = times_of(blocked, "box found")
     assert found_s < box_s + 0.3

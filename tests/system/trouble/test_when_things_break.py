@@ -82,7 +82,7 @@ ROWS = (
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_box_arrives_all_the_same_and_what_broke_is_reported(row: Row) -> None:
+def test_box_arrives_all_the_same_and_the_fault_is_reported(row: Row) -> None:
     overrides = (f"fault=[{{{row.fault}, start_s={START_S}}}]", f"run.duration_s={row.until_s}")
     run = mdms.simulate(load_scenario("array18", [*TABLE, *overrides, *row.more]))
     assert run.parcels["box"].reached

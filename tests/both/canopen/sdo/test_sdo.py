@@ -152,7 +152,7 @@ def test_block_upload_of_no_more_than_the_threshold_goes_without_blocks():
     )
 
 
-def test_block_upload_repeats_what_was_not_acknowledged():
+def test_block_upload_repeats_unacknowledged_segments():
     transcript(
         Client(),
         (b"\xa0\x09\x10\x00\x02\x00\0\0", b"\xc6\x09\x10\x00\x13\0\0\0"),
@@ -328,7 +328,7 @@ def test_later_requests_are_refused_with_the_right_code():
         assert client.ask(second) == [expected], second
 
 
-def test_acknowledgement_of_what_was_not_sent_aborts():
+def test_acknowledgement_of_unsent_segments_aborts():
     client = Client()
     client.ask(b"\xa4\x09\x10\x00\x7f\0\0\0")
     client.ask(b"\xa3\0\0\0\0\0\0\0")

@@ -68,7 +68,7 @@ def saved():
     return memory, objects, store
 
 
-def test_what_was_saved_comes_back():
+def test_saved_settings_come_back():
     memory = Memory()
     objects = defaults()
     objects.put(0x3000, 0, 77)

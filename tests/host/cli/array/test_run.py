@@ -36,7 +36,7 @@ def test_device_that_goes_away_is_told_as_such(on_a_bus_that_ends, capsys):
     assert printed.err == "mdms: the CAN device is gone: unplugged\n"
 
 
-def test_what_was_seen_until_then_is_kept(on_a_bus_that_ends, tmp_path):
+def test_sightings_until_then_are_kept(on_a_bus_that_ends, tmp_path):
     assert on_a_bus_that_ends("--out", str(tmp_path / "run")) == Exit.NO_DEVICE
     stored = read_run(tmp_path / "run")
     assert stored.figures["fault"] == "the CAN device is gone: unplugged"

@@ -87,7 +87,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def test_run_on_an_array_file_needs_no_simulator_and_keeps_what_it_saw(served, tmp_path):
+def test_run_on_an_array_file_needs_no_simulator_and_keeps_its_record(served, tmp_path):
     array, out = tmp_path / "array.toml", tmp_path / "run"
     array.write_text("[array]\ncolumns = 6\nrows = 3\n")
     command = ["run", "array18", *served, "--array", array, "--out", out, "--limit", "2", "--json"]

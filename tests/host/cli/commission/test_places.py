@@ -40,9 +40,7 @@ def test_each_cell_blinks_and_a_key_says_where_it_is(commission, bus, cells, mon
     assert serials(bus) == list(ORDER)
 
 
-def test_what_was_answered_before_an_interruption_is_not_asked_again(
-    commission, bus, monkeypatch, capsys
-):
+def test_answers_before_an_interruption_are_not_asked_again(commission, bus, monkeypatch, capsys):
     answered(monkeypatch, "3", "q")
     assert commission(*GRID) == Exit.FAILURE
     assert "1 cells have their places; the same command goes on" in capsys.readouterr().err

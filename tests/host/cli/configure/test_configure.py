@@ -62,7 +62,7 @@ def values(configure, capsys, name):
     return row["values"]
 
 
-def test_show_tells_value_default_limits_and_who_differs(configure, capsys):
+def test_show_tells_value_default_limits_and_the_nodes_that_differ(configure, capsys):
     assert configure("set", "axis1.gain=12", "--node", "2") == Exit.OK
     assert capsys.readouterr().out == (
         "axis1.gain: 13 -> 12 V s/m  (node 2)\n1 settings written and verified\n"
@@ -85,7 +85,7 @@ def test_show_tells_value_default_limits_and_who_differs(configure, capsys):
     assert [name for name, row in rows.items() if row["changed"]] == ["axis1.gain"]
 
 
-def test_show_for_people_groups_the_nodes_and_marks_what_differs(configure, capsys):
+def test_show_for_people_groups_the_nodes_and_marks_differences(configure, capsys):
     configure("set", "gain=12", "--node", "1-2")
     capsys.readouterr()
     assert configure("show", "axis2.gain", "setpoint_timeout") == Exit.OK
@@ -103,7 +103,7 @@ def test_identifiers_that_follow_from_the_node_id_are_no_difference(configure, c
     assert not any(row["changed"] or row["cells_differ"] for row in rows)
 
 
-def test_what_is_saved_stays_and_what_is_not_goes_with_the_power(configure, capsys, cells):
+def test_saved_settings_stay_and_others_go_with_the_power(configure, capsys, cells):
     assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.OK
     assert configure("set", "setpoint_timeout=0.09") == Exit.OK
     assert "stored on node 1-3" in capsys.readouterr().out
@@ -119,9 +119,7 @@ def test_what_is_saved_stays_and_what_is_not_goes_with_the_power(configure, caps
         ("gain=101", "axis1.gain: 101 is not in 0 to 100 V s/m"),
     ],
 )
-def test_what_must_not_be_is_refused_before_anything_is_written(
-    configure, capsys, assignment, told
-):
+def test_a_bad_setting_is_refused_before_anything_is_written(configure, capsys, assignment, told):
     assert configure("set", "setpoint_timeout=0.07", assignment) == Exit.USAGE
     assert told in capsys.readouterr().err
     assert set(values(configure, capsys, "setpoint_timeout").values()) == {0.05}
@@ -277,7 +275,7 @@ def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_bla
     assert capsys.readouterr().out == "no cell needs a node id\n"
 
 
-def test_only_blank_cells_are_told_with_what_to_do(configure, capsys, make_blank):
+def test_a_bus_of_blank_cells_alone_is_told_with_a_cure(configure, capsys, make_blank):
     for node_id in (1, 2, 3):
         make_blank(node_id)
     assert configure("show") == Exit.NO_DEVICE
@@ -330,7 +328,7 @@ def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("node", ["0", "128", "3-1", "x", "1,2"])
-def test_what_is_no_node_id_is_bad_usage(capsys, node):
+def test_a_bad_node_id_is_bad_usage(capsys, node):
     assert main(["configure", "show", "--node", node]) == Exit.USAGE
     assert "node id" in capsys.readouterr().err
 

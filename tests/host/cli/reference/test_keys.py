@@ -39,7 +39,7 @@ def test_every_kind_of_fault_and_task_is_in_the_list(kind, names):
     assert {*listed} == {*names}
 
 
-def test_a_row_says_what_the_check_says():
+def test_a_row_has_the_words_of_the_check():
     rows = {key.name: tuple(key) for key in keys_of(Run)}
     assert rows["`duration_s`"][1:5] == ("number", "s", "> 0, <= 100000", "20")
     assert rows["`fidelity`"][1:5] == ("text", "", "`row`, `ideal`, `firmware`", "`row`")

@@ -70,7 +70,7 @@ def test_the_place_at_a_served_table_has_the_main_of_a_file(program, monkeypatch
     assert [name for _, name in given] == ["main"]
 
 
-def test_served_table_keeps_what_programs_of_its_page_believed_and_planned(tmp_path, monkeypatch):
+def test_served_table_keeps_the_beliefs_and_plans_of_programs_of_its_page(tmp_path, monkeypatch):
     out, ends_s = tmp_path / "run", []
 
     @contextmanager

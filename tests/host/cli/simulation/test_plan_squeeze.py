@@ -58,7 +58,7 @@ def test_trials_are_counted_step_by_step_and_are_the_seeds(capsys):
     assert figures(capsys, *arguments, "--seed", "2") != first
 
 
-def test_people_read_the_plan_and_what_became_of_it(capsys, tmp_path):
+def test_people_read_the_plan_and_its_result(capsys, tmp_path):
     picture = tmp_path / "plan.png"
     arguments = ["--corners", TRIANGLE, "--poses", "3", *SLOW, "--out", str(picture)]
     assert main(["plan-squeeze", "array18", *arguments]) == 0

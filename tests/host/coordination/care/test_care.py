@@ -255,7 +255,7 @@ def test_a_drive_whose_supply_has_failed_is_not_reset_when_the_supply_is_back(po
         assert "0x3220" in run.coordinator.fault
 
 
-def test_somebody_who_switches_all_off_is_obeyed_in_a_pause_too() -> None:
+def test_a_stop_of_all_by_others_is_obeyed_in_a_pause_too() -> None:
     run = Run(Policy(OnLostCell.HOLD))
     run.link.power_off(1)
     run.until_held()

@@ -12,14 +12,14 @@ UM_S = st.integers(-LIMIT_UM_S, LIMIT_UM_S)
 
 
 @given(st.lists(st.tuples(UM_S, UM_S), min_size=3, max_size=3))
-def test_all_cells_at_once_are_told_what_each_would_be_told(cells: list[tuple[int, int]]) -> None:
+def test_all_cells_at_once_get_the_setpoints_of_each(cells: list[tuple[int, int]]) -> None:
     frames = VelocityFrames((5, 6, 9), 2).targets(np.ravel(cells) / 1e6)
     assert [frame.can_id for frame in frames] == [0x205, 0x206, 0x209]
     assert [frame.data for frame in frames] == [pdo.TARGET_VELOCITY.encode(each) for each in cells]
 
 
 @given(st.lists(st.tuples(UM_S, UM_S), min_size=2, max_size=2))
-def test_all_cells_at_once_tell_what_each_told(cells: list[tuple[int, int]]) -> None:
+def test_all_cells_at_once_tell_the_speeds_of_each(cells: list[tuple[int, int]]) -> None:
     told = [pdo.ACTUAL_VELOCITY.encode(each) for each in cells]
     np.testing.assert_allclose(
         VelocityFrames((1, 2), 2).actual_m_s(told), np.ravel(cells) / 1e6, rtol=1e-15

@@ -14,18 +14,18 @@ def found() -> Confirmation:
     return confirmation
 
 
-def test_what_has_never_been_found_is_lost() -> None:
+def test_a_parcel_that_was_never_found_is_lost() -> None:
     assert Confirmation().step(0.0, True) is Standing.LOST
 
 
-def test_what_sensors_no_longer_show_is_doubtful_within_a_fifth_of_a_second_then_lost() -> None:
+def test_a_parcel_that_no_sensor_shows_is_doubtful_within_a_fifth_of_a_second_then_lost() -> None:
     assert shown_until(1.0, 1.05, found()) is Standing.FOUND
     assert shown_until(1.0, 1.15, found()) is Standing.DOUBTFUL
     assert shown_until(1.0, 1.75, found()) is Standing.DOUBTFUL
     assert shown_until(1.0, 1.85, found()) is Standing.LOST
 
 
-def test_what_is_doubtful_is_found_by_a_search_alone() -> None:
+def test_a_doubtful_parcel_is_found_by_a_search_alone() -> None:
     confirmation = found()
     shown_until(1.0, 1.2, confirmation)
     assert confirmation.step(1.21, True) is Standing.DOUBTFUL

@@ -105,7 +105,7 @@ def test_wheels_beside_the_parcel_tell_nothing() -> None:
     np.testing.assert_array_equal(estimator.twist, np.zeros(3))
 
 
-def test_a_row_of_wheels_leaves_what_it_cannot_tell_alone() -> None:
+def test_a_row_of_wheels_leaves_the_motion_that_it_cannot_show() -> None:
     row = Layout(10, 1, wheels=(WheelPlace(0.0),))
     footprint = Rectangle(0.4445, 0.10)
     estimator = ParcelEstimator(Surroundings(row), footprint)

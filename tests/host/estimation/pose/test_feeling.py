@@ -29,7 +29,7 @@ def passes(footprint: Footprint, pose: np.ndarray, move: np.ndarray) -> bool:
     return bool((before != (footprint.distance_m(SENSORS_M, pose + move) < 0)).any())
 
 
-def test_what_no_turn_shows_is_shifted_along_where_it_is_least_sure() -> None:
+def test_a_place_that_no_turn_shows_is_felt_by_a_shift_along_its_widest_spread() -> None:
     pose = np.array([0.01, 0.012, 0.0])
     for footprint in (Disc(0.34), Rectangle(0.30, 0.25)):
         shift = move_to_feel(footprint, SENSORS_M, ALL, pose, UNSURE_ACROSS)
@@ -64,7 +64,7 @@ def test_a_place_is_shifted_that_is_not_known_to_5_mm() -> None:
     )
 
 
-def test_what_takes_two_edges_is_felt_one_after_the_other() -> None:
+def test_two_edges_are_felt_one_after_the_other() -> None:
     """No edge alone tells a shift from a turn."""
     pose, unsure = np.array([0.019, -0.024, 1.02]), np.diag([8e-6, 8e-6, 2.5e-4, *SIZE])
     turn = move_to_feel(BOX, SENSORS_M, ALL, pose, unsure)

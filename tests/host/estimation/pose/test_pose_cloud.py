@@ -77,7 +77,7 @@ def test_a_sensor_decides_which_way_a_box_lies(covered: bool, yaw_rad: float) ->
     assert cloud.mean[2] == pytest.approx(yaw_rad, abs=0.01)
 
 
-def test_what_sensors_show_of_a_parcel_at_rest_counts_once() -> None:
+def test_sensors_at_a_parcel_at_rest_count_once() -> None:
     cloud = lying_either_way()
     on_one_bit(cloud, (0.1405, 0.0), True)
     once = cloud.covariance

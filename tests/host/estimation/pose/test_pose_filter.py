@@ -43,7 +43,7 @@ def test_a_surprise_takes_from_no_variance_more_than_there_is() -> None:
     assert np.linalg.eigvalsh(one.covariance).min() > -1e-15
 
 
-def test_surprises_without_end_leave_what_they_do_not_show_finite() -> None:
+def test_surprises_without_end_leave_other_directions_finite() -> None:
     """No edge shows how a disc is turned, nor where it is along the edge."""
     one = believing(0.001)
     for way in range(500):
@@ -79,7 +79,7 @@ def test_a_bound_that_is_met_again_and_again_counts_once() -> None:
     assert one.covariance[0, 0] ** 0.5 > 0.0015
 
 
-def test_a_bound_leaves_what_a_normal_distribution_has_on_the_right_side() -> None:
+def test_a_bound_leaves_the_right_side_of_a_normal_distribution() -> None:
     one, chance = believing(0.01), np.random.default_rng(1)
     draws = chance.normal(0.004, 0.01, 200_000)
     one.mean[0] = 0.004

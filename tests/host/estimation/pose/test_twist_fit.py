@@ -54,7 +54,7 @@ def test_the_fit_is_reweighted_least_squares(seed: int, slip_m_s: float) -> None
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
-def test_what_no_wheel_tells_comes_out_as_zero(count: int) -> None:
+def test_a_motion_that_no_wheel_shows_comes_out_as_zero(count: int) -> None:
     jacobian = np.zeros((count, 3))
     jacobian[:, 0] = 1.0
     fit = fit_twist(jacobian, np.full(count, 0.04), START)

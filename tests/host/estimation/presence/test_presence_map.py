@@ -61,7 +61,7 @@ def test_cells_that_are_ignored_are_not_waited_for_and_show_nothing() -> None:
     assert not presence.complete
 
 
-def test_what_a_cell_has_not_repeated_is_not_valid_any_more() -> None:
+def test_a_report_that_is_not_repeated_is_not_valid_any_more() -> None:
     presence = reporting(RIGHT)
     assert presence.valid(0.5).all()
     assert not presence.valid(0.7).any()
@@ -76,7 +76,7 @@ def test_a_sensor_that_contradicts_all_others_is_not_believed_after_a_while() ->
     assert repeat(presence, RIGHT, 1.4) == []
 
 
-def test_what_a_cell_has_not_repeated_is_not_judged() -> None:
+def test_a_report_that_is_not_repeated_is_not_judged() -> None:
     """A parcel may have come over it since."""
     presence = reporting(WRONG, 0.5)
     for step in range(200):

@@ -24,7 +24,7 @@ def test_a_parcel_is_found_within_the_spread_that_is_told(x: float, y: float, ya
     assert np.hypot(*off[:2]) < 0.035
 
 
-def test_what_no_pose_explains_is_counted() -> None:
+def test_sensors_that_no_pose_explains_are_counted() -> None:
     covered = covered_by(BOTTOM, 0.0, 0.0, 0.0)
     covered[np.argmin(np.hypot(*SENSORS_M.T))] = False
     found = locate(BOTTOM, SENSORS_M, covered)
@@ -37,7 +37,7 @@ def test_nothing_is_found_where_nothing_lies() -> None:
     assert locate(BOTTOM, SENSORS_M, np.zeros(len(SENSORS_M), dtype=bool)) is None
 
 
-def test_nothing_is_found_where_the_parcel_is_too_small_for_what_is_covered() -> None:
+def test_nothing_is_found_if_the_parcel_is_too_small_for_the_covered_sensors() -> None:
     covered = covered_by(BOTTOM, 0.0, 0.0, 0.0)
     assert locate(Rectangle(0.1, 0.1), SENSORS_M, covered) is None
 

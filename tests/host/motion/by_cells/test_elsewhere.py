@@ -34,7 +34,7 @@ def test_one_may_be_wrong_about_its_own_place() -> None:
     assert not found((0.2, 0.0, 0.2), (0.1, 0.0, 0.2), (0.1, 0.0, 0.2))
 
 
-def test_none_is_wrong_that_is_off_by_what_host_and_cells_may_be() -> None:
+def test_no_cell_is_wrong_within_the_tolerance_of_host_and_cells() -> None:
     assert not found((0.13, 0.0, 0.25), (0.07, -0.02, 0.15))
 
 

@@ -48,7 +48,7 @@ def test_cells_are_not_contradicted_by_a_host_that_is_not_sure_itself():
     assert not table.run(0.5, reports=reports(UNDER), elsewhere=UNDER, **doubtful)
 
 
-def test_box_that_is_held_is_reported_with_who_wants_whom():
+def test_box_that_is_held_is_reported_with_the_cells_that_it_lacks():
     table = Table()
     east = 1
     table.run(0.5, reports=reports(UNDER))
@@ -88,7 +88,7 @@ def test_a_parcel_that_moves_again_in_time_is_not_stopped():
 
 
 @pytest.mark.parametrize("age_s", [0.03, 0.1])
-def test_what_a_cell_reported_long_ago_counts_for_nothing(age_s):
+def test_an_old_report_of_a_cell_counts_for_nothing(age_s):
     table = Table()
     table.run(0.5, poses=THERE, reports=reports(flags=wire.ARRIVED))
     assert table.program.finished

@@ -16,7 +16,7 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
 
-def test_pages_are_what_parcel_and_goal_are():
+def test_pages_agree_with_parcel_and_goal():
     (_, parcel), (_, place), (_, goal) = Table(go_on=True).run(STEP_S)
     assert parcel == messages.Parcel(1, 1, wire.RECTANGLE, 1440, 1200, 44, 20, wire.GO_ON)
     assert place == messages.Place(1, 1, -400, 0, 0)

@@ -156,7 +156,7 @@ def test_wheels_that_slip_push_less_and_the_parcel_arrives() -> None:
     assert table.slipping < 0.02 * table.carrying
 
 
-def test_what_wheels_gain_more_than_they_push_to_is_how_much_faster_they_are() -> None:
+def test_wheels_that_gain_more_than_their_push_are_faster_by_as_much() -> None:
     path = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0]), REACH_M)
     follower, table = follower_of(path), Table(path.start, friction=0.08)
     faster_m_s = missing_m_s = 0.0
@@ -169,7 +169,7 @@ def test_what_wheels_gain_more_than_they_push_to_is_how_much_faster_they_are() -
     assert missing_m_s == pytest.approx(faster_m_s, rel=0.35)
 
 
-def test_wheels_that_roll_gain_what_they_push_to() -> None:
+def test_rolling_wheels_gain_as_they_push() -> None:
     follower, table = follower_of(STRAIGHT), Table(STRAIGHT.start)
     sliding = Sliding(np.array([1.0, 1.0, 1.0 / REACH_M]))
     for _ in range(250):
@@ -192,7 +192,7 @@ def test_wheels_that_drag_are_not_taken_for_wheels_that_slip() -> None:
     np.testing.assert_allclose(table.pose, path.end, atol=0.003)
 
 
-def test_what_wheels_gain_slowly_shows_no_slip() -> None:
+def test_a_slow_gain_shows_no_slip() -> None:
     grip = Grip()
     for _ in range(50):
         grip.step(0.25, 0.1, 0.5, STEP_S)

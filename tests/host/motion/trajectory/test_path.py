@@ -65,7 +65,7 @@ def test_the_straight_path_takes_the_shorter_turn(start, end) -> None:
 
 
 @pytest.mark.parametrize("poses", [np.zeros((0, 3)), np.zeros(3), np.array([(0.0, 0.0, np.nan)])])
-def test_what_is_no_path_is_refused(poses: np.ndarray) -> None:
+def test_a_bad_path_is_refused(poses: np.ndarray) -> None:
     with pytest.raises(ValueError, match="finite poses"):
         Path(poses, REACH_M)
 

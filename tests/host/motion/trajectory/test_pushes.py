@@ -22,7 +22,7 @@ def under(poses: np.ndarray, mass: Mass) -> Pushes:
 
 @settings(max_examples=30, deadline=None)
 @given(POSES, st.sampled_from([mass_of(BOX), OFF_CENTRE]))
-def test_wheels_carry_what_the_simulator_has_them_carry(poses: np.ndarray, mass: Mass) -> None:
+def test_wheels_carry_the_loads_of_the_simulator(poses: np.ndarray, mass: Mass) -> None:
     pushes = under(poses, mass)
     for sample, pose in enumerate(poses):
         away_m = BOX.footprint.distance_m(LAYOUT.wheel_positions_m, pose)
@@ -38,7 +38,7 @@ def test_wheels_carry_what_the_simulator_has_them_carry(poses: np.ndarray, mass:
 
 @settings(max_examples=30, deadline=None)
 @given(POSES, st.tuples(*[st.floats(-1, 1)] * 3).map(np.array))
-def test_the_pushes_add_up_to_what_speeds_the_parcel_up(
+def test_the_pushes_add_up_to_the_force_on_the_parcel(
     poses: np.ndarray, acceleration: np.ndarray
 ) -> None:
     pushes = under(poses, OFF_CENTRE)

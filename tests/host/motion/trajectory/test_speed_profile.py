@@ -64,7 +64,7 @@ def test_more_friction_never_takes_longer(path, mass, friction, more) -> None:
     assert fast.duration_s <= slow.duration_s + 1e-9
 
 
-def test_a_quarter_metre_takes_what_friction_allows() -> None:
+def test_a_quarter_metre_takes_the_time_that_friction_allows() -> None:
     path = straight(np.array([-0.125, 0.0, 0.0]), np.array([0.125, 0.0, 0.0]), REACH_M)
     duration_s = profile_of(path, mass_of(BOX)).duration_s
     # Half of the wheels push along x; they carry about half of the box.

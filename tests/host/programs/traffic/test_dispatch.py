@@ -39,7 +39,7 @@ def test_newcomer_is_planned_with_its_own_shape_under_the_name_of_one_that_has_l
     assert len(where.under()["box"]) > 2 * before
 
 
-def test_who_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there():
+def test_a_parcel_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there():
     planner = Planner(Tiles(Layout(15, 8)))
     loads = dict.fromkeys(("far", "near"), Load(BOX, uniform_mass(BOX)))
     where, timetable = WorldState(loads, planner.stand), Timetable()

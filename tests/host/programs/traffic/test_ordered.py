@@ -56,14 +56,14 @@ def test_two_parcels_change_places():
     assert not table.events("touch", "tip")
 
 
-def test_the_way_leads_around_what_is_unknown():
+def test_the_way_leads_around_an_unknown_thing():
     table = two_boxes(*SMALL, "parcel.1.y_m=0.19", main=go_east, unknown=["disc"])
     table.run_until(9.0, lambda: table.program.finished)
     assert away_m(table.pose("box"), 0.36, 0.0) < 0.003
     assert not table.events("touch")
 
 
-def test_a_parcel_stops_before_what_appears_on_its_way_and_goes_around_it():
+def test_a_parcel_stops_before_a_thing_that_appears_on_its_way_and_goes_around_it():
     async def main(table):
         await table["box"].move(0.36, -0.19)
 
@@ -204,7 +204,7 @@ def test_a_gate_is_where_the_last_wheels_are():
     assert gates["south"].place_m(0.05, 0.2) == pytest.approx((0.2, -0.177))
 
 
-def test_who_waits_for_one_that_has_no_way_any_more_is_planned_anew():
+def test_a_parcel_that_waits_for_one_without_a_way_is_planned_anew():
     refused = []
 
     async def main(table):
@@ -253,7 +253,7 @@ def test_ways_and_tiles_that_are_left_can_be_shown():
     assert (table.program.ways, table.program.reserved) == ({}, [])
 
 
-def test_what_is_planned_is_kept_for_the_record_as_it_changes_and_as_tiles_are_left():
+def test_plans_are_kept_for_the_record_as_they_change_and_as_tiles_are_left():
     table = two_boxes(main=go_east)
     host = SimpleNamespace(program=table.program, goals={})
     log = PlanLog(host)
@@ -287,7 +287,7 @@ def test_one_of_two_that_stand_on_the_same_tile_goes_first_and_then_the_other():
     assert not table.events("touch")
 
 
-def test_what_is_in_the_way_for_a_while_is_waited_for():
+def test_a_parcel_waits_for_an_obstacle_that_passes():
     table = two_boxes("parcel.1.x_m=0.36", "parcel.1.y_m=0.0", main=go_east)
     table.run(3.0)
     table.put("disc", 0.0, 0.2)
@@ -308,7 +308,7 @@ def test_something_unknown_at_the_goal_is_named_and_waited_for():
     table.run_until(6.0, lambda: table.program.finished)
 
 
-def test_a_parcel_that_does_not_get_on_is_tried_again_until_what_held_it_is_gone():
+def test_a_parcel_that_does_not_get_on_is_tried_again_until_its_obstacle_is_gone():
     table = two_boxes(main=go_east)
     table.run(0.6)
     lift(table.world.scene, 0)

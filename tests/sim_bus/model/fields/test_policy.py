@@ -63,7 +63,7 @@ def test_too_slow_to_slide_is_refused_with_the_numbers_and_the_way_out():
 @pytest.mark.parametrize(
     ("policy", "speed_m_s"), [("rolling", 0.0634), ("sliding", 0.2077), ("sliding", 0.75)]
 )
-def test_what_is_inside_stays_as_it_is(policy, speed_m_s):
+def test_a_value_inside_stays_as_it_is(policy, speed_m_s):
     command = accepted(moved(policy=policy, speed_m_s=speed_m_s))
     np.testing.assert_array_equal(command.set_m_s, command.asked_m_s)
     assert str(command) == ""

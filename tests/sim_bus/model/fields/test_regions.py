@@ -46,7 +46,7 @@ def test_triangles_about_a_point_partition_the_table(places_m, middle):
     ],
     ids=["triangle", "not convex", "clockwise"],
 )
-def test_polygon_has_what_shapely_says(corners_m):
+def test_polygon_has_the_figures_of_shapely(corners_m):
     places_m = np.random.default_rng(1).uniform(-0.6, 0.6, (2000, 2))
     expected = shapely.contains_xy(shapely.Polygon(corners_m), places_m)
     np.testing.assert_array_equal(
@@ -61,7 +61,7 @@ def test_a_rectangle_may_be_given_by_any_opposite_corners():
     np.testing.assert_array_equal(inside(one, places_m), inside(other, places_m))
 
 
-def test_disc_has_what_is_within_its_radius():
+def test_disc_has_the_points_within_its_radius():
     places_m = np.array([[0.1, 0.0], [0.3, 0.0], [0.31, 0.0], [0.1, 0.21]])
     disc = Region("disc", centre_m=(0.1, 0.0), radius_m=0.2)
     assert inside(disc, places_m).tolist() == [True, True, False, False]

@@ -111,7 +111,7 @@ def test_turn_of_a_disc_is_not_counted(plane, held_record):
     assert np.isnan(turn_rad).all()
 
 
-def test_cells_are_counted_by_what_they_are_to_parcels(held_record):
+def test_cells_are_counted_by_their_relation_to_parcels(held_record):
     last = {state: count[-1] for state, count in cell_counts(held_record).items()}
     assert last == {wire.UNDER: 2, wire.PROMISED: 1, wire.NEAR: 1}
 

@@ -101,7 +101,7 @@ def test_other_readers_find_schemas_and_messages_in_order_of_time(tmp_path, plan
         assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
 
 
-def test_what_nobody_knows_is_left_out_and_read_back_as_unknown(tmp_path, plane, believed_record):
+def test_an_unknown_value_is_left_out_and_read_back_as_unknown(tmp_path, plane, believed_record):
     write_record(tmp_path / "run.mcap", plane, believed_record)
     with (tmp_path / "run.mcap").open("rb") as stream:
         found = list(make_reader(stream).iter_messages())
@@ -151,7 +151,7 @@ def test_run_is_read_back(tmp_path, plane, plane_record):
     assert [path.name for path in run.folder.parent.iterdir()] == ["run"]
 
 
-def test_meta_tells_what_ran(tmp_path, plane, plane_record):
+def test_meta_names_the_run(tmp_path, plane, plane_record):
     folder = stored(tmp_path / "run", plane, plane_record)
     meta = json.loads((folder / "meta.json").read_text())
     assert meta["scenario"]["run"]["seed"] == plane.run.seed

@@ -56,7 +56,7 @@ def test_a_cell_that_has_fallen_silent_has_no_parcel(reports):
     assert not late["state"].any()
 
 
-def test_what_is_no_estimate_changes_nothing(reports):
+def test_a_frame_that_is_no_estimate_changes_nothing(reports):
     reports.on_frame(0, Frame(0x381, b"\x01"), 1.0)
     assert not reports.any
     assert not reports.sample(1.0)["identity"].any()
@@ -83,7 +83,7 @@ def record_of(states):
     )
 
 
-def test_a_record_file_gives_back_what_the_cells_reported(tmp_path):
+def test_a_record_file_gives_back_the_reports_of_the_cells(tmp_path):
     record = record_of([wire.NEAR, wire.UNDER])
     write_record(tmp_path / "run.mcap", SCENARIO, record)
     again = read_record(tmp_path / "run.mcap", SCENARIO)

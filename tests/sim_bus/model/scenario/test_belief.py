@@ -15,7 +15,7 @@ def test_without_beliefs_the_truth_is_believed():
     assert believed(scenario) == scenario
 
 
-def test_a_belief_differs_from_the_truth_in_what_it_names():
+def test_a_belief_differs_from_the_truth_in_its_own_keys():
     overrides = ["belief.box.length_m=0.38", "belief.friction=0.2", "belief.box.mass_kg=3"]
     scenario = load_scenario("array18", overrides)
     truth = load_scenario("array18")

@@ -229,7 +229,7 @@ def test_any_override_gives_a_scenario_or_a_refusal(key, value):
     assert key in told
 
 
-def test_a_file_may_be_based_on_another_and_has_what_differs(row, tmp_path):
+def test_a_file_may_be_based_on_another_and_has_the_differences(row, tmp_path):
     path = tmp_path / "more.toml"
     path.write_text('scenario = "row.toml"\ntitle = "more"\n[run]\nduration_s = 3.0\n')
     scenario = load_scenario(path)

@@ -42,7 +42,7 @@ def somewhere():
     ("length_m", "width_m", "measured_m"),
     [(0.25, 0.20, -0.026), (0.28, 0.28, 0.014), (0.36, 0.30, 0.026), (0.30, 0.30, 0.026)],
 )
-def test_least_margin_over_all_poses_is_what_the_short_side_reaches_past_a_pitch(
+def test_least_margin_over_all_poses_is_the_reach_of_the_short_side_past_a_pitch(
     table, somewhere, length_m, width_m, measured_m
 ):
     least_m = support_margins_m(table, box(length_m, width_m), MIDDLE, somewhere).min()
@@ -83,7 +83,7 @@ def test_on_a_row_the_way_along_it_counts():
     )
 
 
-def test_discs_and_polygons_cover_what_lies_under_them(table):
+def test_discs_and_polygons_cover_the_points_under_them(table):
     disc = box(0.30, 0.30, "disc")
     triangle = box(0.30, 0.30, "polygon", ((0.15, -0.15), (0.0, 0.15), (-0.15, -0.15)))
     square = box(0.30, 0.30)

@@ -31,7 +31,7 @@ def forces(pushes, twist):
 
 
 @given(st.integers(0, 10**6), st.integers(0, 40), st.tuples(speeds, speeds, speeds))
-def test_momentum_gained_is_what_the_clipped_lines_push(seed, count, twist):
+def test_momentum_gained_is_the_push_of_the_clipped_lines(seed, count, twist):
     pushes = problem(seed, count)
     *new, steps = settle(twist, INERTIA_PER_S, pushes)
     gained = np.array(INERTIA_PER_S) * (np.array(new) - twist)
@@ -48,7 +48,7 @@ def test_a_parcel_that_rolls_on_is_found_in_one_step():
     assert settle((0.1, 0.0, 0.0), INERTIA_PER_S, pushes) == (0.1, 0.0, 0.0, 1)
 
 
-def test_pieces_tell_who_slips():
+def test_pieces_name_the_slipping_wheels():
     jacobian = np.array([[1.0, 0.0, 0.0]] * 3)
     line = np.array([[100.0, 10.0, 2.0], [-100.0, 10.0, 2.0], [0.0, 10.0, 2.0]])
     pushes = Pushes(jacobian, line, np.zeros(3, dtype=np.int8))
@@ -112,7 +112,7 @@ def test_the_current_limit_holds_the_force_of_a_starting_motor():
     assert world.wheel_speed_m_s[-1] == pytest.approx(-ke * 0.5 / mass_kg * 0.01)
 
 
-def test_the_current_is_what_voltage_and_back_emf_leave_and_keeps_within_its_limit():
+def test_the_current_follows_voltage_and_back_emf_within_its_limit():
     parcel = replace(BOX, x_m=-0.2, length_m=0.2)
     world = World(plane(parcel, rotor_inertia_kg_m2=2e-6, current_limit_a=0.5))
     cell, drive = world.scenario.cell, drive_of(world.scenario.cell)

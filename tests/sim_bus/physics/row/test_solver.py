@@ -265,7 +265,7 @@ def test_free_wheels_turn_with_the_droop_and_voltage_drives_them():
         (row(replace(BOX, yaw_rad=0.1)), "parcel.0.yaw_rad is 0.1"),
     ],
 )
-def test_what_is_no_row_is_refused(scenario, key):
+def test_a_scenario_that_is_no_row_is_refused(scenario, key):
     with pytest.raises(ScenarioError, match=key):
         solve_row(scenario, np.zeros(scenario.array.columns * scenario.array.rows))
 

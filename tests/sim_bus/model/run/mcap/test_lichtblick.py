@@ -97,7 +97,7 @@ def check(layout, topics):
     return paths
 
 
-def test_layout_names_what_a_simulated_run_has(tmp_path, plane, plane_record):
+def test_layout_names_the_topics_of_a_simulated_run(tmp_path, plane, plane_record):
     plans = [Plan(0.5, {"box": np.zeros((2, 3))}, goals={"box": np.zeros(3)})]
     presence = np.zeros((len(plane_record.time_s), 18), np.uint8)
     record = replace(plane_record, plans=plans, presence=presence)
@@ -106,14 +106,14 @@ def test_layout_names_what_a_simulated_run_has(tmp_path, plane, plane_record):
     assert "/parcel/box.estimate_off.place_mm" in paths
 
 
-def test_layout_names_what_a_run_on_hardware_has(tmp_path, plane, believed_record):
+def test_layout_names_the_topics_of_a_run_on_hardware(tmp_path, plane, believed_record):
     believed_record.speed_m_s[:5, 3] = np.nan
     paths = check(*kept(tmp_path / "run", plane, believed_record))
     assert "/parcel/box.estimate.x_m" in paths
     assert not any("estimate_off" in path for path in paths)
 
 
-def test_layout_names_what_a_run_that_cells_steered_has(tmp_path, plane, plane_record):
+def test_layout_names_the_topics_of_a_run_that_cells_steered(tmp_path, plane, plane_record):
     cells = np.zeros((len(plane_record.time_s), 18), np.int8)
     belief = np.full((*cells.shape, 3), np.nan)
     record = replace(plane_record, identity=cells, state=cells, belief=belief)

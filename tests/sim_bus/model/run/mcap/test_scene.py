@@ -41,7 +41,7 @@ def test_seek_to_any_time_finds_table_wheels_goal_and_parcel(tmp_path, plane, pl
         assert len(last["/scene/goals"][0]["entities"][0]["lines"]) == 3
 
 
-def test_what_does_not_change_comes_again_every_second(plane, plane_record):
+def test_an_unchanged_topic_comes_again_every_second(plane, plane_record):
     times_s = [time_s for time_s, _ in messages(plane, plane_record, "/scene/table")]
     assert times_s == pytest.approx(np.arange(0.0, 4.1, AGAIN_S))
 

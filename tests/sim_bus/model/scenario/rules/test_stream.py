@@ -45,13 +45,13 @@ def test_a_stream_with_an_exit_is_taken():
         ({"run": {"fidelity": "ideal"}}, "stream is given, but run.fidelity is 'ideal'"),
     ],
 )
-def test_what_cannot_be_is_refused_by_its_key(changes, text):
+def test_an_impossible_value_is_refused_by_its_key(changes, text):
     with pytest.raises(ScenarioError) as refused:
         scenario_from(tree(**changes))
     assert text in str(refused.value)
 
 
-def test_what_comes_and_goes_has_no_goal_of_its_own():
+def test_a_parcel_of_a_stream_has_no_goal_of_its_own():
     changed = tree()
     changed["parcel"][0]["goal"] = {"x_m": 0.0, "y_m": 0.0}
     with pytest.raises(ScenarioError, match=r"stream.0.parcels.0 is 'a', which has a goal"):

@@ -60,13 +60,13 @@ def test_tasks_of_all_kinds_are_taken(task):
         ({"do": "sort", "cout": 1}, "task.0.cout is not a known key; did you mean count?"),
     ],
 )
-def test_what_cannot_be_done_is_refused_by_its_key(task, text):
+def test_an_impossible_task_is_refused_by_its_key(task, text):
     with pytest.raises(ScenarioError) as refused:
         scenario_from(program(task))
     assert text in str(refused.value)
 
 
-def test_what_is_named_may_be_moved_thereafter_and_not_before():
+def test_a_named_thing_may_be_moved_thereafter_and_not_before():
     name = {"do": "name", "parcel": "crate", "x_m": 0.1, "y_m": 0.0}
     move = {"do": "transport", "parcel": "crate", "x_m": -0.1, "y_m": 0.0}
     assert len(scenario_from(program(name, move)).task) == 2

@@ -19,7 +19,7 @@ def two_worlds(wheel):
 
 @pytest.mark.parametrize("wheel", [PAIR[:1], PAIR], ids=["one wheel", "two wheels"])
 @given(held_uv=st.lists(st.integers(-24_000_000, 24_000_000), min_size=1, max_size=24))
-def test_cells_move_the_world_as_their_voltages_do_and_sample_what_it_tells(wheel, held_uv):
+def test_cells_move_the_world_as_their_voltages_do_and_sample_its_readings(wheel, held_uv):
     world, plain = two_worlds(wheel)
     axes = len(wheel)
     voltage_uv = np.resize(np.array(held_uv, np.int32), (12, 2))
