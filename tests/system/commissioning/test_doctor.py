@@ -171,9 +171,10 @@ def test_wheels_that_turn_show_their_faults(array, capsys):
 def test_cells_and_settings_are_compared_with_a_file(array, tmp_path, capsys):
     array._cells[5]._objects.put(indices.GAIN, 0, 7_000)
     path = tmp_path / "array.toml"
-    listed = [(1, 1), (2, 3), (6, 6), (77, 77)]
+    listed = [(1, 1), (2, 3), (77, 77), (6, 6)]
     path.write_text(
         "".join(f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n' for serial, node in listed)
+        + "settings.axis1.gain = 13.0\n"
     )
     assert main(["doctor", "--array", str(path), *BUS]) == Exit.NODE_FAULT
     printed = capsys.readouterr()
@@ -183,6 +184,22 @@ def test_cells_and_settings_are_compared_with_a_file(array, tmp_path, capsys):
     assert "     node 6: axis1.gain is 7 V s/m, the file has 13 V s/m\n" in printed.out
     assert "   cure:  Release the stop and reset its module; measure 24 V at the" in printed.out
     assert "wheels were not turned" in printed.err
+
+
+def test_settings_that_a_run_has_left_are_no_finding(tmp_path, capsys):
+    bank = PythonBank(range(1, 19))
+    path = tmp_path / "array.toml"
+    path.write_text(
+        "".join(f'[[cell]]\nserial = "{node:08X}"\nnode = {node}\n' for node in range(1, 19))
+    )
+    with virtual_time(SimulatedArray(bank)):
+        for cell in bank._cells:
+            for gain in (indices.GAIN, indices.GAIN + indices.AXIS_OFFSET):
+                cell._objects.put(gain, 0, 9_000)
+        assert main(["doctor", "--array", str(path), *BUS]) == Exit.OK
+        assert "18 cells: 0 serious findings" in capsys.readouterr().out
+        bank._cells[4]._objects.put(indices.REVERSAL_TIME, 0, 1)
+        assert main(["doctor", "--array", str(path), *BUS]) == Exit.NODE_FAULT
 
 
 def test_an_empty_bus_is_a_finding_and_so_is_another_host(capsys):

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
 from mdms_array.checks import motor_of
+from mdms_array.host import settings_of
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
@@ -33,6 +34,7 @@ from mdms_host.commissioning.table_cells import (
 )
 from mdms_host.commissioning.wheel_turn import BusyError, refuse_busy
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Scenario
 
 
 def run(arguments: Namespace) -> Exit:
@@ -67,8 +69,9 @@ def run(arguments: Namespace) -> Exit:
 def _examine(
     table: Table, bus: TableBus, arguments: Namespace
 ) -> tuple[Examination, list[Finding]]:
-    """What one bus was found to be like."""
-    listed = None if table.file is None else _listed(table.file, bus.number)
+    """The examination of one bus, and its findings."""
+    scenario = load_scenario(arguments.scenario)
+    listed = None if table.file is None else _listed(table.file, bus.number, scenario)
     with open_commissioning(bus.options) as commissioning:
         examined = examine(commissioning, MonotonicClock())
         findings = diagnose(examined, listed, empty=arguments.empty)
@@ -93,9 +96,22 @@ def _absent(missing: Missing) -> Finding:
     return Finding(kind, missing.source, missing.node_ids, missing.bus or None)
 
 
-def _listed(file: ArrayFile, bus: int) -> dict[int, FiledCell]:
-    """The cells of the file on a bus, by serial number, whole. Raises ArrayFileError."""
-    return {cell.serial: steps.at_defaults(cell) for cell in placed_cells(file, bus=bus)}
+def _listed(file: ArrayFile, bus: int, scenario: Scenario) -> dict[int, FiledCell]:
+    """The cells of the file on a bus, by serial number, whole. Raises ArrayFileError.
+
+    Every run writes some settings by its scenario, and leaves them so. Of these the file counts
+    alone, and no default.
+    """
+    by_runs = {(each.index, each.sub) for each in settings_of(scenario.cell)}
+    listed = {}
+    for cell in placed_cells(file, bus=bus):
+        values = {
+            parameter: value
+            for parameter, value in steps.at_defaults(cell).values.items()
+            if parameter in cell.values or parameter.place not in by_runs
+        }
+        listed[cell.serial] = replace(cell, values=values)
+    return listed
 
 
 def _settings(
