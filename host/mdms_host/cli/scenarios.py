@@ -5,7 +5,7 @@ from argparse import Namespace
 from dataclasses import asdict
 from typing import Any
 
-from mdms_array.checks import MASSLESS, gain_limits
+from mdms_array.checks import MASSLESS, gain_limits, refuse_tipping
 from mdms_array.extras import COMPILER
 from mdms_array.host import command_figures
 from mdms_host.cli.exits import Exit
@@ -49,8 +49,12 @@ def scenarios(arguments: Namespace) -> Exit:
 
 
 def limits(arguments: Namespace) -> Exit:
-    """Print the paper's bounds for each parcel, the field's references, and the largest gain."""
+    """Print the paper's bounds for each parcel, the field's references, and the largest gain.
+
+    Raises `InputError` for a parcel that no run takes.
+    """
     scenario = load_scenario(arguments.scenario, arguments.overrides)
+    refuse_tipping(scenario)
     if COMPILER.missing and not all(is_paper_row(scenario, each) for each in scenario.parcel):
         say(f"mdms: without numba this takes minutes; pip install {COMPILER.requirement}")
     bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]

@@ -132,3 +132,10 @@ def test_gain_that_the_firmware_cannot_hold(mdms, tmp_path):
 )
 def test_bad_usage(mdms, tmp_path, arguments):
     assert_refused(mdms(*arguments), "--help", tmp_path)
+
+
+@pytest.mark.parametrize("verb", ["simulate", "limits"])
+def test_a_box_that_would_tip_is_refused_by_every_verb(capsys, verb):
+    small = ("--set", "parcel.0.width_m=0.12", "--set", "parcel.0.length_m=0.12")
+    assert main([verb, "array18", *small]) == 2
+    assert "would tip at its start" in capsys.readouterr().err

@@ -140,6 +140,15 @@ def plan_squeeze(arguments: Namespace) -> Exit:
         print(json.dumps(figures))
     else:
         print(*_report(figures), sep="\n")
+    widest_deg = max(WITHIN_DEG)
+    if trials is not None and not figures["trials"]["within"][str(widest_deg)]:
+        tried = figures["trials"]
+        raise CommandError(
+            f"in none of {tried['count']} trials the parcel came within {widest_deg} degrees of its "
+            f"yaw, and {tried['count'] - tried['ended']} tipped or left the table; this table "
+            "cannot turn it so: take another parcel or a finer table",
+            Exit.FAILURE,
+        )
     return Exit.OK
 
 

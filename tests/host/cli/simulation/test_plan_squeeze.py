@@ -80,6 +80,14 @@ def test_a_square_is_oriented_up_to_its_quarter_turn_and_that_is_said(capsys):
     assert "the polygon looks the same 4 times in a turn" in said
 
 
+def test_a_plan_that_turns_no_parcel_fails(capsys):
+    small = ["--corners", "0,0 0.16,0 0,0.16", "--poses", "3"]
+    assert main(["plan-squeeze", "array18", *small]) == 1
+    printed = capsys.readouterr()
+    assert "simulated from 3 random poses: 0% within 2" in printed.out
+    assert "in none of 3 trials the parcel came within 20 degrees of its yaw, and 2" in printed.err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
