@@ -144,8 +144,8 @@ def plan_squeeze(arguments: Namespace) -> Exit:
     if trials is not None and not figures["trials"]["within"][str(widest_deg)]:
         tried = figures["trials"]
         raise CommandError(
-            f"in none of {tried['count']} trials the parcel came within {widest_deg} degrees of its "
-            f"yaw, and {tried['count'] - tried['ended']} tipped or left the table; this table "
+            f"in none of {tried['count']} trials the parcel came within {widest_deg} degrees of "
+            f"its yaw, and {tried['count'] - tried['ended']} tipped or left the table; this table "
             "cannot turn it so: take another parcel or a finer table",
             Exit.FAILURE,
         )
