@@ -336,7 +336,7 @@ class Run:
     duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
     """Simulated time; of `mdms run` the time limit, without its bring-up."""
     step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
-    """Step of the samples (row), of the physics (ideal; firmware: 1 ms at most)."""
+    """Step of the samples (row), of the physics (ideal: 10 ms at most; firmware: 1 ms)."""
     seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
     """Seed of all that is drawn."""
     gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))

@@ -116,3 +116,10 @@ def test_refusals(overrides, expected):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("neighbours", overrides)
     assert expected in str(caught.value)
+
+
+def test_a_step_that_moves_parcels_elsewhere_is_refused():
+    ideal = ["run.fidelity='ideal'", "motion.field='inward'"]
+    load_scenario("array18", [*ideal, "run.step_s=0.01"])
+    with pytest.raises(ScenarioError, match=r"run.step_s is 0.5, but must be at most 0.01"):
+        load_scenario("array18", [*ideal, "run.step_s=0.5"])
