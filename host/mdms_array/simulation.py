@@ -24,7 +24,7 @@ from mdms_host.programs.table import Table
 from mdms_model.errors import InputError
 from mdms_model.log import LOG
 from mdms_model.run.folder import BUS_LOG, fresh_folder
-from mdms_model.run.record import MOST_SAMPLES, Record
+from mdms_model.run.record import MOST_SAMPLES, Record, exit_of, leaving
 from mdms_model.scenario.scenario import Scenario, Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
@@ -180,6 +180,7 @@ def _simulated(
         over=lambda: scenario.motion.field == "program" and _has_ended(coordinator),
         prepare=lambda simulation: _schedule_signals(simulation, scenario, coordinator.program),
     )
+    _take_exits_as_asked(outcome.record, scenario, coordinator.program)
     _add_reports(outcome.record, coordinator, plans)
     return outcome
 
@@ -210,6 +211,20 @@ def _poses(goals: Mapping[str, Goal]) -> dict[str, Pose]:
 
 def _has_ended(coordinator: Coordinator) -> bool:
     return coordinator.finished or coordinator.stuck is not None
+
+
+def _take_exits_as_asked(record: Record, scenario: Scenario, program: object) -> None:
+    """An exit that the program has asked for by its name is none of the wrong ones.
+
+    Names of parcels that come are the host's guess among those of a kind, so the kind counts.
+    """
+    asked = program.table.asked_exits if isinstance(program, TableProgram) else set()
+    kinds = {parcel.name: parcel.kind for parcel in scenario.parcel}
+    for number, event in enumerate(record.events):
+        if event.kind == "exit" and event.parcel is not None:
+            kind, name = kinds[event.parcel], exit_of(event)
+            if (kind, name) in asked:
+                record.events[number] = leaving(event.time_s, event.parcel, name, wrong=False)
 
 
 def _add_reports(record: Record, coordinator: Coordinator, plans: PlanLog) -> None:

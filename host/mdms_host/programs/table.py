@@ -64,6 +64,8 @@ class Table:
         self.expects = True
         self.gates: Mapping[str, Gate] = {gate.name: gate for gate in gates}
         self.newcomers: Newcomers | None = None
+        #: Kinds of parcels, each with an exit that was asked for by its name.
+        self.asked_exits: set[tuple[str, str]] = set()
         #: The orders of the plant around the table, and the exits that are full.
         self.orders = TableOrders()
         self._orders = orders
@@ -259,6 +261,8 @@ class Table:
             there = ", ".join(self.gates) or "none"
             raise ProgramError(f"no exit {name!r}; there are: {there}")
         gate = self.gates[name]
+        if exit is not None:
+            self.asked_exits.add((parcel.kind, exit))
         order = await self.orders.leave(parcel, gate, lambda goal: self._give(parcel, goal))
         _check_done(order)
 

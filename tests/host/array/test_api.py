@@ -248,3 +248,14 @@ def test_run_folders_are_named_by_strings_or_paths(tmp_path):
     assert mdms.read_run(tmp_path / "again").figures == stored.figures
     with pytest.raises(mdms.InputError, match="no such run folder"):
         mdms.read_run("nowhere")
+
+
+def test_an_exit_asked_for_by_its_name_is_no_wrong_one():
+    async def to_south(table):
+        for _ in range(2):
+            await (await table.arrival()).leave("south")
+
+    run = mdms.simulate("sort54", program=to_south, limit_s=20.0)
+    assert run.status == "reached"
+    assert run.figures["stream"]["by_exit"]["south"] == 2
+    assert run.figures["stream"]["wrong"] == 0
