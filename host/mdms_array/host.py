@@ -364,7 +364,7 @@ def refuse_unstoppable(scenario: Scenario) -> None:
         if mass_kg > stop.mass_kg:
             raise InputError(
                 f"{key} is {mass_kg:g}, but the table's emergency stop holds {stop.mass_kg:g} kg "
-                "at most (stop.mass_kg); leave that parcel out, or measure what the stop holds "
+                "at most (stop.mass_kg); leave that parcel out, or measure the limit of the stop "
                 "and state it"
             )
     if motion.field in ("goal", "program"):

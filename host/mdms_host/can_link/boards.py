@@ -3,7 +3,7 @@
 from mdms_protocol.update import codes
 
 NAMES = {
-    codes.UNKNOWN_BOARD: "a board that does not say what it is",
+    codes.UNKNOWN_BOARD: "a board without a name of its own",
     codes.TEENSY41: "Teensy 4.1",
     codes.WEACT_H743: "WeAct MiniSTM32H743",
     codes.PYBV11: "PYBv1.1",

@@ -384,7 +384,7 @@ COMMISSION = Verb(
 )
 DOCTOR = Verb(
     "doctor",
-    "what is wrong with an array, why, and what helps",
+    "faults of an array, with cause and cure",
     f"{_COMMISSION}.doctor:run",
     _add_doctor,
     late_options=_BUS,

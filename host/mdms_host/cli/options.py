@@ -60,7 +60,7 @@ def add_nodes(parser: ArgumentParser) -> None:
         "--nodes",
         choices=NODES,
         default="cpython",
-        help="what the cells' firmware runs on (default: cpython)",
+        help="the interpreter of the cells' firmware (default: cpython)",
     )
 
 

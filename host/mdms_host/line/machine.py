@@ -367,5 +367,5 @@ def _alarm(states: StateMachine, run: Coordinator | None) -> dict[str, str] | No
     cut = run is not None and "supply" in states.reason
     row = KINDS["supply-low"] if cut else None
     cause = row.cause if row else states.reason
-    cure = row.cure if row else "run `mdms doctor`, mend what it finds, then Clear and Reset"
+    cure = row.cure if row else "run `mdms doctor`, mend its findings, then Clear and Reset"
     return {"text": states.reason, "cause": cause, "cure": cure}

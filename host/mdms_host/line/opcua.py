@@ -136,7 +136,7 @@ LINE_METHODS = (
         "accept an order once by its key: the parcel goes to a pose [m, rad]; yaw NaN: as it comes",
     ),
     LineMethod("GetOrder", (("Key", _TEXT),), (("State", _TEXT), ("Text", _TEXT)), "how it stands"),
-    LineMethod("CancelOrder", (("Key", _TEXT),), (), "drop one that has not begun, or is in doubt"),
+    LineMethod("CancelOrder", (("Key", _TEXT),), (), "drop an order not begun, or in doubt"),
     LineMethod(
         "ParcelComing", (("Parcel", _TEXT), ("Kind", _TEXT)), (), "identity and kind by the scanner"
     ),

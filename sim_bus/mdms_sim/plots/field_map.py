@@ -201,7 +201,7 @@ def draw_field_map(
     draw = draw_row if len(field.y_m) == 1 else _draw_plane
     figure = draw(scenario, parcel, field, reference_m_s)
     height_in = figure.get_figheight()
-    title = f"{scenario.title}: what the field does to {parcel.name}"
+    title = f"{scenario.title}: effect of the field on {parcel.name}"
     figure.text(0.06, 1 - 0.42 / height_in, title, color=INK, fontsize=14, fontweight="bold")
     figure.text(0.06, 1 - 0.70 / height_in, _story(scenario, field), color=FAINT, fontsize=10)
     return figure

@@ -304,8 +304,8 @@ def _add_legend(figure: Figure, trials: Trials | None) -> None:
             ms=8,
             label="unstable",
         ),
-        Patch(fc=OPEN, ec=PUSH, label="what the step makes one, or few enough"),
-        Line2D([], [], ls="", marker="|", color=INK, ms=12, mew=2.2, label="what comes in"),
+        Patch(fc=OPEN, ec=PUSH, label="angles that the step brings together"),
+        Line2D([], [], ls="", marker="|", color=INK, ms=12, mew=2.2, label="angles that come in"),
         Patch(fc=f"{PLANNED}30", ec=PLANNED, label="as planned, every angle that is left"),
     ]
     if trials is not None:

@@ -127,7 +127,7 @@ class StrictSlcanCodec(SlcanCodec):
         for piece in _LINES.findall(data):
             answers += super().feed(piece)
             if not self._adapter.is_slcan:
-                raise GoneError("what it sends is no SLCAN")
+                raise GoneError("its bytes are no SLCAN")
         return answers
 
 

@@ -101,7 +101,7 @@ class Lateness:
         text = f"the machine is too busy: {late_ns / 1e9:.2f} s of the array's time were left out"
         if 2 * settling_ns > late_ns:
             text += (
-                f"; it took {settling_ns / 1e9:.2f} s to carry what was on the pseudo-terminal "
+                f"; it took {settling_ns / 1e9:.2f} s to carry the bytes on the pseudo-terminal "
                 "(python-can's `-i mdms` and --tcp do without)"
             )
         self._report(text)

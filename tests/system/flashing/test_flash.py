@@ -238,5 +238,5 @@ def test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start(
 def test_unknown_board_is_left_as_it_is(plug_in, capsys):
     board = plug_in(OLD.files)
     assert main(["flash", "--port", board.port]) == Exit.FAILURE
-    assert "--board says what it is like" in capsys.readouterr().err
+    assert "--board names a board like it" in capsys.readouterr().err
     board.wait_for("motors", "on old")

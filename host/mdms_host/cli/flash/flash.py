@@ -132,7 +132,7 @@ def _check_known(info: BoardInfo, told: str | None) -> None:
     if info.board and told not in (None, info.board):
         raise BoardError(f"it says that it is {info.machine}, not {told}")
     if info.board is None and told is None:
-        raise BoardError(f"there is no firmware for {info.machine}; --board says what it is like")
+        raise BoardError(f"there is no firmware for {info.machine}; --board names a board like it")
 
 
 def _compared(version: str) -> str:
@@ -182,11 +182,13 @@ def add_options(parser: ArgumentParser) -> None:
         "--bus", action="store_true", help="all cells on the CAN bus, if their boards have room"
     )
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--list", action="store_true", help="only show what is there, and restart it")
+    what.add_argument("--list", action="store_true", help="only show the boards, and restart them")
     what.add_argument("--dry-run", action="store_true", help="only print what would be written")
     parser.add_argument("--force", action="store_true", help="write every file, changed or not")
     parser.add_argument(
-        "--board", choices=tuple(MACHINES.values()), help="what a board is that does not say it"
+        "--board",
+        choices=tuple(MACHINES.values()),
+        help="the kind of an unnamed board",
     )
     parser.add_argument(
         "--jobs", metavar="N", type=_jobs, default=JOBS, help=f"boards at once (default {JOBS})"
