@@ -25,6 +25,7 @@ package(
         "indices.py",
         "neighbours/__init__.py",
         "neighbours/frames.py",
+        "neighbours/lost.py",
         "neighbours/precedence.py",
         "packed.py",
         "record.py",

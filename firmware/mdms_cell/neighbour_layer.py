@@ -17,13 +17,13 @@ from mdms_cell.perception.outline import Outline
 from mdms_cell.perception.place import DIRECTIONS, OWN, Place
 from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion
 from mdms_cell.perception.tracking import LOST_BEATS, Tracking
+from mdms_cell.rights.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 
 # isort: split
 from mdms_cell.canopen.objects import find
 from mdms_cell.motion.leading import Leading
 from mdms_cell.motion.pages import OUTDATED, Pages
 from mdms_cell.motion.program import next_sequence
-from mdms_cell.rights.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
 from mdms_cell.ticks import IDLE_MS, after, diff
 from mdms_protocol import indices
 from mdms_protocol.compat import const, micropython

@@ -137,7 +137,10 @@ def test_cell_that_falls_silent_keeps_no_other_from_its_firmware():
         (lambda: sign(PACKED, KEY, 1, 0), "another version of MicroPython"),
         (lambda: Bundle(bundle().head, bundle().data[:-1]), "not whole"),
         (lambda: Bundle(bundle().head, bytes(heads.HEAD_SIZE)), "no bundle"),
-        (lambda: Bundle(bundle().head, bundle().data[:-1] + b"x"), "differs from the signed bundle"),
+        (
+            lambda: Bundle(bundle().head, bundle().data[:-1] + b"x"),
+            "differs from the signed bundle",
+        ),
     ],
 )
 def test_refusal_of_a_cell_is_told_in_words(sent, reason):
