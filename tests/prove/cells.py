@@ -256,9 +256,14 @@ class Cell:
                     lies_here = over and state == right_of_way.UNDER
                     self._decider.hear(direction, identity if lies_here else 0)
             self._delivery.hand_over(self._decider)
-            self._decider.on_beat(given.over, given.wants, occupied)
-            found = self._decided[key] = self._snapshot(given)
+            heard = {direction for direction, _ in delivered}
+            found = self._decided[key] = self._beat(memory, heard, given, occupied)
         return found
+
+    def _beat(self, memory: Memory, heard: set[int], given: Input, occupied: bool) -> Memory:
+        """Let a beat pass after the estimates of some directions were handed over."""
+        self._decider.on_beat(given.over, given.wants, occupied)
+        return self._snapshot(given)
 
     def _restore(self, memory: Memory) -> None:
         decider = self._decider

@@ -83,32 +83,12 @@ class Beside(Cell):
             prompt = tuple(arrivals[:1] for arrivals in inbox)
             yield from super()._follow(number, prompt, given._replace(page=missed))
 
-    def _decide(
-        self,
-        memory: Memory,
-        delivered: tuple[tuple[int, Message], ...],
-        given: Input,
-        occupied: bool,
-    ) -> Memory:
-        key = (memory, delivered, given, occupied)
-        found = self._decided.get(key)
-        if found is None:
-            self.runs += 1
-            self._restore(memory)
-            silent = min(memory.lost[0] + 1, self._times.lost_beats)
-            for direction, message in delivered:
-                self._delivery.put(direction, message)
-                if direction == self._direction:
-                    silent = 0
-                if memory.unsure:
-                    identity, state, _, _, over = message
-                    lies_here = over and state == UNDER
-                    self._decider.hear(direction, identity if lies_here else 0)
-            self._delivery.hand_over(self._decider)
-            agrees, bump = self._take_page(given.page, silent)
-            self._decider.on_beat(given.over, given.wants, occupied)
-            found = self._decided[key] = self._beside(given, silent, agrees, bump)
-        return found
+    def _beat(self, memory: Memory, heard: set[int], given: Input, occupied: bool) -> Memory:
+        silent = 0 if self._direction in heard else memory.lost[0] + 1
+        silent = min(silent, self._times.lost_beats)
+        agrees, bump = self._take_page(given.page, silent)
+        self._decider.on_beat(given.over, given.wants, occupied)
+        return self._beside(given, silent, agrees, bump)
 
     def _take_page(self, page: tuple[int, int], silent: int) -> tuple[bool, int]:
         """Whether the cell agrees to what may have come, and by how many its number falls back."""

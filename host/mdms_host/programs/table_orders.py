@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from math import hypot
+from math import hypot, pi, radians, remainder
 from typing import TYPE_CHECKING, Any
 
 from mdms_host.motion.goal import Goal
@@ -118,12 +118,15 @@ class TableOrders:
     def expect(self, identity: str, kind: str = "") -> None:
         """The next parcel of a kind that comes has this identity; of any kind without one.
 
-        Raises ProgramError where very many are expected, and for an identity that is expected.
+        Raises ProgramError where very many are expected, and for an identity that is expected or
+        on the table: a scanner that reports a parcel twice does not name the next one.
         """
         if len(self._expected) >= MOST_EXPECTED:
             raise ProgramError(f"{identity}: {MOST_EXPECTED} parcels are expected already")
         if any(identity == each for each, _ in self._expected):
             raise ProgramError(f"{identity} is expected already")
+        if identity in self.identities.values():
+            raise ProgramError(f"{identity} is on the table already")
         self._expected.append((identity, kind))
 
     def take_reports(self) -> list[Report]:
@@ -296,9 +299,15 @@ def _before(parcel: TableParcel, gate: Gate) -> Goal:
 
 
 def _is_there(parcel: TableParcel, order: LineOrder) -> bool:
-    """Whether a parcel lies at the place of its order, within a centimetre."""
-    x_m, y_m, _ = parcel.pose
-    return hypot(x_m - (order.x_m or 0.0), y_m - (order.y_m or 0.0)) < 0.01
+    """Whether a parcel lies at the pose of its order, within a centimetre and 2 degrees.
+
+    Half a turn is left out: a box looks the same after it.
+    """
+    x_m, y_m, yaw_rad = parcel.pose
+    near = hypot(x_m - (order.x_m or 0.0), y_m - (order.y_m or 0.0)) < 0.01
+    if order.yaw_rad is None or parcel.is_round:
+        return near
+    return near and abs(remainder(yaw_rad - order.yaw_rad, pi)) < radians(2.0)
 
 
 def order_of(values: Mapping[str, Any]) -> LineOrder:
@@ -308,7 +317,7 @@ def order_of(values: Mapping[str, Any]) -> LineOrder:
         key, parcel = str(values["key"]), str(values["parcel"])
         exit, priority = values.get("exit") or None, int(values.get("priority", 0))
         order = LineOrder(key, parcel, exit, x_m, y_m, yaw_rad, priority)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ProgramError(f"an order that is none: {error}") from None
     if order.error is not None:
         raise ProgramError(order.error)

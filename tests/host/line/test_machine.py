@@ -6,6 +6,7 @@ import pytest
 from tests.host.line.virtual_line import VirtualLine
 
 from mdms_host.line.packml import Command, CommandRefusedError, State
+from mdms_host.programs.table_parcel import ProgramError
 
 pytestmark = pytest.mark.slow
 
@@ -167,3 +168,26 @@ def test_a_run_that_is_started_by_hand_moves_nothing_before_start(line) -> None:
     line.until_state(State.IDLE)
     line.pass_s(3.0)
     assert not line.moving()
+
+
+def test_a_scanner_that_reports_a_parcel_twice_does_not_name_the_next_one(line) -> None:
+    line.do("coming", parcel="P-1", kind="")
+    with pytest.raises(ProgramError, match="expected already"):
+        line.do("coming", parcel="P-1", kind="")
+    line.bring_to_execute()
+    line.until(lambda: "found" in line.events("P-1"), 10.0)
+    with pytest.raises(ProgramError, match="on the table already"):
+        line.do("coming", parcel="P-1", kind="")
+
+
+@pytest.mark.parametrize(("turned_rad", "arrived"), [(0.0, True), (0.1, False)])
+def test_an_order_in_doubt_is_confirmed_by_place_and_turn_alone(line, turned_rad, arrived) -> None:
+    line.command(Command.RESET)
+    line.until_state(State.IDLE)
+    line.until(lambda: bool(line.machine.snapshot()["parcels"]), 10.0)
+    (parcel,) = line.machine.snapshot()["parcels"]
+    x_m, y_m, yaw_rad = parcel["pose"]
+    pose = {"x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad + turned_rad}
+    line.do("in_doubt", **order("o1", parcel["parcel"], **pose))
+    line.pass_s(0.5)
+    assert line.of_order("o1") == (["arrived"] if arrived else [])
