@@ -335,7 +335,7 @@ def _truth(record: Record, number: int) -> dict[str, Any]:
 
 
 def _lifted(scenario: Scenario, record: Record, name: str, truth: dict[str, Any]) -> dict[str, Any]:
-    """What is true of a parcel at the end; in a hand it does not rest, wherever it was before."""
+    """The truth about a parcel at the end; a lifted one does not rest."""
     if truth and _is_lifted(scenario, name, float(record.time_s[-1])):
         return truth | {"at_rest": False, "lifted": True}
     return truth

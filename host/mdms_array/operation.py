@@ -129,7 +129,7 @@ def bus_log_in(folder: Path, belief: BelievedArray) -> Iterator[LogFrame]:
 
 
 def watch_program(coordinator: Coordinator, link: AnyLink, clock: Clock) -> None:
-    """Have a program that keeps the table waiting named as what was held up, in real time."""
+    """Name a program that keeps the table waiting as the cause of delays, in real time."""
     program = coordinator.program
     if clock.is_real and isinstance(program, TableProgram):
         program.driver.watch(

@@ -190,7 +190,7 @@ _PACKAGES = ("numpy", "numba", "python-can", "canopen", "mcap")
 
 
 def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
-    """From what a run of this process comes: command, revision, packages, program, array file."""
+    """The origin of a run of this process: command, revision, packages, program, array file."""
     told: dict[str, Any] = {"command": sys.argv, "revision": git_revision()}
     told["packages"] = {}
     for name in _PACKAGES:

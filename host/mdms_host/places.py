@@ -1,4 +1,4 @@
-"""What cells are told of their places in an array, in the integers of the object table.
+"""The places of cells in an array, in the integers of the object table.
 
 Cells of a layout are numbered from 1, along x first. Values are by (index, sub-index).
 """
@@ -19,14 +19,14 @@ _RANK = (indices.LEASE, 4)
 
 
 def is_place(place: Place) -> bool:
-    """Whether an entry is where a cell stands, who is next to it, or its turn to take over SYNC."""
+    """Whether an entry is a cell's place, its neighbours, or its turn to take over SYNC."""
     return place[0] in (indices.PLACE, indices.NEIGHBOURS) or place == _RANK
 
 
 def place_values(layout: Layout, number: int) -> dict[Place, int]:
-    """Where a cell stands, who is next to it, and its turn to take over SYNC.
+    """A cell's place, its neighbours, and its turn to take over SYNC.
 
-    Raises `OutOfRangeError` for what does not fit the table.
+    Raises `OutOfRangeError` for values that do not fit the table.
     """
     row, column = divmod(number - 1, layout.columns)
     x_m, y_m = layout.cell_positions_m[number - 1].tolist()
@@ -49,7 +49,10 @@ def place_values(layout: Layout, number: int) -> dict[Place, int]:
 
 
 def wheel_values(layout: Layout) -> dict[Place, int]:
-    """Where the wheels of a cell touch, and along what they push. Raises `OutOfRangeError`."""
+    """The contact points of a cell's wheels, and the directions of their pushes.
+
+    Raises `OutOfRangeError`.
+    """
     values: dict[Place, int] = {}
     for axis, wheel in enumerate(layout.wheels):
         x_m, y_m = wheel.offset_m

@@ -198,8 +198,8 @@ class Pages:
     def _on_lost(self, data):
         """A page of the host about a lost cell: answer it, if it is about a neighbour.
 
-        If it is about this cell itself, the cell is back, and knows nothing of what has come over
-        its square: it is as after a restart.
+        If it is about this cell itself, the cell is back, and does not know the parcels that have
+        come over its square: it is as after a restart.
         """
         place, rights = self._place, self._rights
         kind, number, identity = lost.kind_of(data), lost.number_of(data), data[lost.IDENTITY]

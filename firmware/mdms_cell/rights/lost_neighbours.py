@@ -7,8 +7,8 @@ counts as promised to the parcel. It counts for a part of a lease after the cell
 The host begins a round within the other part of it. So no agreement is ever older than a lease,
 whatever delays the frames. A cell that has agreed keeps its own promise for a lease.
 
-What the lost cell itself says counts for nothing until the host revokes the declaration: it may
-come back with a memory from before.
+The lost cell's own word counts for nothing until the host revokes the declaration: it may come back
+with a memory from before.
 """
 
 from array import array

@@ -273,7 +273,7 @@ class RightOfWay:
         _clear_the_wheels(registers, said, wants)
 
     def _speak_for_the_lost(self):
-        """Have lost neighbours say what the host has declared.
+        """Have lost neighbours speak as the host has declared.
 
         A lost neighbour counts as under its only parcel: it asks a cell under none, and is promised
         to a cell under that parcel.

@@ -146,11 +146,11 @@ class OnEachBus:
         self._participants[bus].on_frame(frame, now_s)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
-        """What the only one wants to send now."""
+        """The frames that the only one has to send now."""
         return self._participants[0].poll(now_s)
 
     def poll_buses(self, now_s: float) -> Iterable[BusFrame]:
-        """What those that are due want to send now."""
+        """The frames of those that are due now."""
         for bus, each in enumerate(self._participants):
             if each.wake_s <= now_s:
                 yield from ((bus, frame) for frame in each.poll(now_s))

@@ -40,7 +40,7 @@ class Attendants:
         self._table = table
 
     def __call__(self) -> None:
-        """Carry out what has been asked for, and show what is due."""
+        """Carry out commands, and show snapshots that are due."""
         self.page()
         if self.line is None or self.failure is not None:
             return
@@ -119,7 +119,7 @@ def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = 
 def _slot_and_table(
     belief: BelievedArray, link: AnyLink, clock: Clock, main: Main | None
 ) -> tuple[RunSlot, LiveTable]:
-    """The host's place, and what a page shows of it."""
+    """The host's place, and its part of a page."""
 
     def make() -> Coordinator:
         coordinator = coordinator_of(

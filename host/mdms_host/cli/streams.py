@@ -62,7 +62,7 @@ def open_streams() -> None:
 
 @contextmanager
 def kept_for_json(json: bool) -> Iterator[None]:
-    """Have what a program prints go to stderr, if stdout is to have one JSON object alone."""
+    """Send the prints of a program to stderr, if stdout is to have one JSON object alone."""
     if not json:
         yield
         return

@@ -316,7 +316,7 @@ def ranges(numbers: Iterable[int]) -> str:
 
 
 def operational_text(node_ids: Collection[int]) -> str:
-    """What to do about nodes that are operational, and whose wheels may turn."""
+    """Advice about nodes that are operational, and whose wheels may turn."""
     if len(node_ids) == 1:
         return f"node {ranges(node_ids)} is operational; turn it off first: mdms stop"
     return (

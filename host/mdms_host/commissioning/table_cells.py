@@ -126,7 +126,7 @@ def _listed(file: ArrayFile, number: int) -> frozenset[int]:
 def _buses(
     options: Namespace, names: Sequence[str], file: ArrayFile | None
 ) -> tuple[TableBus, ...]:
-    """The buses of these channels; without any the one that the options name."""
+    """The buses of these channels; without any the bus of the options."""
 
     def bus(number: int, name: str | None) -> TableBus:
         given = {} if name is None else {"channel": name}

@@ -26,7 +26,7 @@ class LineError(Error):
 class Line:
     """A table's place in a line; close it when done.
 
-    Whoever drives the table calls `attend` as often as it can. Nothing of it waits. `settings` are
+    The driver of the table calls `attend` as often as it can. Nothing of it waits. `settings` are
     those of the servers. Raises `LineError`.
     """
 

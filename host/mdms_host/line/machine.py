@@ -51,7 +51,7 @@ _STARVED = "no parcel comes"
 
 @dataclass(slots=True)
 class Figures:
-    """What has been produced: parcels in, out by exit, and those that were lost."""
+    """The production so far: parcels in, out by exit, and those that were lost."""
 
     parcels_in: int = 0
     parcels_lost: int = 0
@@ -230,7 +230,7 @@ class Machine:
         return None
 
     def _ended(self, run: Coordinator | None, now_s: float) -> tuple[Command, str]:
-        """How the machine goes on without a run, or with one that has failed."""
+        """The machine's way on without a run, or with one that has failed."""
         fault = None if run is None else self._fault(run, now_s)
         if fault is not None:
             return Command.ABORT, fault

@@ -38,7 +38,7 @@ class Registers(Protocol):
         ...
 
     async def write(self, address: int, values: list[int]) -> None:
-        """Write registers, and do what they ask for. Raises `ModbusError`."""
+        """Write registers, and carry out their requests. Raises `ModbusError`."""
         ...
 
 

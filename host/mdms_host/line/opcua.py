@@ -290,7 +290,7 @@ class OpcUaServer:
         return self._refusing(commanded)
 
     def _refusing(self, method: Callable[..., Awaitable[Any]]) -> Any:
-        """The method; what is refused has a status of its own, and its reason is an event."""
+        """The method; a refusal has a status of its own, and its reason is an event."""
 
         async def call(parent: ua.NodeId, *arguments: ua.Variant) -> Any:
             try:

@@ -44,7 +44,7 @@ class OrderBookError(Error):
 
 
 class OrderBook:
-    """The book in a file; whatever a method returns is on the disk by then.
+    """The book in a file; the result of a method is on the disk by then.
 
     Raises `OrderBookError` for a file that is none, is of another version, or is open elsewhere.
     """
@@ -126,7 +126,7 @@ class OrderBook:
         return OrderState.ACCEPTED, True
 
     def change(self, key: str, state: OrderState, text: str = "") -> None:
-        """An order has another state; one that is closed stays as it is."""
+        """An order has another state; a closed one stays as it is."""
         closed = ", ".join("?" * len(CLOSED))
         self._connection.execute(
             "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? "

@@ -1,7 +1,7 @@
 """The state machine of a machine in a line: PackML, as in ISA-TR88.00.02 and OPC 30050.
 
-It knows nothing of tables. States that act end by `Done`, when the table has done what they stand
-for. There is one table of transitions.
+It knows nothing of tables. States that act end by `Done`, when the table has done their work. There
+is one table of transitions.
 """
 
 from dataclasses import dataclass, field

@@ -1,4 +1,5 @@
-"""What all protocols serve: the machine's last snapshot, the orders, and requests to the machine.
+"""The content of all protocols: the machine's last snapshot, the orders, and requests to the
+machine.
 
 It runs in the process of the servers. An order is on the disk before it is acknowledged.
 """
@@ -157,7 +158,7 @@ class Plant:
         self._write({"open": addresses})
 
     async def listen(self) -> None:
-        """Take in what the table says, until it is gone."""
+        """Take in the messages of the table, until it is gone."""
         while line := await self._reader.readline():
             message = json.loads(line)
             if "snapshot" in message:

@@ -57,7 +57,7 @@ async def _fail(writer: asyncio.StreamWriter, text: str) -> None:
 async def _open(
     plant: Plant, settings: dict[str, Any], tasks: "list[asyncio.Task[None]]"
 ) -> list[str]:
-    """Open the servers; returns their addresses, and adds what has to run beside them."""
+    """Open the servers; returns their addresses, and adds the tasks that run beside them."""
     addresses, host = [], settings["host"]
     if settings["modbus"] is not None:
         modbus = ModbusServer(PlantRegisters(plant))

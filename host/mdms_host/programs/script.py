@@ -199,7 +199,7 @@ class Script:
 
 @contextmanager
 def _dropped_coroutines() -> Iterator[list[str]]:
-    """Yield a list that has, in the end, what there is to say of coroutines that nobody awaited.
+    """Yield a list that has, in the end, the messages of coroutines that nobody awaited.
 
     Python warns of each where it is dropped; other warnings go their way.
     """
@@ -238,7 +238,7 @@ def place_of(error: BaseException) -> str | None:
 
 
 def failure_text(error: BaseException) -> str:
-    """What there is to say of an error that has ended a program, with its place."""
+    """The message of an error that has ended a program, with its place."""
     if isinstance(error, ScriptError):
         return str(error)
     where = place_of(error)

@@ -72,7 +72,7 @@ class LineOrder:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What has happened to a parcel: found, under way, arrived, left, refused or lost."""
+    """An event of a parcel: found, under way, arrived, left, refused or lost."""
 
     event: str
     parcel: str

@@ -203,7 +203,7 @@ def write_run(
 ) -> None:
     """Fill a folder with the record, its pictures and, last, `meta.json`.
 
-    `provenance` says from what the run has come: command, revision, packages, program, array file.
+    `provenance` names the origin of the run: command, revision, packages, program, array file.
 
     A picture is drawn of any run, an animation where cells steered, or the host several parcels;
     `save_picture` goes by the name of its file.
@@ -229,7 +229,7 @@ def write_run(
 
 
 def _record_file() -> ModuleType:
-    """What reads and writes record files. Raises `Error` without its extra.
+    """The writer and reader of record files. Raises `Error` without its extra.
 
     A caller that only names the files of a run folder does without it.
     """

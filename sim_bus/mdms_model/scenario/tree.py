@@ -117,7 +117,7 @@ def _number(kind: Any, value: Any, limit: Mapping[str, Any], key: str) -> Any:
 
 
 def degrees_hint(value: float) -> str:
-    """What an angle would be that was written in degrees."""
+    """The radians of an angle that was written in degrees."""
     return f"; {value:g} degrees are {math.radians(value):.4g} rad"
 
 

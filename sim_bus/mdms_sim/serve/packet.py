@@ -20,7 +20,7 @@ _DATA_MAX = 8
 
 
 def greeting(bitrate: int) -> bytes:
-    """What a server of a bus says first."""
+    """The first message of a server of a bus."""
     return HELLO + _BITRATE.pack(bitrate)
 
 

@@ -145,12 +145,12 @@ def _connect(channel: str) -> tuple[socket.socket, int]:
 
 
 def _error_frame() -> can.Message:
-    """What a controller reports of a frame at another bit rate than its own."""
+    """The report of a controller about a frame at another bit rate than its own."""
     return can.Message(timestamp=epoch_now_s(), is_error_frame=True, is_extended_id=False)
 
 
 def _no_bus(channel: str, error: OSError) -> str:
-    """That nothing is served under a name, and what is."""
+    """Nothing is served under a name; the message lists the served ones."""
     names = sorted(path.stem for path in packet.runtime_folder().glob("*.sock"))
     buses = [name for name in names if name.rpartition(".")[0] == channel]
     if buses:

@@ -1,4 +1,4 @@
-"""The table that a command's options name, and what it says where cells of it are missing."""
+"""The table of a command's options, and the message about missing cells."""
 
 from argparse import Namespace
 from collections.abc import Sequence
