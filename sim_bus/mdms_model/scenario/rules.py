@@ -161,8 +161,8 @@ def _check_steered_parcel(parcel: Parcel, key: str) -> None:
 
 MOST_STEPS = 100_000_000
 #: The longest step of the `ideal` fidelity [s]. A box of `array18` then ends 2 s of a field within
-#: 1.2 mm and 0.4 degrees of its pose with a tenth of the step. With 0.1 s that is 4.5 mm, and with
-#: 0.5 s 52 mm and 15 degrees.
+#: 1.2 mm and 0.4 degrees of its pose with a tenth of the step. Steps of 0.5 s end 40 mm away and
+#: more (`test_ideal`).
 IDEAL_STEP_MOST_S = 0.01
 #: A sample of a wheel takes about 50 bytes.
 MOST_SAMPLES = 50_000_000

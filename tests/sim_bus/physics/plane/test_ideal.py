@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mdms_model.fields import command_of
 from mdms_model.run.record import Contact
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.rules import IDEAL_STEP_MOST_S
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
 from mdms_sim.physics.plane.ideal import run_ideal, solve_ideal
 from mdms_sim.physics.plane.world import World
@@ -86,3 +88,29 @@ def test_a_run_ends_where_a_parcel_tips():
     assert record.events[-1].kind == "tip"
     assert record.time_s[-1] <= record.events[-1].time_s < 20.0
     assert len(record.pose) == len(record.time_s) == len(record.contact)
+
+
+def end_of_field(step_s, *, yaw_rad=0.0):
+    """Pose of the box of array18 after 2 s of the inward field, in steps of any length."""
+    moved = ["motion.field='inward'", f"parcel.0.yaw_rad={yaw_rad}", "run.duration_s=2.0"]
+    scenario = load_scenario("array18", moved)
+    run = replace(scenario.run, fidelity="ideal", step_s=step_s)
+    scenario = replace(scenario, run=run)
+    return solve_ideal(scenario, command_of(scenario).set_m_s).pose[-1, 0]
+
+
+def steps_differ(step_s, **box):
+    """How far the end lies from that with a tenth of the step [mm; degrees]."""
+    off = end_of_field(step_s, **box) - end_of_field(step_s / 10, **box)
+    return 1e3 * np.hypot(off[0], off[1]), np.degrees(abs(off[2]))
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.2, 0.4])
+def test_the_longest_step_that_is_allowed_ends_near_a_tenth_of_it(yaw_rad):
+    off_mm, off_deg = steps_differ(IDEAL_STEP_MOST_S, yaw_rad=yaw_rad)
+    assert off_mm < 1.2
+    assert off_deg < 0.4
+
+
+def test_a_step_far_beyond_it_ends_elsewhere():
+    assert steps_differ(0.5)[0] > 40.0
