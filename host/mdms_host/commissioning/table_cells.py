@@ -42,7 +42,7 @@ class TableBus:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class TableBuses:
     """The buses that a command is about; `share` says which part of the table they are, if any.
 
     `file` is the array file, None without one.
@@ -68,7 +68,7 @@ class Table:
         return self.buses[0].options
 
 
-def table_of(arguments: Namespace) -> Table:
+def table_of(arguments: Namespace) -> TableBuses:
     """The table that `--array` and python-can's options name.
 
     A bit rate of the file counts where the options have none. Raises ArrayFileError.
@@ -77,7 +77,7 @@ def table_of(arguments: Namespace) -> Table:
     channel: str | None = getattr(arguments, "channel", None)
     if path is None:
         served, share = _served_names(arguments)
-        return Table(_buses(arguments, served, None), None, share)
+        return TableBuses(_buses(arguments, served, None), None, share)
     file = read_array(path)
     if not file.cells:
         raise ArrayFileError(f"{path}: lists no [[cell]], so no cell can be missed")
@@ -93,19 +93,19 @@ def table_of(arguments: Namespace) -> Table:
     if channel is None:
         if names is None and file.bus_count > 1:
             names = channels_of(channel, file.bus_count)
-        return Table(_buses(options, names or (), file), file)
+        return TableBuses(_buses(options, names or (), file), file)
     number = _number_of(channel, file)
     if number is None:
-        return Table(_buses(options, channels_of(channel, file.bus_count), file), file)
+        return TableBuses(_buses(options, channels_of(channel, file.bus_count), file), file)
     one = TableBus(options, channel, number, _listed(file, number))
     if file.bus_count == 1:
-        return Table((one,), file)
+        return TableBuses((one,), file)
     cells = len(_listed(file, number))
     share = (
         f"{channel} is bus {number} of the {file.bus_count} of {path}: {cells} of its "
         f"{len(file.cells)} cells"
     )
-    return Table((one,), file, share)
+    return TableBuses((one,), file, share)
 
 
 def _number_of(channel: str, file: ArrayFile) -> int | None:

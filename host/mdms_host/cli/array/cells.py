@@ -32,7 +32,7 @@ from mdms_host.commissioning.status import (
     status_table,
 )
 from mdms_host.commissioning.stop import not_off_text, stop_buses
-from mdms_host.commissioning.table_cells import Heard, Missing, Table, missing_cells
+from mdms_host.commissioning.table_cells import Heard, Missing, TableBuses, missing_cells
 
 #: Ten heartbeats at their default period.
 LISTEN_S = 1.0
@@ -67,7 +67,7 @@ def scan(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _heard(table: Table, number: int, nodes: Sequence[FoundNode]) -> Heard:
+def _heard(table: TableBuses, number: int, nodes: Sequence[FoundNode]) -> Heard:
     """The cells among the nodes of a bus; one that cannot be read may be one."""
     there = [node for node in nodes if node.is_cell or node.identity is None]
     return Heard(
@@ -146,11 +146,13 @@ def stop(arguments: Namespace) -> Exit:
     return Exit.OK
 
 
-def _over(table: Table) -> str:
+def _over(table: TableBuses) -> str:
     return f" on {len(table.buses)} buses" if table.is_split else ""
 
 
-def _missing_of(table: Table, models: Sequence[StatusModel], cells: int | None) -> list[Missing]:
+def _missing_of(
+    table: TableBuses, models: Sequence[StatusModel], cells: int | None
+) -> list[Missing]:
     return missing_cells(
         [
             Heard(bus, frozenset(row.node_id for row in model.rows(0.0)), model.neighbours)
@@ -180,7 +182,7 @@ def _nodes(rows: Sequence[CellStatus]) -> str:
     )
 
 
-def _rows(table: Table, models: Sequence[StatusModel], now_s: float) -> list[CellStatus]:
+def _rows(table: TableBuses, models: Sequence[StatusModel], now_s: float) -> list[CellStatus]:
     return [
         replace(row, bus=bus.name if table.is_split else None)
         for bus, model in zip(table.buses, models, strict=True)
@@ -203,7 +205,9 @@ def _show_link(link: AnyLink) -> None:
         say(f"frames: {counts}")
 
 
-def _show_live(table: Table, models: Sequence[StatusModel], link: AnyLink, clock: Clock) -> None:
+def _show_live(
+    table: TableBuses, models: Sequence[StatusModel], link: AnyLink, clock: Clock
+) -> None:
     """Redraw the table until somebody presses Ctrl-C."""
     due_s = clock.now_s()
     with Live(auto_refresh=False) as live:

@@ -6,10 +6,10 @@ from dataclasses import asdict
 
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.table_cells import Missing, Table, table_of
+from mdms_host.commissioning.table_cells import Missing, TableBuses, table_of
 
 
-def named_table(arguments: Namespace) -> Table:
+def named_table(arguments: Namespace) -> TableBuses:
     """The table that the options name; if that is one of its buses alone, it is said.
 
     Raises `CommandError` for node ids where there are several buses, each with ids of its own.

@@ -27,8 +27,8 @@ from mdms_host.commissioning.status import NEIGHBOURS
 from mdms_host.commissioning.table_cells import (
     Heard,
     Missing,
-    Table,
     TableBus,
+    TableBuses,
     how_known,
     missing_cells,
 )
@@ -67,7 +67,7 @@ def run(arguments: Namespace) -> Exit:
 
 
 def _examine(
-    table: Table, bus: TableBus, arguments: Namespace
+    table: TableBuses, bus: TableBus, arguments: Namespace
 ) -> tuple[Examination, list[Finding]]:
     """The examination of one bus, and its findings."""
     scenario = load_scenario(arguments.scenario)
