@@ -16,8 +16,9 @@ from mdms_model.scenario.file import read_tree
 
 ROW = read_tree("paper-fig7") | {"run": {"duration_s": 0.2, "fidelity": "row"}}
 OVER = {"motion.speed_m_s": [0.02, 0.03, 0.04, 0.05]}
-MEASURES = """
-import os, signal
+MEASURES = '''
+import os, signal, time
+from itertools import count
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -36,11 +37,24 @@ def kills_once(run):
         os.kill(os.getpid(), signal.SIGKILL)
     return 1.0
 
+NUMBERS = count(1)
+
+def takes_turns(run):
+    """The first two runs of a worker each wait until another worker has begun as many."""
+    number = next(NUMBERS)
+    (HERE / f"{number}-{os.getpid()}.begun").touch()
+    end_s = time.monotonic() + 60.0
+    while number <= 2 and len(list(HERE.glob(f"{number}-*.begun"))) < 2:
+        if (HERE / "alone").exists() or time.monotonic() > end_s:
+            break
+        time.sleep(0.01)
+    return 1.0
+
 def kills_always(run):
     if run.scenario.motion.speed_m_s == 0.03:
         os.kill(os.getpid(), signal.SIGKILL)
     return 1.0
-"""
+'''
 
 
 @pytest.fixture
@@ -91,8 +105,9 @@ def dask(*arguments, shown):
 
 
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_table_though_a_worker_is_killed(measure):
-    measures = [measure("place_m"), "slipping_share"]
+def test_a_cluster_gives_the_same_table_though_a_worker_is_killed(measure, tmp_path):
+    # By the tenth run both workers have ended one.
+    measures = [measure("place_m"), "slipping_share", measure("takes_turns")]
     over = {"motion.speed_m_s": [0.01 * number for number in range(1, 9)]}
 
     def swept(**more):
@@ -116,6 +131,7 @@ def test_a_cluster_gives_the_same_table_though_a_worker_is_killed(measure):
                 result = swept(executor=executor, progress=kill)
             assert first.wait(10) == -signal.SIGKILL
             assert second.poll() is None
+    (tmp_path / "alone").touch()
     workers = {row["worker"] for row in result.rows}
     assert len(workers) == 2
     assert len(result.rows) == len(lasting(result.rows)) == 40
