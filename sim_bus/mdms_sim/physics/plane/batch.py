@@ -196,6 +196,7 @@ class Batch:
         presence = np.zeros((tables, len(self.tables.first) - 1), np.uint8)
         self._moves = Moves(0, 0, 0.0, True, np.zeros((tables, wheels)), done, report, presence)
         self._move = self._compiled(move_in_turn if threads == 1 else move_on_threads)
+        self._sense = for_types_of(sense, self.tables, 0, presence)
         self._pose, self._twist = np.zeros((2, tables, len(scenarios[0].parcel), 3))
         self._read = for_types_of(read_all_poses, self.tables, self._pose, self._twist)
 
@@ -278,10 +279,10 @@ class Batch:
         """Presence bits (N, cells) as last read: without delay, noise and faults."""
         return self._moves.presence
 
-    def sense(self) -> None:
-        """Read the presence sensors of all tables now."""
-        for k in range(len(self.worlds)):
-            sense(self.tables, k, self._moves.presence)
+    def sense(self, k: int | None = None) -> None:
+        """Read the presence sensors of table k now; None: of all."""
+        for each in range(len(self.worlds)) if k is None else (k,):
+            self._sense(self.tables, each, self._moves.presence)
 
     @property
     def motion(self) -> tuple[Floats, Floats]:

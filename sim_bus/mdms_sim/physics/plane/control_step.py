@@ -88,7 +88,11 @@ class PresenceSensors:
         body, now = scene.model.parcels, scene.state.parcels
         presence_bits(self._places, body, now, scene.model.edges, bits)
         # A fault is at the sensor's output, behind its delay and its noise.
-        return self._hold(self._disturb(self._late(bits, now_s)))
+        return self.misread(self._late(bits, now_s))
+
+    def misread(self, bits: Bits) -> Bits:
+        """The bits as sensors with noise and faults show them."""
+        return self._hold(self._disturb(bits))
 
     def state(self) -> SenseState:
         """The state that the next readings depend on."""
