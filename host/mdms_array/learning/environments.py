@@ -117,8 +117,8 @@ class Episode:
         self.tables.move(reference_m_s)
         self._done += 1
         judgement = self.task.judge(self.tables)
-        faults = [self.tables.fault(k) for k in range(len(self._done))]
-        if any(faults):
+        faults = self.tables.faults
+        if faults:
             judgement.ended = judgement.ended | np.array([fault is not None for fault in faults])
             judgement.infos["fault"] = np.array(faults, dtype=object)
         return judgement, self._done >= self._most

@@ -11,7 +11,7 @@ from mdms_array.host import coordinator_of
 from mdms_host.coordination.run_state import Phase
 from mdms_host.motion.program import FieldProgram
 from mdms_model.array import build_wheels
-from mdms_model.arrays import Bits, Floats
+from mdms_model.arrays import Bits, Bools, Floats
 from mdms_model.errors import Error, InputError
 from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.scenario import Scenario
@@ -57,8 +57,14 @@ class Tables(Protocol):
         """True poses and twists of the parcels (N, P, 3); NaN for those that are away."""
         ...
 
-    def fault(self, k: int) -> str | None:
-        """Why table k does not go on; None while it does."""
+    @property
+    def tipped(self) -> Bools:
+        """Which have a parcel that has tipped off its supports (N,)."""
+        ...
+
+    @property
+    def faults(self) -> "list[str | None]":
+        """Why tables do not go on; empty while all do."""
         ...
 
     def close(self) -> None:
@@ -88,6 +94,8 @@ class IdealTables:
         self._begun = [*scenarios]
         self._starts: list[WorldState] = [world.state() for world in self._batch.worlds]
         self._noisy = cell.sensor_noise > 0.0
+        #: Poses and twists, once they have been read since the last step.
+        self._motion: tuple[Floats, Floats] | None = None
 
     @property
     def worlds(self) -> Sequence[World]:
@@ -105,10 +113,12 @@ class IdealTables:
             world.restore(self._starts[k])
             world.put_back(scenario.parcel)
         self._batch.sense(k)
+        self._motion = None
 
     def move(self, reference_m_s: Floats) -> None:
         """See `Tables`."""
         self._batch.step_ideal(reference_m_s, self._step_s, self._steps, self._sensed)
+        self._motion = None
 
     @property
     def presence(self) -> Bits:
@@ -127,11 +137,19 @@ class IdealTables:
     @property
     def motion(self) -> tuple[Floats, Floats]:
         """See `Tables`."""
-        return self._batch.motion
+        if self._motion is None:
+            self._motion = self._batch.motion
+        return self._motion
 
-    def fault(self, k: int) -> str | None:
+    @property
+    def tipped(self) -> Bools:
+        """See `Tables`."""
+        return self._batch.tipped
+
+    @property
+    def faults(self) -> list[str | None]:
         """See `Tables`; a model has none."""
-        return None
+        return []
 
     def close(self) -> None:
         """See `Tables`."""
@@ -197,10 +215,16 @@ class FirmwareTables:
         poses, twists = zip(*(table.simulation.world.motion for table in self._up), strict=True)
         return np.array(poses), np.array(twists)
 
-    def fault(self, k: int) -> str | None:
+    @property
+    def tipped(self) -> Bools:
         """See `Tables`."""
-        table = self._tables[k]
-        return None if table is None else table.coordinator.fault
+        return np.array([world.scene.state.parcels["tipped"].any() for world in self.worlds])
+
+    @property
+    def faults(self) -> list[str | None]:
+        """See `Tables`."""
+        faults = [table.coordinator.fault for table in self._up]
+        return faults if any(faults) else []
 
     def close(self) -> None:
         """See `Tables`."""

@@ -50,16 +50,13 @@ class Task(Protocol):
         ...
 
 
-def tipped(tables: Tables) -> Bools:
-    """Which tables have a parcel that has tipped off its supports."""
-    return np.array([world.scene.state.parcels["tipped"].any() for world in tables.worlds])
-
-
-def shown(pose: Floats, twist: Floats) -> tuple[Floats, Floats]:
-    """Poses as x, y, cosine and sine (..., 4), and twists (..., 3); 0 for what is away."""
-    x_y, yaw_rad = pose[..., :2], pose[..., 2:]
-    poses = np.concatenate([x_y, np.cos(yaw_rad), np.sin(yaw_rad)], axis=-1)
-    return np.nan_to_num(poses), np.nan_to_num(twist)
+def as_seen(pose: Floats) -> Floats:
+    """Poses (..., 3) as x, y, cosine and sine of the yaw (..., 4)."""
+    seen = np.empty((*pose.shape[:-1], 4))
+    seen[..., :2] = pose[..., :2]
+    np.cos(pose[..., 2], out=seen[..., 2])
+    np.sin(pose[..., 2], out=seen[..., 3])
+    return seen
 
 
 def wrapped(angle_rad: Floats) -> Floats:
@@ -77,7 +74,10 @@ class ParcelTask:
     sizes: Mapping[str, tuple[int, ...]] = {"pose": (4,), "twist": (3,), "goal": (4,)}
 
     def __init__(self, scenario: Scenario, tables: int) -> None:
+        if scenario.exit or scenario.stream:
+            raise InputError("parcels come or go in this scenario; take mdms/Sort-v0 for it")
         self._goal, self._distance_m = np.zeros((tables, 3)), np.zeros(tables)
+        self._goal_seen = as_seen(self._goal)
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
         """See `Task`. Raises `InputError` for a parcel without a goal."""
@@ -85,6 +85,7 @@ class ParcelTask:
         if goal is None:
             raise InputError(f"parcel {scenario.parcel[0].name!r} has no goal; give it one")
         self._goal[k] = goal.x_m, goal.y_m, goal.yaw_rad
+        self._goal_seen[k] = as_seen(self._goal[k])
         self._distance_m[k] = self._errors(tables)[2][k]
 
     def _errors(self, tables: Tables) -> tuple[Floats, Floats, Floats]:
@@ -100,7 +101,7 @@ class ParcelTask:
         twist = tables.motion[1][:, 0]
         stands = abs(twist[:, 0]) + abs(twist[:, 1]) + YAW_M_PER_RAD * abs(twist[:, 2])
         reached = (place_m <= REACHED_M) & (yaw_rad <= REACHED_RAD) & (stands <= REACHED_M_S)
-        fallen = tipped(tables)
+        fallen = tables.tipped
         reward = self._distance_m - distance_m + 1.0 * reached - 1.0 * fallen
         self._distance_m = distance_m
         infos: dict[str, Any] = {"reached": reached, "tipped": fallen}
@@ -110,9 +111,7 @@ class ParcelTask:
     def seen(self, tables: Tables) -> dict[str, Floats]:
         """See `Task`."""
         pose, twist = tables.motion
-        poses, twists = shown(pose[:, 0], twist[:, 0])
-        goal, _ = shown(self._goal, twist[:, 0])
-        return {"pose": poses, "twist": twists, "goal": goal}
+        return {"pose": as_seen(pose[:, 0]), "twist": twist[:, 0], "goal": self._goal_seen}
 
 
 class SortTask:
@@ -157,7 +156,7 @@ class SortTask:
         # One that comes or goes has no way in this step.
         nearer_m = np.nansum(self._left_m - distances_m, axis=1)
         self._left_m = distances_m
-        fallen = tipped(tables)
+        fallen = tables.tipped
         reward = nearer_m + (self._right - self._wrong - before) - 1.0 * fallen
         infos = {"sorted": self._right.copy(), "wrong": self._wrong.copy(), "tipped": fallen}
         return Judgement(reward, fallen, infos)
@@ -165,9 +164,8 @@ class SortTask:
     def seen(self, tables: Tables) -> dict[str, Floats]:
         """See `Task`."""
         pose, twist = tables.motion
-        poses, twists = shown(pose, twist)
         here = ~np.isnan(pose[..., 0])
-        poses[~here] = 0.0
+        poses, twists = (np.where(here[..., None], each, 0.0) for each in (as_seen(pose), twist))
         exits_m = np.broadcast_to(self._exit_m, (*here.shape, 2))
         return {"on_table": 1.0 * here, "pose": poses, "twist": twists, "exit_m": exits_m}
 

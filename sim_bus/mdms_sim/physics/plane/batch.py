@@ -198,6 +198,11 @@ class Batch:
         self._move = self._compiled(move_in_turn if threads == 1 else move_on_threads)
         self._sense = for_types_of(sense, self.tables, 0, presence)
         self._pose, self._twist = np.zeros((2, tables, len(scenarios[0].parcel), 3))
+        # Fields of record arrays are slow to come by, and these stay where they are.
+        self._away, self._tipped = (
+            np.asarray(self.tables.parcel_states[name]) for name in ("away", "tipped")
+        )
+        self._speed = np.asarray(self.tables.wheel_states["speed_m_s"])
         self._read = for_types_of(read_all_poses, self.tables, self._pose, self._twist)
 
     def _compiled(self, function: Callable[..., None]) -> Callable[..., None]:
@@ -291,15 +296,19 @@ class Batch:
         The arrays are filled anew by the next call.
         """
         self._read(self.tables, self._pose, self._twist)
-        away = self.tables.parcel_states["away"] != 0
-        if away.any():
-            self._pose[away] = self._twist[away] = np.nan
+        if self._away.any():
+            self._pose[self._away != 0] = self._twist[self._away != 0] = np.nan
         return self._pose, self._twist
 
     @property
     def wheel_speed_m_s(self) -> Floats:
         """Surface speeds of the wheels (N, W)."""
-        return np.array(self.tables.wheel_states["speed_m_s"])
+        return np.array(self._speed)
+
+    @property
+    def tipped(self) -> NDArray[np.bool_]:
+        """Which tables (N,) have a parcel that has tipped off its supports."""
+        return np.asarray(self._tipped.any(axis=1))
 
 
 def _room(world: World, tables: int, edges: int) -> Tables:
