@@ -34,7 +34,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 Policy = Callable[[Array, float], Array]
 
 TRAINING_SEED, TEST_SEED = 1, 2
-POPULATION, CASES, GENERATIONS = 16, 16, 60
+POPULATION, CASES, GENERATIONS = 16, 16, 150
 TESTS = 64
 DURATION_S, MOST_M_S = 6.0, 0.5
 #: The fields get the best of these, on polygons of the training.

@@ -72,8 +72,7 @@ class Episode:
         if fidelity == "firmware":
             self.tables = FirmwareTables([base] * tables)
         else:
-            edges = sum(max(len(each.corners_m), 4) for each in base.parcel)
-            self.tables = IdealTables([base] * tables, threads, max(edges, 16))
+            self.tables = IdealTables([base] * tables, threads)
         self.task = task(base, tables)
 
     @property

@@ -23,6 +23,8 @@ from mdms_sim.simulation import Simulation, addresses_of, open_bank
 PERIOD_S = 0.01
 #: Cells come up within this, or something is wrong with them [s].
 BRING_UP_S = 20.0
+#: The outlines of the parcels of a table have so many edges at most.
+MOST_EDGES = 64
 FIDELITIES = ("ideal", "firmware")
 
 
@@ -78,8 +80,10 @@ class IdealTables:
     A table that begins with the same cells and outlines as before only puts its parcels back.
     """
 
-    def __init__(self, scenarios: Sequence[Scenario], threads: int, most_edges: int) -> None:
+    def __init__(self, scenarios: Sequence[Scenario], threads: int) -> None:
         run, cell = scenarios[0].run, scenarios[0].cell
+        self._common = run.step_s, cell.sensor_delay_s
+        self._refuse(scenarios[0])
         self._steps = max(1, round(PERIOD_S / run.step_s))
         self._step_s = PERIOD_S / self._steps
         late = round(cell.sensor_delay_s / self._step_s)
@@ -90,7 +94,7 @@ class IdealTables:
             )
         #: Sensors show what was there so many steps ago.
         self._sensed = self._steps - late
-        self._batch = Batch(scenarios, threads=threads, most_edges=most_edges)
+        self._batch = Batch(scenarios, threads=threads, most_edges=MOST_EDGES)
         self._begun = [*scenarios]
         self._starts: list[WorldState] = [world.state() for world in self._batch.worlds]
         self._noisy = cell.sensor_noise > 0.0
@@ -104,6 +108,7 @@ class IdealTables:
 
     def begin(self, k: int, scenario: Scenario) -> None:
         """See `Tables`."""
+        self._refuse(scenario)
         if _placed(scenario, self._begun[k]) is None:
             self._begun[k] = scenario
             self._starts[k] = self._batch.replace(k, scenario).state()
@@ -114,6 +119,17 @@ class IdealTables:
             world.put_back(scenario.parcel)
         self._batch.sense(k)
         self._motion = None
+
+    def _refuse(self, scenario: Scenario) -> None:
+        """Raises `InputError` for a scenario that these tables cannot be."""
+        firmware = "take fidelity='firmware'"
+        if scenario.fault:
+            raise InputError(f"fault is given, but the ideal fidelity has none; {firmware}")
+        if (scenario.run.step_s, scenario.cell.sensor_delay_s) != self._common:
+            raise InputError(
+                "run.step_s or cell.sensor_delay_s is drawn for each episode, but tables of the "
+                f"ideal fidelity share them; {firmware}"
+            )
 
     def move(self, reference_m_s: Floats) -> None:
         """See `Tables`."""

@@ -70,6 +70,7 @@ TOPICS = {
     "researcher": ("docs/researcher.md", "from the paper to the code"),
     "experiments": ("docs/experiments.md", "experiments and benchmarks"),
     "sweeps": ("docs/sweeps.md", "many settings and seeds, tuning"),
+    "learning": ("docs/learning.md", "environments for learning"),
     "command": ("docs/command.md", "verbs, exit codes, run folders"),
     "scenarios": ("docs/scenarios.md", "every key of a scenario"),
     "programs": ("docs/programs.md", "tasks, and programs in Python"),

@@ -10,10 +10,15 @@ from gymnasium.utils.env_checker import check_env
 import mdms_array as mdms
 import mdms_array.learning
 from mdms_array.extras import LEARN
+from mdms_array.learning.actions import Actions
 from mdms_array.learning.episodes import Episodes
 from mdms_array.learning.tasks import REACHED_M, REACHED_RAD
+from mdms_model.array import build_wheels
 from mdms_model.errors import Error, InputError
+from mdms_model.fields import references_m_s as field_m_s
+from mdms_model.motor import drive_of
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.motion import Part
 from mdms_model.scenario.scenario import ScenarioError
 
 PARCEL, SORT = "mdms/Parcel-v0", "mdms/Sort-v0"
@@ -94,6 +99,47 @@ def test_each_of_many_tables_does_what_one_does_alone(threads, more):
             over = end or limit
             assert same({key: each[k] for key, each in after.items()}, own)
             assert (rewards[k], ended[k], late[k]) == (reward, end, limit)
+
+
+def test_cells_with_firmware_follow_the_actions():
+    env = gymnasium.make(PARCEL, fidelity="firmware", most_m_s=0.2).unwrapped
+    seen, _ = env.reset(seed=1)
+    away = ~seen["presence"].reshape(18, 5).any(axis=1)
+    action = np.tile([1.0, -0.5], 18).astype(np.float32)
+    for _ in range(40):
+        seen, *_ = env.step(action)
+    speeds = seen["wheel_speed_m_s"].reshape(18, 2)[away]
+    ratios = speeds / (0.2 * np.array([1.0, -0.5]) * drive_of(env.episode.scenario.cell).droop)
+    assert len(speeds) > 2
+    assert ratios == pytest.approx(np.ones_like(ratios), rel=0.1)
+    env.close()
+
+
+@pytest.mark.parametrize("field", ["uniform", "rotate", "inward", "squeeze", "elliptic", "linear"])
+def test_an_action_of_a_field_is_that_field(field):
+    scenario = load_scenario("array18")
+    actions = Actions(scenario, field, 0.4)
+    chosen = np.random.default_rng(1).uniform(-1, 1, (3, len(actions.names)))
+    references_m_s = actions.references_m_s(chosen)
+    assert references_m_s.shape == (3, 36)
+    for action, own_m_s in zip(chosen, references_m_s, strict=True):
+        shares = dict(zip(actions.names, action, strict=True))
+        wheels = build_wheels(scenario)
+        edge_m = abs(wheels.position_m).max(axis=0)
+        reach_m = np.hypot(*wheels.position_m.T).max()
+        part = Part(
+            field,
+            speed_m_s=0.4 * shares.get("speed_m_s", 0.0),
+            heading_rad=np.pi * shares.get("heading_rad", 0.0),
+            ratio=0.5 + 0.5 * shares.get("ratio", 0.0),
+            centre_m=tuple(edge_m * [shares.get(f"centre_m.{n}", 0.0) for n in (0, 1)]),
+            velocity_m_s=tuple(0.4 * shares.get(f"velocity_m_s.{n}", 0.0) for n in (0, 1)),
+            gradient_per_s=tuple(
+                tuple(0.4 / reach_m * shares.get(f"gradient_per_s.{n}", 0.0) for n in row)
+                for row in ((0, 1), (2, 3))
+            ),
+        )
+        np.testing.assert_allclose(own_m_s, field_m_s(part, wheels), atol=1e-12)
 
 
 def test_a_step_is_a_control_period_of_the_table():
@@ -247,6 +293,19 @@ def test_options_that_make_no_environment_are_refused(options, message):
 def test_a_key_that_leads_nowhere_is_refused_when_the_environment_is_made():
     with pytest.raises(ScenarioError, match="frictoin"):
         gymnasium.make(PARCEL, randomise={"cell.frictoin": [0.1]})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"randomise": {"cell.sensor_delay_s": [0.002]}}, "is drawn for each episode"),
+        ({"scenario": {"scenario": "array18", "fault": [{"kind": "loss"}]}}, "has none; take fid"),
+        ({"scenario": "sort54"}, "take mdms/Sort-v0"),
+    ],
+)
+def test_scenarios_that_the_model_cannot_be_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        gymnasium.make(PARCEL, **options).reset()
 
 
 def test_a_scenario_without_exits_sorts_nothing():
