@@ -39,10 +39,10 @@ def test_features_show_place_and_angle_of_what_lies_on_the_sensors(example):
     table = example["TABLE"]
     places = sensor_places_m(table.array, table.cell).reshape(-1, 2)
     turn = 0.3
-    arms = (places - [0.10, -0.03]) @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    covered = (abs(arms) < [0.22, 0.12]).all(axis=1)
+    arms = (places - [0.06, 0.01]) @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    covered = (abs(arms) < [0.20, 0.08]).all(axis=1)
     x, y, angle, one = example["features"](covered[None].astype(np.int8))[0]
-    assert (x / 10, y / 10) == pytest.approx((0.10, -0.03), abs=0.02)
+    assert (x / 10, y / 10) == pytest.approx((0.06, 0.01), abs=0.02)
     assert angle == pytest.approx(turn, abs=0.08)
     assert one == 1.0
 
