@@ -6,7 +6,7 @@ one run, and the shortest of some trials counts.
 """
 
 import os
-from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,12 @@ from mdms_sim.physics.plane.world import World
 Row = dict[str, Any]
 
 TABLES = (1, 16, 256, 4096)
-#: Steps of all tables in one trial, and of one table in one call: a control period.
-TRIAL, PERIOD = 100_000, 10
-REPEATS = 7
+#: Steps of a table in one call: a control period.
+PERIOD = 10
+#: A trial is one call, so short that others who use the processor leave some trials alone.
+TRIALS = 60
+#: After so many trials all tables begin anew: later they would have lost their boxes.
+ANEW = 20
 THREADS = min(2, os.cpu_count() or 1)
 
 
@@ -54,38 +57,26 @@ def row(name: str, ours: float, peer: float) -> Row:
 
 def rates_of(scenario: Scenario, reference: Floats, tables: int) -> dict[int, float]:
     """Steps of tables per second by threads; 0 has those of worlds one by one."""
-    periods = max(1, TRIAL // PERIOD // tables)
-    worlds = [World(scenario) for _ in range(min(tables, 64))]
+    worlds = [World(scenario) for _ in range(min(tables, 16))]
     drive = np.tile(reference, (tables, 1))
     batches = {threads: Batch([scenario] * tables, threads=threads) for threads in {1, THREADS}}
-    starts = {threads: batch.worlds[0].state() for threads, batch in batches.items()}
+    start = worlds[0].state()
 
     def one_by_one() -> None:
         for world in worlds:
-            for _ in range(TRIAL // 10 // len(worlds)):
+            for _ in range(PERIOD):
                 world.step_ideal(reference, STEP_S)
-            world.restore(start)
 
-    def together(threads: int) -> Callable[[], None]:
-        batch = batches[threads]
-
-        def trial() -> None:
-            for _ in range(periods):
-                batch.step_ideal(drive, STEP_S, steps=PERIOD)
-
-        return trial
-
-    start = worlds[0].state()
     best = dict.fromkeys((0, *batches), np.inf)
-    for _ in range(REPEATS):
-        best[0] = min(best[0], best_of(1, one_by_one))
+    for trial in range(TRIALS):
+        if trial % ANEW == 0:
+            for world in (*worlds, *(each for batch in batches.values() for each in batch.worlds)):
+                world.restore(start)
+        best[0] = min(best[0], best_of(1, one_by_one) / len(worlds))
         for threads, batch in batches.items():
-            for world in batch.worlds:
-                world.restore(starts[threads])
-            best[threads] = min(best[threads], best_of(1, together(threads)))
-    own = TRIAL // 10 // len(worlds) * len(worlds)
-    steps = dict.fromkeys(batches, periods * PERIOD * tables)
-    return {0: own / best[0]} | {each: steps[each] / best[each] for each in batches}
+            together = partial(batch.step_ideal, drive, STEP_S, PERIOD)
+            best[threads] = min(best[threads], best_of(1, together) / tables)
+    return {threads: PERIOD / best_s for threads, best_s in best.items()}
 
 
 def mujoco_rate(scenario: Scenario, reference: Floats, tables: int) -> float:
@@ -100,10 +91,12 @@ def mujoco_rate(scenario: Scenario, reference: Floats, tables: int) -> float:
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data[0], state, kind)
-    steps = max(PERIOD, 4_000 // tables)
+    steps = max(PERIOD, 1_000 // tables)
     drive = drive_of(scenario.cell).droop * reference / scenario.cell.wheel_radius_m
     control = np.tile(drive, (tables, steps, 1))
     states = np.tile(state, (tables, 1))
     with Rollout(nthread=THREADS) as rollout:
-        took_s = best_of(3, lambda: rollout.rollout(model, data, states, control))
+        took_s = best_of(
+            5 if tables > 1000 else 20, lambda: rollout.rollout(model, data, states, control)
+        )
     return steps * tables / took_s
