@@ -1,7 +1,7 @@
 """A policy is trained to square random polygons up, and is compared with fields and the host.
 
 The policy sees presence sensors alone. It moves the table as one rigid field, by 12 numbers that
-CMA-ES has found. `inward` and `squeeze` see nothing. The host's closed loop knows the outline.
+CMA-ES improves. `inward` and `squeeze` see nothing. The host's closed loop knows the outline.
 
 pip install 'mdms-array[learn,sim]' cmaes
 python examples/squaring.py [FOLDER [GENERATIONS]]
@@ -34,8 +34,9 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 Policy = Callable[[Array, float], Array]
 
 TRAINING_SEED, TEST_SEED = 1, 2
-POPULATION, CASES, GENERATIONS = 16, 16, 150
-TESTS = 64
+POPULATION, CASES, GENERATIONS = 12, 12, 40
+#: Polygons of the training for the speeds of the fields, and those of the test.
+TRIALS, TESTS = 32, 64
 DURATION_S, MOST_M_S = 6.0, 0.5
 #: The fields get the best of these, on polygons of the training.
 SPEEDS_M_S = (0.03, 0.06, 0.1, 0.2, 0.5)
@@ -43,7 +44,10 @@ TABLE = load_scenario("array18")
 #: Places of the sensors, by cell, then by sensor (90, 2).
 PLACES_M = sensor_places_m(TABLE.array, TABLE.cell).reshape(-1, 2)
 INFOS = ("reached", "position_error_m", "yaw_error_rad")
-COLOURS = {"inward": "#999999", "squeeze": "#e69f00", "trained": "#0072b2", "host": "#d55e00"}
+COLOURS = {
+    **{"inward": "#999999", "squeeze": "#e69f00", "untrained": "#56b4e9"},
+    **{"trained": "#0072b2", "host": "#d55e00"},
+}
 
 
 # Polygons -----------------------------------------------------------------------------------------
@@ -128,7 +132,11 @@ def features(presence: Array) -> Array:
     return np.column_stack([10 * middle, angle, np.ones(len(angle))])
 
 
-def trained(numbers: Array) -> Policy:
+#: The policy before training: back to the middle and to the angle 0, in proportion.
+START = -0.4 * np.eye(3, 4).ravel()
+
+
+def steered(numbers: Array) -> Policy:
     """Velocity and yaw rate of a rigid field, linear in the features; 12 numbers a table."""
     gains = numbers.reshape(-1, 3, 4)
     return lambda presence, _: np.einsum("nij,nj->ni", gains, features(presence))
@@ -184,13 +192,13 @@ def run(cases: list[Scenario], action: str, policy: Policy, copies: int = 1) -> 
 
 def train(generations: int) -> tuple[Array, list[float]]:
     """The best numbers found, and the best sum of rewards of each generation."""
-    search = CMA(np.zeros(12), 0.3, seed=TRAINING_SEED, population_size=POPULATION)
+    search = CMA(START, 0.1, seed=TRAINING_SEED, population_size=POPULATION)
     chance = np.random.default_rng(TRAINING_SEED)
     history = []
     for generation in range(generations):
         cases = [polygon(chance) for _ in range(CASES)]
         asked = [search.ask() for _ in range(POPULATION)]
-        result = run(cases, "twist", trained(np.repeat(asked, CASES, axis=0)), POPULATION)
+        result = run(cases, "twist", steered(np.repeat(asked, CASES, axis=0)), POPULATION)
         worth = result["reward"].reshape(POPULATION, CASES).mean(axis=1)
         search.tell([(numbers, -float(own)) for numbers, own in zip(asked, worth, strict=True)])
         history.append(float(worth.mean()))
@@ -200,7 +208,7 @@ def train(generations: int) -> tuple[Array, list[float]]:
 
 def best_speed(name: str) -> float:
     """The speed at which a field earns most on polygons of the training [m/s]."""
-    cases = polygons(TRAINING_SEED, 2 * CASES)
+    cases = polygons(TRAINING_SEED, TRIALS)
     worth = {speed: run(cases, name, FIELDS[name](speed))["reward"].mean() for speed in SPEEDS_M_S}
     best = max(worth, key=worth.__getitem__)
     print(f"{name}: best at {best:g} m/s")
@@ -226,8 +234,8 @@ def by_host(cases: list[Scenario]) -> dict[str, Array]:
 
 
 def draw(results: dict[str, dict[str, Array]], history: list[float], path: Path) -> None:
-    """Errors of all tests, and the history of the training."""
-    figure = Figure(figsize=(9.0, 3.4), dpi=150, layout="constrained")
+    """Errors of all tests with the bounds of the goal (dotted), and the history of the training."""
+    figure = Figure(figsize=(9.0, 3.6), dpi=150, layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     for name, result in results.items():
         for axes, errors in (
@@ -241,9 +249,9 @@ def draw(results: dict[str, dict[str, Array]], history: list[float], path: Path)
         (middle, np.degrees(REACHED_RAD), "error of angle at the end [degrees]"),
     ):
         axes.axvline(limit, color="black", lw=0.8, ls=":")
-        axes.set(xlabel=label, ylim=(0.0, 1.02), xscale="log")
+        axes.set(xlabel=label, ylim=(0.0, 1.02), xscale="log", xlim=(0.01, None))
     left.set_ylabel("share of polygons up to this error")
-    left.legend(frameon=False, loc="upper left")
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=len(COLOURS))
     right.plot(np.arange(len(history)) + 1, history, color=COLOURS["trained"])
     right.set(xlabel="generation", ylabel="mean sum of rewards")
     for axes in (left, middle, right):
@@ -258,7 +266,8 @@ def main(folder: Path, generations: int) -> None:
     cases = polygons(TEST_SEED, TESTS)
     results = {
         **{name: run(cases, name, field(best_speed(name))) for name, field in FIELDS.items()},
-        "trained": run(cases, "twist", trained(np.tile(numbers, (TESTS, 1)))),
+        "untrained": run(cases, "twist", steered(np.tile(START, (TESTS, 1)))),
+        "trained": run(cases, "twist", steered(np.tile(numbers, (TESTS, 1)))),
         "host": by_host(cases),
     }
     for name, result in results.items():

@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from mdms_array.experiments.settings import integers, uniform
+from mdms_array.experiments.settings import check_count, integers, uniform
 from mdms_array.learning.actions import Actions
 from mdms_array.learning.episodes import Episodes, open_scenario
 from mdms_array.learning.tables import (
@@ -61,6 +61,7 @@ class Episode:
             raise InputError(
                 f"duration_s is {duration_s!r}, but must be {PERIOD_S:g} to {LONGEST_S:g} seconds"
             )
+        check_count("threads", threads)
         self._episodes = Episodes(scenario, randomise)
         base = self._episodes.base
         self.actions = Actions(base, action, most_m_s)

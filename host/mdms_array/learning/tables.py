@@ -109,14 +109,14 @@ class IdealTables:
     def begin(self, k: int, scenario: Scenario) -> None:
         """See `Tables`."""
         self._refuse(scenario)
-        if _placed(scenario, self._begun[k]) is None:
-            self._begun[k] = scenario
-            self._starts[k] = self._batch.replace(k, scenario).state()
-            self._noisy = self._noisy or scenario.cell.sensor_noise > 0.0
-        else:
+        if _alike(scenario, self._begun[k]):
             world = self._batch.worlds[k]
             world.restore(self._starts[k])
             world.put_back(scenario.parcel)
+        else:
+            self._starts[k] = self._batch.replace(k, scenario).state()
+            self._begun[k] = scenario
+            self._noisy = self._noisy or scenario.cell.sensor_noise > 0.0
         self._batch.sense(k)
         self._motion = None
 
@@ -171,14 +171,15 @@ class IdealTables:
         """See `Tables`."""
 
 
-def _placed(scenario: Scenario, other: Scenario) -> Scenario | None:
-    """The scenario, if its parcels alone lie elsewhere than in the other; None if more differs."""
-    pairs = zip(scenario.parcel, other.parcel, strict=True)
+def _alike(scenario: Scenario, other: Scenario) -> bool:
+    """Whether two scenarios differ by poses and goals of their parcels at most."""
+    if len(scenario.parcel) != len(other.parcel):
+        return False
     there = tuple(
         replace(one, x_m=two.x_m, y_m=two.y_m, yaw_rad=two.yaw_rad, goal=two.goal)
-        for one, two in pairs
+        for one, two in zip(scenario.parcel, other.parcel, strict=True)
     )
-    return scenario if replace(scenario, parcel=there) == other else None
+    return replace(scenario, parcel=there) == other
 
 
 class FirmwareTables:

@@ -254,6 +254,9 @@ def test_an_episode_may_be_given():
     seen, _ = many.reset(seed=1, options={"scenarios": [None, given]})
     assert seen["pose"][1, 0] == np.float32(0.07)
     assert seen["pose"][0, 0] != np.float32(0.07)
+    two = load_scenario("swap2")
+    with pytest.raises(InputError, match="its array differs from that of the first table"):
+        one.reset(options={"scenario": two})
     with pytest.raises(InputError, match="1 are given, but there are 2 tables"):
         many.reset(options={"scenarios": [given]})
 
@@ -281,6 +284,7 @@ def test_sensors_are_late_and_noisy_as_the_scenario_says():
         ({"action": "goal"}, "action is 'goal', but must be 'wheels' or a field: uniform, "),
         ({"most_m_s": 0.0}, "most_m_s is 0.0, but must be above 0"),
         ({"duration_s": 0.0}, "duration_s is 0.0, but must be 0.01 to 3600 seconds"),
+        ({"threads": 0}, "threads is 0, but must be a whole number"),
         ({"randomise": {"cell.friction": 0.3}}, "a distribution, such as mdms_array.uniform"),
         ({"scenario": "nowhere"}, "nowhere: no such scenario file"),
     ],

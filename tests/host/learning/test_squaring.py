@@ -9,8 +9,6 @@ import pytest
 from mdms_model.array import sensor_places_m
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "squaring.py"
-#: Back to the middle, and back to the angle 0, in proportion.
-STEADY = np.array([[-0.5, 0, 0, 0], [0, -0.5, 0, 0], [0, 0, -0.5, 0]], float)
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +47,8 @@ def test_features_show_place_and_angle_of_what_lies_on_the_sensors(example):
 
 def test_a_policy_that_sees_sensors_earns_more_than_a_field(example):
     cases = example["polygons"](7, 12)
-    numbers = np.tile(STEADY.ravel(), (12, 1))
-    steered = example["run"](cases, "twist", example["trained"](numbers))
+    numbers = np.tile(example["START"], (12, 1))
+    steered = example["run"](cases, "twist", example["steered"](numbers))
     blind = example["run"](cases, "inward", example["inward"](0.2))
     assert np.median(steered["yaw_error_rad"]) < 0.5 * np.median(blind["yaw_error_rad"])
     assert steered["reward"].mean() > blind["reward"].mean() + 0.1
@@ -58,7 +56,7 @@ def test_a_policy_that_sees_sensors_earns_more_than_a_field(example):
 
 def test_training_test_and_picture_go_on_to_the_end(example, tmp_path):
     small = example["main"].__globals__
-    small.update(POPULATION=4, CASES=2, TESTS=2)
+    small.update(POPULATION=4, CASES=2, TRIALS=2, TESTS=2)
     example["main"](tmp_path, 2)
     assert (tmp_path / "squaring.png").stat().st_size > 10_000
     assert "results" in (tmp_path / "squaring.json").read_text()

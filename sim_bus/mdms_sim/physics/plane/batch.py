@@ -187,6 +187,7 @@ class Batch:
             raise InputError("scenarios: there are none; a batch has one table or more")
         self.threads = threads
         self.worlds = [World(scenario) for scenario in scenarios]
+        self._first = scenarios[0]
         edges = max(len(world.scene.model.edges) for world in self.worlds)
         self.tables = _room(self.worlds[0], len(self.worlds), max(edges, most_edges))
         for k, world in enumerate(self.worlds):
@@ -211,13 +212,14 @@ class Batch:
 
     def replace(self, k: int, scenario: Scenario) -> World:
         """Put another table in place k. Raises `InputError` for one of another shape."""
-        self.worlds[k] = world = World(scenario)
+        world = World(scenario)
         self._settle(k, world)
+        self.worlds[k] = world
         return world
 
     def _settle(self, k: int, world: World) -> None:
         """Move the arrays of a world to place k."""
-        _check_alike(self.worlds[0].scenario, world.scenario, k)
+        _check_alike(self._first, world.scenario, k)
         scene: Scene = _plain(scene_of)(self.tables, k)
         room, edges = len(scene.model.edges), world.scene.model.edges
         if len(edges) > room:
@@ -347,8 +349,8 @@ def _check_alike(one: Scenario, other: Scenario, k: int) -> None:
     ):
         if shape(one) != shape(other):
             raise InputError(
-                f"table {k}: its {name} differs from that of table 0; a batch has tables of one "
-                "shape, so make another batch for it"
+                f"table {k}: its {name} differs from that of the first table; a batch has tables of "
+                "one shape, so make another batch for it"
             )
 
 

@@ -168,10 +168,15 @@ def test_exits_take_parcels_as_in_a_world_alone():
 
 
 def test_tables_of_different_shapes_are_refused():
-    with pytest.raises(InputError, match="table 1: its array differs from that of table 0"):
+    with pytest.raises(InputError, match="table 1: its array differs from that of the first table"):
         Batch([plane(BOX), plane(BOX, columns=5)])
     with pytest.raises(InputError, match="table 1: its number of parcels differs"):
         Batch([plane(BOX), plane(BOX, replace(BOX, name="b", x_m=0.2))])
+    batch = Batch([plane(BOX)])
+    world = batch.worlds[0]
+    with pytest.raises(InputError, match="table 0: its array differs from that of the first table"):
+        batch.replace(0, plane(BOX, columns=5))
+    assert batch.worlds[0] is world
     with pytest.raises(InputError, match="there are none"):
         Batch([])
 
