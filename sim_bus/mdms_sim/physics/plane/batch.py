@@ -349,8 +349,8 @@ def _check_alike(one: Scenario, other: Scenario, k: int) -> None:
     ):
         if shape(one) != shape(other):
             raise InputError(
-                f"table {k}: its {name} differs from that of the first table; a batch has tables of "
-                "one shape, so make another batch for it"
+                f"table {k}: its {name} differs from that of the first table; a batch has tables"
+                " of one shape, so make another batch for it"
             )
 
 
