@@ -1,7 +1,7 @@
 """A policy is trained to square random polygons up, and is compared with fields and the host.
 
 The policy sees presence sensors alone. It moves the table as one rigid field, by 12 numbers that
-CMA-ES improves. `inward` and `squeeze` see nothing. The host's closed loop knows the outline.
+CMA-ES finds. `inward` and `squeeze` see nothing. The host's closed loop knows the outline.
 
 pip install 'mdms-array[learn,sim]' cmaes
 python examples/squaring.py [FOLDER [GENERATIONS]]
@@ -34,7 +34,7 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 Policy = Callable[[Array, float], Array]
 
 TRAINING_SEED, TEST_SEED = 1, 2
-POPULATION, CASES, GENERATIONS = 12, 12, 40
+POPULATION, CASES, GENERATIONS = 16, 16, 60
 #: Polygons of the training for the speeds of the fields, and those of the test.
 TRIALS, TESTS = 32, 64
 DURATION_S, MOST_M_S = 6.0, 0.5
@@ -45,7 +45,7 @@ TABLE = load_scenario("array18")
 PLACES_M = sensor_places_m(TABLE.array, TABLE.cell).reshape(-1, 2)
 INFOS = ("reached", "position_error_m", "yaw_error_rad")
 COLOURS = {
-    **{"inward": "#999999", "squeeze": "#e69f00", "untrained": "#56b4e9"},
+    **{"inward": "#999999", "squeeze": "#e69f00", "proportional": "#56b4e9"},
     **{"trained": "#0072b2", "host": "#d55e00"},
 }
 
@@ -132,8 +132,8 @@ def features(presence: Array) -> Array:
     return np.column_stack([10 * middle, angle, np.ones(len(angle))])
 
 
-#: The policy before training: back to the middle and to the angle 0, in proportion.
-START = -0.4 * np.eye(3, 4).ravel()
+#: Such a policy made by hand: back to the middle and to the angle 0, in proportion.
+PROPORTIONAL = -0.4 * np.eye(3, 4).ravel()
 
 
 def steered(numbers: Array) -> Policy:
@@ -192,7 +192,7 @@ def run(cases: list[Scenario], action: str, policy: Policy, copies: int = 1) -> 
 
 def train(generations: int) -> tuple[Array, list[float]]:
     """The best numbers found, and the best sum of rewards of each generation."""
-    search = CMA(START, 0.1, seed=TRAINING_SEED, population_size=POPULATION)
+    search = CMA(np.zeros(12), 0.3, seed=TRAINING_SEED, population_size=POPULATION)
     chance = np.random.default_rng(TRAINING_SEED)
     history = []
     for generation in range(generations):
@@ -266,7 +266,7 @@ def main(folder: Path, generations: int) -> None:
     cases = polygons(TEST_SEED, TESTS)
     results = {
         **{name: run(cases, name, field(best_speed(name))) for name, field in FIELDS.items()},
-        "untrained": run(cases, "twist", steered(np.tile(START, (TESTS, 1)))),
+        "proportional": run(cases, "twist", steered(np.tile(PROPORTIONAL, (TESTS, 1)))),
         "trained": run(cases, "twist", steered(np.tile(numbers, (TESTS, 1)))),
         "host": by_host(cases),
     }

@@ -47,7 +47,7 @@ def test_features_show_place_and_angle_of_what_lies_on_the_sensors(example):
 
 def test_a_policy_that_sees_sensors_earns_more_than_a_field(example):
     cases = example["polygons"](7, 12)
-    numbers = np.tile(example["START"], (12, 1))
+    numbers = np.tile(example["PROPORTIONAL"], (12, 1))
     steered = example["run"](cases, "twist", example["steered"](numbers))
     blind = example["run"](cases, "inward", example["inward"](0.2))
     assert np.median(steered["yaw_error_rad"]) < 0.5 * np.median(blind["yaw_error_rad"])
