@@ -34,6 +34,8 @@ _ONCE = ("off", "hang")
 class _Begun:
     since_s: float
     ongoing: Ongoing
+    #: Whether the simulation has begun it, for a parcel that has tipped.
+    by_itself: bool = False
 
 
 class FaultsByHand:
@@ -65,6 +67,15 @@ class FaultsByHand:
             kernel.at(end_ns, PRIORITY, lambda: self._end_by_itself(number))
         return number
 
+    def add_off_table(self) -> None:
+        """List the parcels that have tipped, to be set down again."""
+        off_table = self._simulation.off_table
+        while off_table:
+            self._count += 1
+            since_s = self._simulation.kernel.now_ns / NS_PER_S
+            self._begun[self._count] = _Begun(since_s, off_table.pop(0), by_itself=True)
+            self._on_change()
+
     def end(self, command: EndFault) -> None:
         """Have one end. Raises `RefusedError`."""
         begun = self._begun.get(command.number)
@@ -81,9 +92,9 @@ class FaultsByHand:
         self._on_change()
 
     def let_go(self) -> None:
-        """Set down a lifted parcel at its place before."""
+        """Set down a lifted parcel at its place before; one that has tipped there stays off."""
         for number, begun in list(self._begun.items()):
-            if begun.ongoing.fault.kind == "lift":
+            if begun.ongoing.fault.kind == "lift" and not begun.by_itself:
                 self.end(EndFault(number))
 
     def message(self) -> dict[str, Any]:
@@ -233,6 +244,7 @@ class SimulatedTable(LiveTable):
 
     def look(self) -> None:
         """Time has passed: note how late it is, and stand still where that was asked for."""
+        self._faults.add_off_table()
         now_ns = self._simulation.kernel.now_ns
         if self._pause_ns is not None and now_ns >= self._pause_ns:
             self._pause()
