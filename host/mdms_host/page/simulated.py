@@ -15,6 +15,7 @@ from mdms_host.page import commands
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.commands import Command, EndFault, RefusedError
 from mdms_host.page.events import events_of
+from mdms_host.page.flow import FlowCount, beside, ends_of
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_model.scenario.fault import Fault
@@ -159,10 +160,12 @@ class SimulatedTable(LiveTable):
     ) -> None:
         kernel = simulation.kernel
         watch = BusWatch(layout)
+        ends = ends_of(scenario, parcels)
         super().__init__(
             scenario.title,
             layout,
             parcels,
+            ends=ends,
             slot=slot,
             watch=watch,
             now_s=lambda: kernel.now_ns / NS_PER_S,
@@ -179,6 +182,7 @@ class SimulatedTable(LiveTable):
         self._faults = FaultsByHand(
             simulation, scenario, lambda: self._new_messages.append(self._faults.message())
         )
+        self._flow = FlowCount(ends)
         self._seen = {"world": 0, "faults": 0, "referee": 0}
         self._pace = _Pace(time)
 
@@ -189,22 +193,33 @@ class SimulatedTable(LiveTable):
     def values(self) -> dict[str, Any]:
         """See `LiveTable`."""
         world, buses = self._simulation.world, self._simulation.buses
-        return super().values() | {
-            "speed": self._speed,
-            "paused": [int(self._paused)],
-            "real_time_factor": self._pace.factor(self._simulation.kernel.now_ns),
-            "bus_counters": [_worst_counters(bus) for bus in buses],
-            "wheel_slip": world.slip_m_s,
-            "wheel_normal": world.normal_n,
-            "parcel_true": self._true_poses(),
-        }
+        self._flow.count(world.events)
+        believed = super().values()
+        flow = self._flow.values(self._simulation.kernel.now_ns / NS_PER_S)
+        return (
+            believed
+            | flow
+            | {
+                "speed": self._speed,
+                "paused": [int(self._paused)],
+                "real_time_factor": self._pace.factor(self._simulation.kernel.now_ns),
+                "bus_counters": [_worst_counters(bus) for bus in buses],
+                "wheel_slip": world.slip_m_s,
+                "wheel_normal": world.normal_n,
+                "parcel_true": self._true_poses(believed.get("parcel_believed")),
+            }
+        )
 
-    def _true_poses(self) -> Any:
-        """Of those that are on the table, by their names."""
+    def _true_poses(self, poses_believed: Any) -> Any:
+        """Of those that are on the table, by the names under which the host has them."""
         world, parcels = self._simulation.world, self._scenario.parcel
         states, poses = world.scene.state.parcels, world.pose
         there = (states["lifted"] == 0) & (states["away"] == 0)
         known = {one.name: poses[k] for k, one in enumerate(parcels) if there[k]}
+        if poses_believed is not None:
+            found = zip(self._things, poses_believed, strict=True)
+            believed = {name: pose for name, pose in found if np.isfinite(pose[0])}
+            known = beside(believed, known, self._ends)
         unknown = np.full(3, np.nan)
         return [known.get(name, unknown) for name in self._things]
 

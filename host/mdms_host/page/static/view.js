@@ -1,5 +1,8 @@
 // Which part of the table the canvas shows: metres of the table frame to pixels and back.
 
+/** Beside the table the name of an exit takes so much [pixels]. */
+const NAME_PX = 22;
+
 export class View {
   constructor() {
     this.scale = 500;
@@ -19,8 +22,9 @@ export class View {
   fit(table) {
     this.table = table;
     const wide = (table.columns + 0.5) * table.pitch_m, high = (table.rows + 0.5) * table.pitch_m;
-    const room = this.width > 700 ? 60 : 88;
-    this.scale = Math.max(20, Math.min((this.width - 24) / wide, (this.height - 2 * room) / high));
+    const out = (axis) => table.exits.some((exit) => exit.out[axis]) ? NAME_PX : 0;
+    const room = (this.width > 700 ? 60 : 88) + out(1);
+    this.scale = Math.max(20, Math.min((this.width - 24 - 2 * out(0)) / wide, (this.height - 2 * room) / high));
     this.x = this.y = 0;
     this.fitted = true;
   }
