@@ -167,8 +167,12 @@ def _turned(commissioning: Commissioning, cell: FiledCell, axis: int, backwards:
     return replace(cell, values={**cell.values, parameter: polarity})
 
 
-def confirmed(arguments: Namespace, question: str) -> bool:
-    """Whether to go on: `--yes`, or y on a terminal; Enter alone asks again.
+#: How a question shows its default.
+_CHOICES = {None: "[y/n]", False: "[y/N]", True: "[Y/n]"}
+
+
+def confirmed(arguments: Namespace, question: str, default: bool | None = None) -> bool:
+    """Whether to go on: `--yes`, or y on a terminal; without a default Enter alone asks again.
 
     Raises `CommandError` without a terminal.
     """
@@ -177,7 +181,9 @@ def confirmed(arguments: Namespace, question: str) -> bool:
     if not sys.stdin.isatty():
         raise CommandError("nobody can be asked here; say --yes", Exit.USAGE)
     while True:
-        answer = _line(f"{question} [y/n] ").lower()
+        answer = _line(f"{question} {_CHOICES[default]} ").lower()
+        if not answer and default is not None:
+            return default
         if answer in ("y", "yes"):
             return True
         if answer in ("n", "no", *QUIT):

@@ -289,9 +289,8 @@ def _may_nudge(job: _Job, asking: bool) -> bool:
     """Only by `--nudge`, or a yes to the question."""
     if job.arguments.nudge or not asking or job.arguments.yes:
         return bool(job.arguments.nudge)
-    return confirmed(
-        job.arguments, "May each wheel turn by a few millimetres, to check its wiring?"
-    )
+    question = "May each wheel turn by a few millimetres, to check its wiring?"
+    return confirmed(job.arguments, question, default=False)
 
 
 def _write(job: _Job, cells: list[FiledCell]) -> list[steps.Done]:
