@@ -80,7 +80,7 @@ export class Details {
       ["program", this.table.phases[s.phase[0]]],
       ["cells", this.cellsOf(s)],
       ["grid", `${this.table.columns} × ${this.table.rows}, pitch ${mm(this.table.pitch_m)}`],
-      ...[...s.bus_load].map((load, b) => [this.table.bus_count > 1 ? `load of bus ${b}` : "load of the bus", `${(100 * load).toFixed(0)} %`]),
+      ...[...s.bus_load].map((load, b) => [this.table.bus_count > 1 ? `load of bus ${b}` : "load of the bus", `${this.table.simulated ? "" : "at most "}${(100 * load).toFixed(0)} %`]),
       ...this.flowOf(s),
       ...this.parcelsOf(s),
       ["fastest wheel", mm_s(s.wheel_speed.reduce((a, b) => Math.max(a, Math.abs(b) || 0), 0))],

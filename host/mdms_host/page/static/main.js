@@ -230,7 +230,8 @@ class Page {
     this.showFlow(s);
     $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : phase.includes("holding") ? "held" : ""}`;
     text("time", `${s.time[0].toFixed(1)} s`);
-    text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
+    text("load", Number.isFinite(s.bus_load[0]) ? `bus ${this.table.simulated ? "" : "≤ "}${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
+    $("load").title = this.table.simulated ? "load of the busiest bus" : "load of the busiest bus at most: each frame counts with the most stuff bits";
     text("pace", Number.isFinite(s.real_time_factor[0]) ? `${s.real_time_factor[0].toFixed(2)}×` : "–");
     text("pause", s.paused[0] ? (this.table.recorded ? "Play" : "Go on") : "Pause");
     if (!$("details").hidden) this.details.update(s);
