@@ -21,6 +21,8 @@ NO_NODES = (
     "`mdms serve array18` starts a virtual one"
 )
 TITLE = "CAN bus (python-can: also CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE and can.conf)"
+#: What a command keeps; each has what those before it have.
+LOGS = ("none", "events", "ring", "all")
 SENDERS = ("host", "cells")
 SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
@@ -106,6 +108,34 @@ def add_page(parser: ArgumentParser) -> None:
         help="where the page is open, instead of on this machine only: whoever reaches it may "
         "watch, and nothing is encrypted",
     )
+
+
+def add_log(parser: ArgumentParser) -> None:
+    """`--log` and `--log-dir`."""
+    parser.add_argument(
+        "--log",
+        choices=LOGS,
+        help="keep nothing; events; also the last minute in memory, for reports; all frames "
+        "(default: all with --out, else ring)",
+    )
+    parser.add_argument(
+        "--log-dir",
+        metavar="DIR",
+        type=Path,
+        help="folder of rotated log files and of reports (default: no log files, and reports in "
+        "mdms-array/reports in $XDG_STATE_HOME or ~/.local/state)",
+    )
+
+
+def add_report(parser: ArgumentParser) -> None:
+    """Those of `report`."""
+    parser.add_argument(
+        "process", metavar="PROCESS", nargs="?", type=int, help="which, where several run"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, help="the folder (default: a new one beside the others)"
+    )
+    add_json(parser)
 
 
 def add_state(parser: ArgumentParser) -> None:
@@ -269,6 +299,7 @@ def add_serve(parser: ArgumentParser) -> None:
         type=_port,
         help="SLCAN on loopback as well, for every user of this machine (0: a free port)",
     )
+    add_log(parser)
     add_page(parser)
     add_line(parser)
 
@@ -293,6 +324,7 @@ def add_run(parser: ArgumentParser) -> None:
         help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
         "--page, --opcua or --modbus: never)",
     )
+    add_log(parser)
     add_page(parser)
     add_line(parser)
     add_json(parser)

@@ -2,18 +2,20 @@
 
 import json
 from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 from mdms_array.array import BelievedArray, believe
 from mdms_array.extras import PAGE, RECORDING, require
-from mdms_array.host import programmed
+from mdms_array.host import layout_of, programmed
 from mdms_array.operation import bus_log_in, check_array, operate_array
 from mdms_array.recording import keep_run, lasting
 from mdms_array.run import Run
 from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
+from mdms_host.cli.kept import check_log, keeping, keeps_frames
 from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.live_array import show_array
 from mdms_host.cli.streams import kept_for_json, say
@@ -31,6 +33,7 @@ def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
     if arguments.page is not None:
         require(PAGE, "mdms run --page")
+    check_log(arguments)
     attended = arguments.page is not None or has_line(arguments)
     if attended and (arguments.out is not None or arguments.json):
         raise CommandError(
@@ -85,20 +88,40 @@ def _operate(
     belief: BelievedArray, arguments: Namespace, main: Main | None
 ) -> tuple[Operation, Run]:
     """Operate the array, and keep the run in a folder if one is wanted, however it ended."""
-    operated = partial(
-        operate_array,
-        belief,
-        arguments,
-        arguments.limit,
-        main,
-        report=_print_event,
-        interrupted=interrupted,
-    )
-    if arguments.out is None:
-        return operated()
+    layout = layout_of(belief.scenario, belief.cells)
+    with keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept:
+
+        def report(time_s: float, text: str) -> None:
+            say(f"{time_s:8.3f} s  {text}")
+            kept.event(time_s, "run", text)
+
+        operated = partial(
+            operate_array,
+            belief,
+            arguments,
+            arguments.limit,
+            main,
+            report=report,
+            interrupted=partial(interrupted, kept.on_hangup),
+            keep=kept,
+        )
+        if arguments.out is None:
+            return operated()
+        return _operate_and_keep(operated, belief, arguments, main)
+
+
+def _operate_and_keep(
+    operated: Callable[..., tuple[Operation, Run]],
+    belief: BelievedArray,
+    arguments: Namespace,
+    main: Main | None,
+) -> tuple[Operation, Run]:
     with fresh_folder(arguments.out) as folder:
-        with bus_log_in(folder, belief) as log_frame:
-            operation, ended = operated(log_frame=log_frame)
+        if keeps_frames(arguments):
+            with bus_log_in(folder, belief) as log_frame:
+                operation, ended = operated(log_frame=log_frame)
+        else:
+            operation, ended = operated()
         ended = replace(ended, figures={**ended.figures, "run": str(arguments.out)})
         lasted = lasting(belief.scenario, ended.duration_s)
         with writing(arguments.out):
@@ -111,7 +134,3 @@ def _operate(
                 array_file=arguments.array,
             )
     return operation, ended
-
-
-def _print_event(time_s: float, text: str) -> None:
-    say(f"{time_s:8.3f} s  {text}")
