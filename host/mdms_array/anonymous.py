@@ -18,7 +18,7 @@ from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.entry import DOMAIN
 
 #: Eight hexadecimal digits, as serial numbers are written in files and messages.
-_SERIAL = re.compile(r"\b(?:0x)?([0-9A-Fa-f]{8})\b")
+_SERIAL = re.compile(r"(?<!\.)\b(?:0x)?([0-9A-Fa-f]{8})\b")
 _PATH = re.compile(
     r"(?<![\w:/.~])(?:~|[A-Za-z]:)?(?:[/\\][^\s/\\:'\",;()]+)*[/\\]([^\s/\\:'\",;()]+)"
 )

@@ -19,7 +19,7 @@ from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts
 from mdms_host.can_link.recent import Recent
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_host.coordination.operation import Ending, OnEvent, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.programs.program import Main, TableProgram
@@ -76,16 +76,16 @@ def operate_array(
     limit_s: float,
     main: Main | None = None,
     *,
-    report: Callable[[float, str], object],
+    report: OnEvent,
     interrupted: Interrupted,
     log_frame: LogFrame = lambda _frame, _time_s, _bus: None,
     keep: Keeps | None = None,
 ) -> tuple[Operation, Run]:
     """Bring an array up, run its program, turn everything off; the ending, and the believed run.
 
-    `options` are python-can's, `report` is given events with their times. Raises `LinkError` for a
-    bus that cannot be opened; a bus that goes away later ends the run. `keep` keeps the last
-    minute, and is told of faults. Raises OtherHostError, and `BrokenOffError` for a defect.
+    `options` are python-can's, `report` is given events with their times and kinds. `keep` keeps
+    the last minute, and is told of faults. Raises `LinkError` for a bus that cannot be opened; a
+    bus that goes away later ends the run. Raises OtherHostError, and `BrokenOffError` for a defect.
     """
     scenario = belief.scenario
     coordinator = coordinator_of(scenario, belief.cells, main=main, executor=ThreadExecutor())

@@ -92,12 +92,13 @@ class Reporter:
         self._counts = counts
         self._provenance = _public(provenance_of(main, array_file))
         self._due: tuple[float, str] | None = None
-        self._written_s = -np.inf
+        self._faulted_s = -np.inf
         self._writing: list[tuple[subprocess.Popen[bytes], Path, Done]] = []
 
     def after_fault(self, now_s: float, reason: str) -> None:
         """Write a report when what follows a fault has been seen, too."""
-        if self._due is None and now_s - self._written_s >= AGAIN_S:
+        if self._due is None and now_s - self._faulted_s >= AGAIN_S:
+            self._faulted_s = now_s
             self._due = now_s + AFTER_S, reason
 
     def attend(self, now_s: float) -> None:
@@ -117,7 +118,6 @@ class Reporter:
 
         `done` is told of the end, in place of `note`: the folder, and None or an error.
         """
-        self._written_s = now_s
         done = done or self._note_end
         path = folder or self.folder
         if RECORDING.missing:
@@ -144,16 +144,13 @@ class Reporter:
             self.begin(now_s, self._due[1])
             self._due = None
         for writing in self._writing:
-            writing[0].wait()
             self._tell(*writing)
         self._writing.clear()
 
     def _tell(self, process: "subprocess.Popen[bytes]", path: Path, done: Done) -> None:
-        error = None
-        if process.returncode:
-            said = process.stderr.read().decode(errors="replace") if process.stderr else ""
-            error = said.strip() or "its writer has died"
-        done(path, error)
+        _, said = process.communicate()
+        died = said.decode(errors="replace").strip() or "its writer has died"
+        done(path, died if process.returncode else None)
 
     def _note_end(self, path: Path, error: str | None) -> None:
         if error is None:

@@ -91,9 +91,9 @@ def _operate(
     layout = layout_of(belief.scenario, belief.cells)
     with keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept:
 
-        def report(time_s: float, text: str) -> None:
+        def report(time_s: float, kind: str, text: str) -> None:
             say(f"{time_s:8.3f} s  {text}")
-            kept.event(time_s, "run", text)
+            kept.event(time_s, kind, text)
 
         operated = partial(
             operate_array,
