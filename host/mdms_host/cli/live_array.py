@@ -2,19 +2,21 @@
 
 from argparse import Namespace
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from math import inf
 
 from mdms_array.array import BelievedArray
 from mdms_array.checks import timing_of
-from mdms_array.connection import open_links
+from mdms_array.connection import open_links, open_returning
 from mdms_array.host import coordinator_of, estimates_of, layout_of, parcels_of
 from mdms_array.operation import watch_program
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.can_link.returning import ReturningLink
 from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.kept import Kept, keeping
 from mdms_host.cli.line import has_line, opened_line
+from mdms_host.cli.options import AGAIN
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
@@ -125,11 +127,13 @@ def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = 
     layout = layout_of(belief.scenario, belief.cells)
     with (
         keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept,
-        open_links(arguments, belief.channels) as (link, clock),
+        _opened(belief, arguments) as (link, clock),
     ):
         refuse_other_host(link, clock)
         slot, table = _slot_and_table(belief, link, clock, main, kept)
         kept.counts = lambda: link.counts
+        if isinstance(link, ReturningLink):
+            link.on_gone, link.at_rest = slot.fail, lambda: not slot.busy
         watched = Watched(kept, slot, belief.scenario)
         with (
             interrupted(kept.on_hangup) as pressed,
@@ -158,6 +162,14 @@ def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = 
     if slot.coordinator is not None and slot.coordinator.fault is not None:
         raise CommandError(slot.coordinator.fault, Exit.NODE_FAULT)
     return Exit.OK
+
+
+def _opened(
+    belief: BelievedArray, arguments: Namespace
+) -> AbstractContextManager[tuple[AnyLink, Clock]]:
+    """The way to the table, as `--device-gone` has it. Raises NoBusError."""
+    returns = arguments.device_gone == AGAIN
+    return (open_returning if returns else open_links)(arguments, belief.channels)
 
 
 def _slot_and_table(

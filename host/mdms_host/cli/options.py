@@ -21,6 +21,8 @@ NO_NODES = (
     "`mdms serve array18` starts a virtual one"
 )
 TITLE = "CAN bus (python-can: also CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE and can.conf)"
+#: What becomes of a run whose device is gone.
+STOP, AGAIN = "stop", "again"
 #: What a command keeps; each has what those before it have.
 LOGS = ("none", "events", "ring", "all")
 SENDERS = ("host", "cells")
@@ -323,6 +325,13 @@ def add_run(parser: ArgumentParser) -> None:
         type=time_limit_s,
         help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
         "--page, --opcua or --modbus: never)",
+    )
+    parser.add_argument(
+        "--device-gone",
+        choices=(STOP, AGAIN),
+        default=STOP,
+        help="when the adapter or the served bus is gone: end the command (stop, the default), or "
+        "open it again once it is there (again; with --page, --opcua or --modbus)",
     )
     add_log(parser)
     add_page(parser)

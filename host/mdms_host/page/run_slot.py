@@ -94,6 +94,11 @@ class RunSlot:
             raise RefusedError("no program runs")
         self.coordinator.stop()
 
+    def fail(self, text: str) -> None:
+        """End the program, if one runs, with a fault: there is no way to the cells any more."""
+        if self.coordinator is not None and self.busy:
+            self.coordinator.fail(text)
+
     def stop_all(self) -> None:
         """End the program, or where another host drives the cells, take them all out of operation.
 

@@ -18,6 +18,7 @@ from mdms_host.cli.files import writing
 from mdms_host.cli.kept import check_log, keeping, keeps_frames
 from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.live_array import show_array
+from mdms_host.cli.options import AGAIN
 from mdms_host.cli.streams import kept_for_json, say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
@@ -31,20 +32,8 @@ NO_DEVICE = (Ending.NO_CELLS, Ending.DEVICE_GONE)
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
-    if arguments.page is not None:
-        require(PAGE, "mdms run --page")
-    check_log(arguments)
     attended = arguments.page is not None or has_line(arguments)
-    if attended and (arguments.out is not None or arguments.json):
-        raise CommandError(
-            "--page, --opcua, --modbus: a run that is started and stopped from outside is not "
-            "kept; leave --out and --json out",
-            Exit.USAGE,
-        )
-    if arguments.out is not None:
-        require(RECORDING, "mdms run --out")
-        if not arguments.force:
-            check_other_run(arguments.out, None)
+    _check_options(arguments, attended)
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
@@ -72,6 +61,29 @@ def run(arguments: Namespace) -> int:
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     return _verdict(operation, ended)
+
+
+def _check_options(arguments: Namespace, attended: bool) -> None:
+    """Raise `CommandError` for options that do not go together, and `Error` without an extra."""
+    if arguments.page is not None:
+        require(PAGE, "mdms run --page")
+    check_log(arguments)
+    if arguments.device_gone == AGAIN and not attended:
+        raise CommandError(
+            "--device-gone again: nobody could start the program again; add --page, --opcua or "
+            "--modbus",
+            Exit.USAGE,
+        )
+    if attended and (arguments.out is not None or arguments.json):
+        raise CommandError(
+            "--page, --opcua, --modbus: a run that is started and stopped from outside is not "
+            "kept; leave --out and --json out",
+            Exit.USAGE,
+        )
+    if arguments.out is not None:
+        require(RECORDING, "mdms run --out")
+        if not arguments.force:
+            check_other_run(arguments.out, None)
 
 
 def _verdict(operation: Operation, ended: Run) -> Exit:
