@@ -151,6 +151,9 @@ class Plant:
         assert host.stderr is not None
         reader = threading.Thread(target=lambda: self.said.extend(iter(host.stderr.readline, "")))
         reader.start()
+        for stream in (host.stderr, host.stdout):
+            assert stream is not None
+            self._opened.callback(stream.close)
         self._opened.callback(reader.join)
         self._opened.callback(end)
         return host
