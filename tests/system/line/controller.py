@@ -1,10 +1,17 @@
-"""A controller that speaks Modbus byte by byte."""
+"""A served table that may be killed, and a controller that speaks Modbus byte by byte."""
 
+import os
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
+EXAMPLES = Path(__file__).parents[3] / "examples" / "line"
+MDMS = [sys.executable, "-c", "import sys; from mdms_host.entry import main; sys.exit(main())"]
 PATIENCE_S = 120
 STOPPED, IDLE, SUSPENDED, EXECUTE, ABORTED = 2, 4, 5, 6, 9
 
@@ -65,3 +72,53 @@ class Controller:
         self.until_state(IDLE)
         assert self.command(2)
         self.until_state(EXECUTE)
+
+
+class Table:
+    """`mdms serve` of the example, in a process that may be killed and begun again."""
+
+    def __init__(self, folder: Path, protocols: tuple[str, ...] = ("modbus", "opcua")) -> None:
+        self.folder = folder
+        self.ports = dict(zip(protocols, free_ports(), strict=False))
+        self.process: subprocess.Popen[str] | None = None
+        self._controllers: list[Controller] = []
+
+    def start(self) -> None:
+        options = [f"--{name}={port}" for name, port in self.ports.items()]
+        command = [*MDMS, "serve", str(EXAMPLES / "table.toml"), "--state", str(self.folder)]
+        environment = os.environ | {"XDG_RUNTIME_DIR": str(self.folder)}
+        self.process = subprocess.Popen(
+            [*command, *options], stdout=subprocess.PIPE, text=True, env=environment
+        )
+        assert self.process.stdout is not None
+        lines = iter(self.process.stdout.readline, "")
+        assert any("connect with" in line for line in lines)
+
+    def controller(self) -> "Controller":
+        self._controllers.append(Controller(self.ports["modbus"]))
+        return self._controllers[-1]
+
+    def close(self) -> None:
+        for each in self._controllers:
+            each.close()
+        if self.process is not None and self.process.poll() is None:
+            assert self.stop() == 0
+
+    def kill(self) -> None:
+        assert self.process is not None
+        self.process.kill()
+        self.process.communicate()
+
+    def stop(self) -> int:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGTERM)
+        self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode
+
+
+def free_ports() -> tuple[int, int]:
+    with (
+        socket.create_server(("127.0.0.1", 0)) as one,
+        socket.create_server(("127.0.0.1", 0)) as two,
+    ):
+        return one.getsockname()[1], two.getsockname()[1]

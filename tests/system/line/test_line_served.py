@@ -4,67 +4,30 @@ import asyncio
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.system.line.controller import EXECUTE, PATIENCE_S, STOPPED, SUSPENDED, Controller
+from tests.system.line.controller import (
+    EXAMPLES,
+    EXECUTE,
+    MDMS,
+    PATIENCE_S,
+    STOPPED,
+    SUSPENDED,
+    Table,
+)
 
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
 
 HERE = Path(__file__).parent
-EXAMPLES = HERE.parents[2] / "examples" / "line"
-MDMS = [sys.executable, "-c", "import sys; from mdms_host.entry import main; sys.exit(main())"]
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(
     NODE is None or not (HERE / "node_modules").is_dir(),
     reason="no node, or no tests/system/line/node_modules, which .ci/run installs",
 )
-
-
-class Table:
-    """`mdms serve` of the example, in a process that may be killed and begun again."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.ports = dict(zip(("modbus", "opcua"), _free_ports(), strict=True))
-        self.process: subprocess.Popen[str] | None = None
-        self._controllers: list[Controller] = []
-
-    def start(self) -> None:
-        options = [f"--{name}={port}" for name, port in self.ports.items()]
-        command = [*MDMS, "serve", str(EXAMPLES / "table.toml"), "--state", str(self.folder)]
-        environment = os.environ | {"XDG_RUNTIME_DIR": str(self.folder)}
-        self.process = subprocess.Popen(
-            [*command, *options], stdout=subprocess.PIPE, text=True, env=environment
-        )
-        assert self.process.stdout is not None
-        lines = iter(self.process.stdout.readline, "")
-        assert any("connect with" in line for line in lines)
-
-    def controller(self) -> "Controller":
-        self._controllers.append(Controller(self.ports["modbus"]))
-        return self._controllers[-1]
-
-    def close(self) -> None:
-        for each in self._controllers:
-            each.close()
-        if self.process is not None and self.process.poll() is None:
-            assert self.stop() == 0
-
-    def kill(self) -> None:
-        assert self.process is not None
-        self.process.kill()
-        self.process.communicate()
-
-    def stop(self) -> int:
-        assert self.process is not None
-        self.process.send_signal(signal.SIGTERM)
-        self.process.communicate(timeout=PATIENCE_S)
-        return self.process.returncode
 
 
 @pytest.fixture
@@ -212,11 +175,3 @@ def test_a_server_that_is_killed_ends_the_command_with_an_error(table: Table) ->
             os.kill(child, signal.SIGKILL)
     table.process.communicate(timeout=PATIENCE_S)
     assert table.process.returncode == 1
-
-
-def _free_ports() -> tuple[int, int]:
-    with (
-        socket.create_server(("127.0.0.1", 0)) as one,
-        socket.create_server(("127.0.0.1", 0)) as two,
-    ):
-        return one.getsockname()[1], two.getsockname()[1]

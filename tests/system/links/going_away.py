@@ -9,7 +9,6 @@ import re
 import selectors
 import socket
 import subprocess
-import sys
 import threading
 import time
 import tty
@@ -18,14 +17,22 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
 
-from tests.system.line.controller import ABORTED, EXECUTE, IDLE, PATIENCE_S, STOPPED, Controller
+from tests.system.line.controller import (
+    ABORTED,
+    EXAMPLES,
+    EXECUTE,
+    IDLE,
+    MDMS,
+    PATIENCE_S,
+    STOPPED,
+    Controller,
+)
 
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.serve.server import Server
 from mdms_sim.simulation import Simulation, open_bank
 
-MDMS = [sys.executable, "-c", "import sys; from mdms_host.entry import main; sys.exit(main())"]
-TABLE = str(Path(__file__).parents[3] / "examples" / "line" / "table.toml")
+TABLE = str(EXAMPLES / "table.toml")
 #: Wheels without a setpoint are braked within this [s].
 RESTS_S = 1.0
 RESET, START, CLEAR = 1, 2, 9
@@ -102,14 +109,15 @@ class Door:
 
 
 class Plant:
-    """A table, its door, its host and a controller. Close it when done."""
+    """A table, its door, its host with more `options`, and a controller. Close it when done."""
 
-    def __init__(self, folder: Path, interface: str) -> None:
+    def __init__(self, folder: Path, interface: str, *options: str) -> None:
         self._over = threading.Event()
         self._opened = ExitStack()
         scenario = load_scenario(TABLE, ["run.fidelity=firmware"])
         bank = open_bank("cpython", range(1, 19))
         self._opened.callback(bank.close)
+        self.scenario = scenario
         self.simulation = Simulation(scenario, bank, recorded=False)
         server = self._opened.enter_context(Server(self.simulation, str(folder / "table.sock")))
         thread = threading.Thread(
@@ -124,7 +132,7 @@ class Plant:
         self.door.open()
         self._opened.callback(self.door.cut)
         self.said: list[str] = []
-        self.host = self._begin_host(folder, interface)
+        self.host = self._begin_host(folder, interface, options)
         self.controller = self._controller()
         self._opened.callback(self.controller.close)
 
@@ -134,11 +142,13 @@ class Plant:
     def __exit__(self, *_error: object) -> None:
         self._opened.close()
 
-    def _begin_host(self, folder: Path, interface: str) -> "subprocess.Popen[str]":
+    def _begin_host(
+        self, folder: Path, interface: str, more: tuple[str, ...]
+    ) -> "subprocess.Popen[str]":
         command = [*MDMS, "run", TABLE, "-i", interface, "-c", str(self.door.path), "-b", "1000000"]
         options = ["--modbus", "0", "--state", str(folder), "--device-gone", "again"]
         host = subprocess.Popen(
-            [*command, *options, "--log-dir", str(folder / "logs")],
+            [*command, *options, "--log-dir", str(folder / "logs"), *more],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
