@@ -22,8 +22,14 @@ _STEP_S = 0.002
 class VirtualLine:
     """`beats` is whether a client's heartbeat goes on; close it when done."""
 
-    def __init__(self, overrides: tuple[str, ...] = (), recent: Recent | None = None) -> None:
-        scenario = load_scenario(str(TABLE), ["run.fidelity=firmware", *overrides])
+    def __init__(
+        self,
+        overrides: tuple[str, ...] = (),
+        recent: Recent | None = None,
+        *,
+        source: str = str(TABLE),
+    ) -> None:
+        scenario = load_scenario(source, ["run.fidelity=firmware", *overrides])
         addresses = addresses_of(scenario)
         self.reports: list[Report] = []
         self.beats = True
