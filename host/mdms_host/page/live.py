@@ -157,7 +157,8 @@ class LiveTable:
     """Composed of the traffic on the buses (`watch`) and the run in the host's `slot`.
 
     `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
-    are those that the host is given. `report(time_s, text)` is called for events.
+    are those that the host is given. `report(time_s, kind, text)` is called for
+    events.
     `error_frames` counts those of all buses, where somebody does.
     """
 
@@ -177,7 +178,7 @@ class LiveTable:
         wall_s: Callable[[], float] | None = None,
         error_frames: Callable[[], int] | None = None,
         ends: Ends = NO_ENDS,
-        report: Callable[[float, str], object] = lambda _time_s, _text: None,
+        report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
     ) -> None:
         self.version = 1
         self._title = title
@@ -298,7 +299,7 @@ class LiveTable:
     def add_events(self, events: list[dict[str, Any]]) -> None:
         """These have happened."""
         for event in events:
-            self._report(event["time_s"], event["text"])
+            self._report(event["time_s"], event["what"], event["text"])
         self._events.add(events)
 
     def take_messages(self) -> list[dict[str, Any]]:
