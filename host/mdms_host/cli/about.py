@@ -56,6 +56,7 @@ TOPICS = {
     "integrator": ("docs/integrator.md", "from a sorter to a program"),
     "line": ("docs/line.md", "the table as a machine of a line"),
     "line-registers": ("docs/line-registers.md", "registers and nodes of a line"),
+    "operation": ("docs/operation.md", "a table that runs for weeks: logs, reports, a service"),
     "parcels": ("docs/parcels.md", "many parcels: programs, traffic, routes"),
     "cells": ("docs/cells.md", "cells that steer by themselves"),
     "right-of-way": ("docs/right-of-way.md", "rules by which cells keep parcels apart"),

@@ -21,6 +21,10 @@ NO_NODES = (
     "`mdms serve array18` starts a virtual one"
 )
 TITLE = "CAN bus (python-can: also CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE and can.conf)"
+#: What becomes of a run whose device is gone.
+STOP, AGAIN = "stop", "again"
+#: What a command keeps; each has what those before it have.
+LOGS = ("none", "events", "ring", "all")
 SENDERS = ("host", "cells")
 SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
@@ -108,19 +112,47 @@ def add_page(parser: ArgumentParser) -> None:
     )
 
 
-def add_state(parser: ArgumentParser) -> None:
-    """`--state`."""
+_LINE_STATE = (
+    "folder of the line's orders, key and users (default: mdms-array/line in "
+    "$XDG_STATE_HOME or ~/.local/state)"
+)
+
+
+def add_log(parser: ArgumentParser) -> None:
+    """`--log` and `--log-dir`."""
     parser.add_argument(
-        "--state",
+        "--log",
+        choices=LOGS,
+        help="keep nothing; events; also the last minute in memory, for reports; all frames "
+        "(default: all with --out, else ring)",
+    )
+    parser.add_argument(
+        "--log-dir",
         metavar="DIR",
         type=Path,
-        help="folder of the line's orders, key and users (default: mdms-array/line in "
-        "$XDG_STATE_HOME or ~/.local/state)",
+        help="folder of rotated log files and of reports (default: no log files, and reports in "
+        "mdms-array/reports in $XDG_STATE_HOME or ~/.local/state)",
     )
 
 
-def add_line(parser: ArgumentParser) -> None:
-    """The options of a table in a line."""
+def add_report(parser: ArgumentParser) -> None:
+    """Those of `report`."""
+    parser.add_argument(
+        "process", metavar="PROCESS", nargs="?", type=int, help="which, where several run"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, help="the folder (default: a new one beside the others)"
+    )
+    add_json(parser)
+
+
+def add_state(parser: ArgumentParser, text: str = _LINE_STATE) -> None:
+    """`--state`."""
+    parser.add_argument("--state", metavar="DIR", type=Path, help=text)
+
+
+def add_line(parser: ArgumentParser, state: str = _LINE_STATE) -> None:
+    """The options of a table in a line; `state` is the help of its folder."""
     parser.add_argument(
         "--opcua",
         metavar="PORT",
@@ -143,7 +175,7 @@ def add_line(parser: ArgumentParser) -> None:
         action="store_true",
         help="let OPC UA clients of this machine read without a user and unencrypted",
     )
-    add_state(parser)
+    add_state(parser, state)
 
 
 def add_certificate(parser: ArgumentParser) -> None:
@@ -269,8 +301,14 @@ def add_serve(parser: ArgumentParser) -> None:
         type=_port,
         help="SLCAN on loopback as well, for every user of this machine (0: a free port)",
     )
+    add_log(parser)
     add_page(parser)
-    add_line(parser)
+    add_line(
+        parser,
+        "folder in which the cells' stored settings outlive this command: a second start has the "
+        "table that was commissioned in the first (without it: new cells each time). It is the "
+        + _LINE_STATE.replace("folder of", "folder with", 1),
+    )
 
 
 def add_run(parser: ArgumentParser) -> None:
@@ -293,6 +331,14 @@ def add_run(parser: ArgumentParser) -> None:
         help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
         "--page, --opcua or --modbus: never)",
     )
+    parser.add_argument(
+        "--device-gone",
+        choices=(STOP, AGAIN),
+        default=STOP,
+        help="when the adapter or the served bus is gone: end the command (stop, the default), or "
+        "open it again once it is there (again; with --page, --opcua or --modbus)",
+    )
+    add_log(parser)
     add_page(parser)
     add_line(parser)
     add_json(parser)

@@ -99,6 +99,10 @@ class Line:
             self._send({"id": message["id"], "error": error})
 
     def _report(self, report: Report) -> None:
+        if report.key:
+            where = f" by {report.exit}" if report.event == "left" else ""
+            why = f": {report.text}" if report.text else ""
+            self._note(f"order {report.key}: {report.parcel} {report.event}{where}{why}")
         self._send({"report": asdict(report)})
 
     def _send(self, message: dict[str, Any]) -> None:
