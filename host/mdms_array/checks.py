@@ -72,6 +72,8 @@ def chosen_parcel(scenario: Scenario, name: str | None) -> Parcel:
         if name in (None, parcel.name):
             return parcel
     names = ", ".join(parcel.name for parcel in scenario.parcel)
+    if name is None:
+        raise InputError("parcel is missing; this needs one")
     raise InputError(f"--parcel {name}: no such parcel; there are {names}")
 
 

@@ -464,7 +464,8 @@ def estimates_of(coordinator: Coordinator, scenario: Scenario) -> Floats:
     """Poses that the coordinator believes the parcels to have, shape (P, 3), NaN where unknown."""
     believed = (coordinator.estimate(parcel.name) for parcel in scenario.parcel)
     unknown = (np.nan, np.nan, np.nan)
-    return np.array([(one.x_m, one.y_m, one.yaw_rad) if one else unknown for one in believed])
+    poses = [(one.x_m, one.y_m, one.yaw_rad) if one else unknown for one in believed]
+    return np.array(poses, float).reshape(-1, 3)
 
 
 def _setting(index: int, meaning: str, value: float) -> Setting:

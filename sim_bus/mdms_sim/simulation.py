@@ -23,19 +23,21 @@ from mdms_model.participant import BusesParticipant, Participant
 from mdms_model.run.folder import interface_of
 from mdms_model.run.frame_readers import CellReports, Presence, References, without_reports
 from mdms_model.run.record import MOST_SAMPLES, Event, History, Record
+from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
 from mdms_sim.driver import Driver
-from mdms_sim.faults import Faults
+from mdms_sim.faults import Faults, Ongoing
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.bank import BusOffWatch
 from mdms_sim.nodes.gateway import GatewayNode
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.nodes.virtual_board import VirtualFlash
 from mdms_sim.physics.plane.world import World
 from mdms_sim.referee.referee import Referee
 from mdms_sim.referee.rules import Violation
@@ -139,6 +141,9 @@ class Simulation:
     `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
     (P, 3), NaN where unknown; they are only recorded. A run without end is better not `recorded`,
     or thinned to `most_samples`.
+
+    A parcel that tips ends `run_until`. With `beyond_tipping` it is taken off the table instead, as
+    a fault 'lift' that `off_table` lists, and time goes on.
     """
 
     def __init__(
@@ -153,6 +158,7 @@ class Simulation:
         recorded: bool = True,
         most_samples: int | None = None,
         judged: bool = True,
+        beyond_tipping: bool = False,
     ) -> None:
         self.kernel = Kernel()
         addresses = addresses_of(scenario)
@@ -207,6 +213,10 @@ class Simulation:
             places=self._places,
             drivers=self._drivers,
         )
+        self._beyond_tipping = beyond_tipping
+        self._events_seen = 0
+        #: Parcels that have tipped and were taken off the table, as faults that somebody may end.
+        self.off_table: list[Ongoing] = []
         self.referee = Referee(Truth(scenario, addresses, self.world, self._places, host_report))
         self._judged: Container[int] = ()
         self._judges_ticks = judged
@@ -242,8 +252,8 @@ class Simulation:
 
     @property
     def tipped(self) -> bool:
-        """Whether a parcel has tipped off its supports."""
-        return any(event.kind == "tip" for event in self.world.events)
+        """Whether a parcel has tipped off its supports and lies there."""
+        return not self._beyond_tipping and any(event.kind == "tip" for event in self.world.events)
 
     @property
     def blinking(self) -> list[int]:
@@ -299,6 +309,16 @@ class Simulation:
     def _move(self) -> None:
         for _ in range(self._substeps):
             self.world.step_cells(self._voltage_uv, self._step_s)
+        if self._beyond_tipping:
+            self._take_off_tipped()
+
+    def _take_off_tipped(self) -> None:
+        events = self.world.events[self._events_seen :]
+        self._events_seen = len(self.world.events)
+        for event in events:
+            if event.kind == "tip":
+                assert event.parcel is not None
+                self.off_table.append(self.faults.begin(Fault("lift", parcel=event.parcel)))
 
     def _collect(self, cells: list[int]) -> None:
         for cell in cells:
@@ -364,12 +384,17 @@ def simulate(
         return simulation.outcome()
 
 
-def open_bank(nodes: str, cells: int | Sequence[int]) -> CellBank:
-    """Cells with these node ids, or so many from 1, as Python objects or MicroPython processes."""
+def open_bank(
+    nodes: str, cells: int | Sequence[int], flash: Sequence[VirtualFlash] | None = None
+) -> CellBank:
+    """Cells with these node ids, or so many from 1, as Python objects or MicroPython processes.
+
+    Python objects start with what their `flash` has, if it is given.
+    """
     node_ids = range(1, cells + 1) if isinstance(cells, int) else cells
     if nodes == "micropython":
         return MicropythonBank(node_ids)
-    return PythonBank(node_ids)
+    return PythonBank(node_ids, flash)
 
 
 class _CellStation:

@@ -24,6 +24,7 @@ from mdms_host.commissioning import commissioner
 from mdms_host.commissioning.jog import Jog
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.stop import StopAll
+from mdms_host.commissioning.wheel_turn import nudge
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import outcome_of
@@ -34,7 +35,7 @@ from mdms_model.buses import Addresses
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs import cob, sdo
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.dictionary import ENTRIES
+from mdms_protocol.dictionary import AXES, ENTRIES
 from mdms_sim.driver import Driver
 from mdms_sim.faults import PRIORITY
 from mdms_sim.nodes.python_bank import PythonBank
@@ -260,7 +261,8 @@ class _Events:
             self._at(self._now_s + duration_s, partial(setattr, time, "mute", True))
             try:
                 commissioner.tell_place(commissioning, node_id, place)
-                commissioner.nudge_wheels(commissioning, node_id)
+                for axis in range(1, AXES + 1):
+                    nudge(commissioning, node_id, axis)
             except CommissioningError:
                 # The person is told why.
                 return

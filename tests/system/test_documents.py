@@ -52,8 +52,8 @@ EMPTY = "fault=[]"
 #: Blocks that another test runs as they stand, with the call; nothing else goes on with them.
 ELSEWHERE = {"mdms demo": ("host/cli/simulation/test_simulate.py", 'main(["demo", "--out"')}
 #: The answers of a person at `mdms commission`: Enter to all questions but the yes.
-CELLS = 18
-ANSWERS = CELLS * "\n" + "y\n" + 2 * CELLS * "\n"
+CELLS, AXES_OF_ROWS = 18, 2 * 3
+ANSWERS = CELLS * "\n" + "\n" + "y\n" + AXES_OF_ROWS * "\n"
 
 
 #: The commands that the reader of a page has run before it.

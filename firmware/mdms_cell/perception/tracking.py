@@ -31,11 +31,14 @@ _INSIDE = const(625)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
+#: A correction so large in one beat is no motion of a parcel: the belief jumps [um].
+_JUMP_UM = const(8_000)
 
 
 class Tracking:
     """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
 
+    `jump_beats` grows by `DOUBT_BEATS` when the belief jumps, and falls by one in each other beat.
     `others` is the mask of the directions of cells whose wheels and sensors serve another parcel.
     `under` is whether the cell is under the parcel, or nearly; `follows` whether it makes its pose
     of what neighbours believe. `sent` is how certain the pose was that was sent last, -1 if none.
@@ -56,7 +59,7 @@ class Tracking:
         self.shaped = False
         self.unplanned = False
         self.under = False
-        self.missing_beats = 0
+        self.missing_beats = self.jump_beats = 0
         self._followed_beats = 0
         self.follows = False
         self.sent = -1
@@ -130,12 +133,21 @@ class Tracking:
             self.sent >= 0
             and self.under
             and not (self.missing_beats or self.agreement.outvoted_beats)
+            and self.jump_beats <= DOUBT_BEATS
         )
 
     @micropython.native
     def is_doubtful(self):
-        """Whether this cell is not to steer: its own sensors or its neighbours are against it."""
-        return self.missing_beats >= DOUBT_BEATS or self.agreement.outvoted_beats >= DOUBT_BEATS
+        """Whether this cell is not to steer.
+
+        Its own sensors or its neighbours are against it, or its belief jumps again and again. A
+        sensor that is stuck over no parcel draws beliefs to places that agree with it, by jumps.
+        """
+        return (
+            self.missing_beats >= DOUBT_BEATS
+            or self.agreement.outvoted_beats >= DOUBT_BEATS
+            or self.jump_beats > DOUBT_BEATS
+        )
 
     @micropython.native
     def announce(self, fields, ahead_ms):
@@ -169,8 +181,10 @@ class Tracking:
             else:
                 belief.twist.reset()
             outvoted = self._compare_poses()
+            known = belief.known
+            belief.roll(step_ms)
+            x_um, y_um = belief.pose[0], belief.pose[1]
             if not (self.follows or outvoted) or not self.follow():
-                belief.roll(step_ms)
                 if self._agrees():
                     self.agreement.move(belief, self.sent)
                 belief.move_outline()
@@ -178,8 +192,18 @@ class Tracking:
                 self.sensors.check(sync_ms)
             else:
                 self.look()
+            self._find_jump(known, x_um, y_um)
         if self._heard.edges:
             self.sensors.drop_edges(sync_ms)
+
+    @micropython.native
+    def _find_jump(self, known, x_um, y_um):
+        """Find whether the belief has jumped from where the wheels have rolled it, if known."""
+        pose = self.belief.pose
+        if known and max(abs(pose[0] - x_um), abs(pose[1] - y_um)) > _JUMP_UM:
+            self.jump_beats = min(self.jump_beats + DOUBT_BEATS, 2 * DOUBT_BEATS)
+        elif self.jump_beats:
+            self.jump_beats -= 1
 
     @micropython.native
     def _find_others(self):

@@ -24,6 +24,7 @@ from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.line.attached import Line, LineError
 from mdms_host.line.packml import State
 from mdms_host.page.bus_watch import BusWatch
+from mdms_host.page.flow import ends_of
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import Main
@@ -200,6 +201,7 @@ def _slot_and_table(
         belief.scenario.title,
         layout,
         parcels_of(belief.scenario),
+        ends=ends_of(belief.scenario, parcels_of(belief.scenario)),
         slot=slot,
         watch=watch,
         now_s=clock.now_s,

@@ -15,6 +15,7 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.page.commands import ShownTable
 from mdms_host.page.description import things_of
+from mdms_host.page.flow import ends_of
 from mdms_host.page.page import Page
 from mdms_host.page.recorded import RecordedTable
 from mdms_host.page.server import LOOPBACK
@@ -58,4 +59,5 @@ def table_of(run: StoredRun) -> RecordedTable:
     layout = layout_of(told)
     if node_ids := run.figures.get("node_ids"):
         layout = replace(layout, node_ids=tuple(node_ids))
-    return RecordedTable(run, layout, things_of(parcels_of(told), None))
+    parcels = parcels_of(told)
+    return RecordedTable(run, layout, things_of(parcels, None), ends_of(told, parcels))

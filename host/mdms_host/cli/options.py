@@ -112,6 +112,12 @@ def add_page(parser: ArgumentParser) -> None:
     )
 
 
+_LINE_STATE = (
+    "folder of the line's orders, key and users (default: mdms-array/line in "
+    "$XDG_STATE_HOME or ~/.local/state)"
+)
+
+
 def add_log(parser: ArgumentParser) -> None:
     """`--log` and `--log-dir`."""
     parser.add_argument(
@@ -140,19 +146,13 @@ def add_report(parser: ArgumentParser) -> None:
     add_json(parser)
 
 
-def add_state(parser: ArgumentParser) -> None:
+def add_state(parser: ArgumentParser, text: str = _LINE_STATE) -> None:
     """`--state`."""
-    parser.add_argument(
-        "--state",
-        metavar="DIR",
-        type=Path,
-        help="folder of the line's orders, key and users (default: mdms-array/line in "
-        "$XDG_STATE_HOME or ~/.local/state)",
-    )
+    parser.add_argument("--state", metavar="DIR", type=Path, help=text)
 
 
-def add_line(parser: ArgumentParser) -> None:
-    """The options of a table in a line."""
+def add_line(parser: ArgumentParser, state: str = _LINE_STATE) -> None:
+    """The options of a table in a line; `state` is the help of its folder."""
     parser.add_argument(
         "--opcua",
         metavar="PORT",
@@ -175,7 +175,7 @@ def add_line(parser: ArgumentParser) -> None:
         action="store_true",
         help="let OPC UA clients of this machine read without a user and unencrypted",
     )
-    add_state(parser)
+    add_state(parser, state)
 
 
 def add_certificate(parser: ArgumentParser) -> None:
@@ -303,7 +303,12 @@ def add_serve(parser: ArgumentParser) -> None:
     )
     add_log(parser)
     add_page(parser)
-    add_line(parser)
+    add_line(
+        parser,
+        "folder in which the cells' stored settings outlive this command: a second start has the "
+        "table that was commissioned in the first (without it: new cells each time). It is the "
+        + _LINE_STATE.replace("folder of", "folder with", 1),
+    )
 
 
 def add_run(parser: ArgumentParser) -> None:

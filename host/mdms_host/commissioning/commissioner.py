@@ -18,10 +18,9 @@ from mdms_host.commissioning.node_ids import (
     address_of,
 )
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
-from mdms_host.commissioning.wheel_turn import Direction, nudge
+from mdms_host.commissioning.wheel_turn import Direction
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
-from mdms_protocol.dictionary import AXES
 
 
 class CommissionError(Exception):
@@ -119,9 +118,10 @@ def tell_place(commissioning: Commissioning, node_id: int, spot: tuple[int, int]
     commissioning.store(node_id)
 
 
-def nudge_wheels(commissioning: Commissioning, node_id: int) -> list[Direction]:
-    """The motor and the encoder of each wheel of a cell, as they show."""
-    return [nudge(commissioning, node_id, axis) for axis in range(1, AXES + 1)]
+def forget_place(commissioning: Commissioning, node_id: int) -> None:
+    """Have a cell keep that it has no place."""
+    commissioning.write(node_id, indices.PLACE, 1, 0)
+    commissioning.store(node_id)
 
 
 def wiring_fault(axis: int, direction: Direction) -> str | None:

@@ -17,6 +17,7 @@ from mdms_host.estimation.parcel import Parcel, outline_corners_m
 from mdms_host.estimation.size import Size
 from mdms_host.layout import Layout
 from mdms_host.page.bus_watch import KINDS, CellState
+from mdms_host.page.flow import NO_ENDS, Ends
 from mdms_model.arrays import Floats
 
 #: An outline that changes by less is the same for the eye [m].
@@ -102,9 +103,11 @@ class SnapshotSignal:
 
 
 class SnapshotSignals:
-    """The arrays of a table with so many cells, wheels, parcels and buses."""
+    """The arrays of a table with so many cells, wheels, parcels, buses and exits."""
 
-    def __init__(self, cells: int, wheels: int, parcels: int, buses: int, kinds: int) -> None:
+    def __init__(
+        self, cells: int, wheels: int, parcels: int, buses: int, kinds: int, *, exits: int = 0
+    ) -> None:
         self._signals = (
             SnapshotSignal("time", "f8", (1,), "s"),
             SnapshotSignal("speed", "f4", (1,), "1"),
@@ -123,6 +126,9 @@ class SnapshotSignals:
             SnapshotSignal("parcel_spread", "f4", (parcels, 4), "m2, m2, m2, rad2"),
             SnapshotSignal("parcel_true", "f4", (parcels, 3), "m, m, rad"),
             SnapshotSignal("parcel_goal", "f4", (parcels, 3), "m, m, rad"),
+            SnapshotSignal("parcels_came", "f4", (1,)),
+            SnapshotSignal("parcels_left", "f4", (exits,)),
+            SnapshotSignal("flow_time", "f4", (1,), "s"),
             SnapshotSignal("cell_state", "u1", (cells,)),
             SnapshotSignal("cell_presence", "u1", (cells,)),
             SnapshotSignal("cell_promise", "u1", (cells,)),
@@ -133,9 +139,10 @@ class SnapshotSignals:
         )
 
     @classmethod
-    def of(cls, layout: Layout, parcels: int, kinds: int) -> Self:
-        """Those of a layout, with so many parcels and kinds of frames."""
-        return cls(layout.cells, len(layout.wheel_cells), parcels, layout.bus_count, kinds)
+    def of(cls, layout: Layout, parcels: int, kinds: int, exits: int = 0) -> Self:
+        """Those of a layout, with so many parcels, kinds of frames, and exits."""
+        wheels = len(layout.wheel_cells)
+        return cls(layout.cells, wheels, parcels, layout.bus_count, kinds, exits=exits)
 
     def describe(self) -> list[dict[str, Any]]:
         """The arrays in their order, as JSON has them."""
@@ -203,7 +210,7 @@ OTHER_HOST = "another host drives"
 #: The phases by the numbers that snapshots have; 0 is no program.
 PHASES = ("no program", *(phase.value for phase in Phase), OTHER_HOST)
 #: The knowledge of a parcel, by the numbers that snapshots have.
-PARCEL_STATES = ("not found", "found", "doubtful", "arrived", "unknown")
+PARCEL_STATES = ("not found", "found", "doubtful", "arrived", "unknown", "in stock")
 
 
 def describe(
@@ -212,6 +219,8 @@ def describe(
     things: dict[str, Thing],
     signals: SnapshotSignals,
     offers: tuple[str, ...],
+    *,
+    ends: Ends = NO_ENDS,
 ) -> dict[str, Any]:
     """The message `table`; places in the table frame [m], outlines in the parcels' own."""
     return {
@@ -237,9 +246,11 @@ def describe(
         "phases": PHASES,
         "frame_kinds": KINDS,
         "signals": signals.describe(),
+        **ends.describe(),
     }
 
 
+NOT_FOUND, IN_STOCK = PARCEL_STATES.index("not found"), PARCEL_STATES.index("in stock")
 _FOUND, _DOUBTFUL, _ARRIVED, _UNKNOWN = (
     PARCEL_STATES.index(state) for state in ("found", "doubtful", "arrived", "unknown")
 )
@@ -277,3 +288,11 @@ def _state_of(name: str, coordinator: Coordinator) -> int:
     if name in coordinator.tracker.doubtful:
         return _DOUBTFUL
     return _ARRIVED if name in coordinator.arrived_s else _FOUND
+
+
+def stocked(state: Any, names: Iterable[str], ends: Ends) -> Any:
+    """States of parcels with these names; those that may come and are not there are in stock."""
+    states = np.array(state, np.uint8)
+    waits = np.array([name in ends.stock for name in names], bool)
+    states[waits & (states == NOT_FOUND)] = IN_STOCK
+    return states

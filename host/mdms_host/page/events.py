@@ -1,7 +1,9 @@
 """Events as the page lists them, in the order of their times, each with a remedy."""
 
+import re
 from collections import deque
 from collections.abc import Iterable
+from math import degrees
 from typing import Any
 
 from mdms_model.run.record import Event
@@ -53,12 +55,35 @@ def _shown(event: Event) -> dict[str, Any]:
     )
 
 
+#: SI units of texts, each with the unit of the page, its size, and its zeros.
+_UNITS = {"m": ("mm", 1e3, 3), "m/s": ("mm/s", 1e3, 3), "rad": ("°", degrees(1.0), 2)}
+_MEASURE = re.compile(r"(?<![\w.])(-?\d+(?:\.(\d+))?) (m/s|m|rad)(?![\w/²])")
+
+
+def in_page_units(text: str) -> str:
+    """A text with its lengths and angles in millimetres and degrees, as the page has all others.
+
+    >>> in_page_units("at x 0.1234 m, yaw 0.5236 rad")
+    'at x 123.4 mm, yaw 30.00°'
+    """
+    return _MEASURE.sub(_converted, text)
+
+
+def _converted(measure: re.Match[str]) -> str:
+    value, decimals, unit = measure.groups()
+    name, factor, zeros = _UNITS[unit]
+    digits = max(0, len(decimals or "") - zeros)
+    space = "" if name == "°" else " "
+    # Adding zero makes -0.0 zero.
+    return f"{round(float(value) * factor, digits) + 0.0:.{digits}f}{space}{name}"
+
+
 def event_of(
     time_s: float, kind: str, text: str, *, trouble: bool = False, **more: Any
 ) -> dict[str, Any]:
     """One event; what something can be done about is a trouble too."""
     advice = advice_for(text)
-    shown = {"time_s": time_s, "what": kind, "text": text, **more}
+    shown = {"time_s": time_s, "what": kind, "text": in_page_units(text), **more}
     if advice:
         shown["advice"] = advice
     if trouble or advice:

@@ -28,9 +28,11 @@ from mdms_host.page.description import (
     describe,
     plan_of,
     sized,
+    stocked,
     things_of,
 )
 from mdms_host.page.events import EventList, event_of
+from mdms_host.page.flow import NO_ENDS, Ends, believed_flow
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import TableProgram
 from mdms_host.programs.table_parcel import ProgramError
@@ -52,7 +54,8 @@ class ParcelsByHand:
     def set_goal(self, coordinator: Coordinator, command: commands.Goal) -> None:
         """Steer a parcel there from now on. Raises `RefusedError`.
 
-        A parcel that is dragged beyond its reach is held at its goal before.
+        A parcel that is dragged beyond its reach is held at its goal before. If it is let go of
+        there, it stays where it is.
         """
         self._leave_others(coordinator)
         if command.held and command.parcel in self._held:
@@ -63,10 +66,18 @@ class ParcelsByHand:
         except KeyError:
             raise RefusedError(_not_steered(coordinator, command.parcel)) from None
         except ValueError as error:
-            raise RefusedError(str(error)) from None
+            stays = self._dropped(coordinator, command)
+            raise RefusedError(f"{error}{stays}") from None
         self._held.pop(command.parcel, None)
         if command.held:
             self._held[command.parcel] = self._wall_s()
+
+    def _dropped(self, coordinator: Coordinator, command: commands.Goal) -> str:
+        """Have a parcel stay that was dragged here and is let go of at a goal that is refused."""
+        if command.held or self._held.pop(command.parcel, None) is None:
+            return ""
+        stays = _stay(coordinator, command.parcel)
+        return f"; {command.parcel} stays where it is" if stays else ""
 
     def let_go(self, coordinator: Coordinator | None) -> list[str]:
         """Have parcels stay whose goals nobody holds any more; returns their names."""
@@ -166,6 +177,7 @@ class LiveTable:
         now_s: Callable[[], float],
         wall_s: Callable[[], float] | None = None,
         error_frames: Callable[[], int] | None = None,
+        ends: Ends = NO_ENDS,
         report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
     ) -> None:
         self.version = 1
@@ -178,7 +190,8 @@ class LiveTable:
         self._now_s = now_s
         self._report = report
         self._error_frames = error_frames
-        self._signals = SnapshotSignals.of(layout, len(parcels), len(KINDS))
+        self._ends = ends
+        self._signals = self._signals_of(len(parcels))
         self._new_messages: list[dict[str, Any]] = []
         self._events = EventList()
         self._line: dict[str, Any] | None = None
@@ -194,9 +207,9 @@ class LiveTable:
 
     def description(self) -> dict[str, Any]:
         """See `Table`."""
-        return describe(self._title, self._layout, self._things, self._signals, self.offers) | {
-            "version": self.version
-        }
+        return describe(
+            self._title, self._layout, self._things, self._signals, self.offers, ends=self._ends
+        ) | {"version": self.version}
 
     def _look_for_plans(self) -> None:
         """Ways and tiles, some times a second: they are many, and change as parcels move."""
@@ -213,8 +226,11 @@ class LiveTable:
         things = things_of(self._told, self._slot.coordinator)
         if things != self._things:
             self._things = sized(things, self._slot.coordinator)
-            self._signals = SnapshotSignals.of(self._layout, len(things), len(KINDS))
+            self._signals = self._signals_of(len(things))
             self.version += 1
+
+    def _signals_of(self, parcels: int) -> SnapshotSignals:
+        return SnapshotSignals.of(self._layout, parcels, len(KINDS), len(self._ends.exits))
 
     def snapshot(self, sequence: int) -> bytes:
         """See `Table`."""
@@ -245,6 +261,10 @@ class LiveTable:
         }
         if coordinator is not None:
             values |= believed_signals(self._things, coordinator)
+            values |= believed_flow(self._ends, coordinator)
+        nothing = np.zeros(len(self._things), np.uint8)
+        states = values.get("parcel_state", nothing)
+        values["parcel_state"] = stocked(states, self._things, self._ends)
         if self._slot.beside_other_host and not self._slot.busy:
             values["phase"] = [PHASES.index(OTHER_HOST)]
         return values

@@ -12,8 +12,17 @@ from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.description import PHASES, SnapshotSignals, Thing, describe, planned
+from mdms_host.page.description import (
+    NOT_FOUND,
+    PHASES,
+    SnapshotSignals,
+    Thing,
+    describe,
+    planned,
+    stocked,
+)
 from mdms_host.page.events import events_of
+from mdms_host.page.flow import NO_ENDS, Ends, FlowCount, beside
 from mdms_model.arrays import Floats
 from mdms_model.run.derived import goals_at, goals_given, plan_at, slip_m_s
 from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
@@ -34,13 +43,20 @@ class RecordedTable:
 
     offers: tuple[str, ...] = ("pause", "resume", "step", "speed", "seek")
 
-    def __init__(self, run: StoredRun, layout: Layout, things: dict[str, Thing]) -> None:
+    def __init__(
+        self,
+        run: StoredRun,
+        layout: Layout,
+        things: dict[str, Thing],
+        ends: Ends = NO_ENDS,
+    ) -> None:
         self.version = 1
         record = run.record
         self._run = run
         self._layout = layout
         self._things = things
-        self._signals = SnapshotSignals.of(layout, len(things), len(KINDS))
+        self._ends = ends
+        self._signals = SnapshotSignals.of(layout, len(things), len(KINDS), len(ends.exits))
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
         self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s)
@@ -49,6 +65,7 @@ class RecordedTable:
         self._phases = _phases(record.events, self._times_s)
         self._arrived = _arrived(record, list(things), self._times_s)
         self.duration_s = float(self._times_s[-1])
+        self._comings = [each for each in record.events if each.kind in ("arrival", "exit")]
         self._history = b""
         self._shown_plan = planned({}, ())
         self._at_s = 0.0
@@ -70,8 +87,9 @@ class RecordedTable:
 
     def description(self) -> dict[str, Any]:
         """See `Table`."""
+        title = self._run.scenario.title
         return describe(
-            self._run.scenario.title, self._layout, self._things, self._signals, self.offers
+            title, self._layout, self._things, self._signals, self.offers, ends=self._ends
         ) | {"version": self.version, "recorded": True, "duration_s": self.duration_s}
 
     def snapshot(self, sequence: int) -> bytes:
@@ -105,18 +123,43 @@ class RecordedTable:
             "wheel_reference": record.reference_m_s[instant],
             "wheel_slip": self._slip_m_s[instant],
             "wheel_normal": record.normal_n[instant],
-            "parcel_true": record.pose[instant],
+            "parcel_true": self._true_poses(instant),
             "parcel_goal": [goals.get(name, _NO_GOAL) for name in self._things],
             "phase": [self._phases[index]],
         }
         if believed is not None:
             shown["parcel_believed"] = believed[instant]
             found = np.isfinite(believed[instant, :, 0])
-            shown["parcel_state"] = np.where(found, 1 + 2 * self._arrived[index], 0)
+            states = np.where(found, 1 + 2 * self._arrived[index], NOT_FOUND)
+            shown["parcel_state"] = stocked(states, self._things, self._ends)
         if record.identity is not None and record.state is not None:
             shown["cell_promise"] = record.identity[instant]
             shown["cell_promise_state"] = record.state[instant]
-        return shown | self._bus.values(index)
+        return shown | self._flow(float(self._times_s[index])) | self._bus.values(index)
+
+    def _true_poses(self, instant: Any) -> Any:
+        """Under the names of beliefs, as far as parcels are alike."""
+        record = self._run.record
+        if record.estimate is None:
+            return record.pose[instant]
+        true, believed = (
+            {
+                name: pose
+                for name, pose in zip(self._things, poses, strict=True)
+                if pose[0] == pose[0]
+            }
+            for poses in (record.pose[instant], record.estimate[instant])
+        )
+        named = beside(believed, true, self._ends)
+        return [named.get(name, _NO_GOAL) for name in self._things]
+
+    def _flow(self, time_s: float) -> dict[str, Any]:
+        """Parcels that have come and left by a time; nothing for a record without these events."""
+        if self._run.record.is_belief:
+            return {}
+        count = FlowCount(self._ends)
+        count.count([event for event in self._comings if event.time_s <= time_s])
+        return count.values(time_s)
 
     def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`: all is known from the start but which plan is in force."""

@@ -294,6 +294,8 @@ class PageApp:
             return await self._ask(command)
         if not client.may_control:
             raise RefusedError("open the address that the command has printed, with its token")
+        if isinstance(command, commands.Stop):
+            return await self._ask(command)
         if isinstance(command, commands.TakeControl):
             self._hub.take(client)
             return None

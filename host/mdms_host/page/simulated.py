@@ -15,6 +15,7 @@ from mdms_host.page import commands
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.commands import Command, EndFault, RefusedError
 from mdms_host.page.events import events_of
+from mdms_host.page.flow import FlowCount, beside, ends_of
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_model.scenario.fault import Fault
@@ -34,6 +35,8 @@ _ONCE = ("off", "hang")
 class _Begun:
     since_s: float
     ongoing: Ongoing
+    #: Whether the simulation has begun it, for a parcel that has tipped.
+    by_itself: bool = False
 
 
 class FaultsByHand:
@@ -65,6 +68,15 @@ class FaultsByHand:
             kernel.at(end_ns, PRIORITY, lambda: self._end_by_itself(number))
         return number
 
+    def add_off_table(self) -> None:
+        """List the parcels that have tipped, to be set down again."""
+        off_table = self._simulation.off_table
+        while off_table:
+            self._count += 1
+            since_s = self._simulation.kernel.now_ns / NS_PER_S
+            self._begun[self._count] = _Begun(since_s, off_table.pop(0), by_itself=True)
+            self._on_change()
+
     def end(self, command: EndFault) -> None:
         """Have one end. Raises `RefusedError`."""
         begun = self._begun.get(command.number)
@@ -81,9 +93,9 @@ class FaultsByHand:
         self._on_change()
 
     def let_go(self) -> None:
-        """Set down a lifted parcel at its place before."""
+        """Set down a lifted parcel at its place before; one that has tipped there stays off."""
         for number, begun in list(self._begun.items()):
-            if begun.ongoing.fault.kind == "lift":
+            if begun.ongoing.fault.kind == "lift" and not begun.by_itself:
                 self.end(EndFault(number))
 
     def message(self) -> dict[str, Any]:
@@ -149,10 +161,12 @@ class SimulatedTable(LiveTable):
     ) -> None:
         kernel = simulation.kernel
         watch = BusWatch(layout)
+        ends = ends_of(scenario, parcels)
         super().__init__(
             scenario.title,
             layout,
             parcels,
+            ends=ends,
             slot=slot,
             watch=watch,
             now_s=lambda: kernel.now_ns / NS_PER_S,
@@ -170,6 +184,7 @@ class SimulatedTable(LiveTable):
         self._faults = FaultsByHand(
             simulation, scenario, lambda: self._new_messages.append(self._faults.message())
         )
+        self._flow = FlowCount(ends)
         self._seen = {"world": 0, "faults": 0, "referee": 0}
         self._pace = _Pace(time)
 
@@ -180,22 +195,33 @@ class SimulatedTable(LiveTable):
     def values(self) -> dict[str, Any]:
         """See `LiveTable`."""
         world, buses = self._simulation.world, self._simulation.buses
-        return super().values() | {
-            "speed": self._speed,
-            "paused": [int(self._paused)],
-            "real_time_factor": self._pace.factor(self._simulation.kernel.now_ns),
-            "bus_counters": [_worst_counters(bus) for bus in buses],
-            "wheel_slip": world.slip_m_s,
-            "wheel_normal": world.normal_n,
-            "parcel_true": self._true_poses(),
-        }
+        self._flow.count(world.events)
+        believed = super().values()
+        flow = self._flow.values(self._simulation.kernel.now_ns / NS_PER_S)
+        return (
+            believed
+            | flow
+            | {
+                "speed": self._speed,
+                "paused": [int(self._paused)],
+                "real_time_factor": self._pace.factor(self._simulation.kernel.now_ns),
+                "bus_counters": [_worst_counters(bus) for bus in buses],
+                "wheel_slip": world.slip_m_s,
+                "wheel_normal": world.normal_n,
+                "parcel_true": self._true_poses(believed.get("parcel_believed")),
+            }
+        )
 
-    def _true_poses(self) -> Any:
-        """Of those that are on the table, by their names."""
+    def _true_poses(self, poses_believed: Any) -> Any:
+        """Of those that are on the table, by the names under which the host has them."""
         world, parcels = self._simulation.world, self._scenario.parcel
         states, poses = world.scene.state.parcels, world.pose
         there = (states["lifted"] == 0) & (states["away"] == 0)
         known = {one.name: poses[k] for k, one in enumerate(parcels) if there[k]}
+        if poses_believed is not None:
+            found = zip(self._things, poses_believed, strict=True)
+            believed = {name: pose for name, pose in found if np.isfinite(pose[0])}
+            known = beside(believed, known, self._ends)
         unknown = np.full(3, np.nan)
         return [known.get(name, unknown) for name in self._things]
 
@@ -235,6 +261,7 @@ class SimulatedTable(LiveTable):
 
     def look(self) -> None:
         """Time has passed: note how late it is, and stand still where that was asked for."""
+        self._faults.add_off_table()
         now_ns = self._simulation.kernel.now_ns
         if self._pause_ns is not None and now_ns >= self._pause_ns:
             self._pause()

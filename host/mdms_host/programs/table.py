@@ -1,6 +1,6 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from difflib import get_close_matches
 from math import inf, isfinite
@@ -284,6 +284,9 @@ class TableDriver:
 
     def __init__(self, table: Table) -> None:
         self.table = table
+        #: How many parcels have come, and how many have left, by the names of exits.
+        self.came = 0
+        self.left: Counter[str] = Counter()
         self._on_blocked: Callable[[str, float], object] = lambda _where, _took_s: None
 
     @property
@@ -302,12 +305,15 @@ class TableDriver:
         parcel._carried_by((self.table._move_by_program, self.table._leave_by_program))
         self.table.orders.on_parcel(parcel)
         if arrives:
+            self.came += 1
             self.table._arrived.append(parcel)
 
     def remove(self, name: str, exit: str | None = None) -> None:
         """A parcel has left, by an exit unless it was lost or taken away."""
         parcel = self.table._parcels.pop(name)
         self.table.orders.on_left(parcel, exit)
+        if exit is not None:
+            self.left[exit] += 1
         parcel.has_left = True
         parcel._carried_by(None)
         parcel._see(None)

@@ -66,6 +66,8 @@ def slip_m_s(scenario: Scenario, record: Record) -> Floats:
 def _slip_m_s(scenario: Scenario, wheels: Wheels, record: Record, part: slice) -> Floats:
     """The same for some of the samples."""
     poses, twists = record.pose[part], record.twist[part]
+    if not scenario.parcel:
+        return np.zeros_like(record.speed_m_s[part])
     samples = np.arange(len(poses))[:, None]
     carried = _parcel_on(scenario, poses, wheels.position_m)
     pose, twist = poses[samples, carried], twists[samples, carried]

@@ -230,6 +230,11 @@ def _check_fidelity(scenario: Scenario) -> None:
             f"cell.wheel has {wheels} items, but the firmware drives at most {MOST_AXES}; "
             "set run.fidelity to 'ideal'"
         )
+    if scenario.run.fidelity == "row" and not scenario.parcel:
+        raise ScenarioError(
+            "parcel is missing, which run.fidelity 'row' needs: the row is solved for its parcels; "
+            "give one, or set run.fidelity to 'firmware' for an empty table"
+        )
     if scenario.run.fidelity == "row" and not _is_paper_row(scenario):
         raise ScenarioError(
             "run.fidelity is 'row', which needs array.rows = 1 and one wheel a cell that pushes "

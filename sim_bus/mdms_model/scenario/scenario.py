@@ -389,8 +389,8 @@ class Scenario:
     """The grid of cells."""
     cell: Cell = field(default_factory=Cell)
     """What all cells share."""
-    parcel: tuple[Parcel, ...] = field(default=(), metadata=Limit(items=(1, 10_000)))
-    """The parcels."""
+    parcel: tuple[Parcel, ...] = field(default=(), metadata=Limit(items=(0, 10_000)))
+    """The parcels; none: an empty table."""
     motion: Motion = field(default_factory=Motion)
     """What the wheels do."""
     run: Run = field(default_factory=Run)

@@ -12,6 +12,7 @@ from mdms_model.compiled import compiled
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.controller import Acceptance, Confinement
 from mdms_sim.nodes.bank import Conditions
+from mdms_sim.nodes.kernels import compile_kernels
 from mdms_sim.nodes.virtual_board import (
     SUPPLY_UV,
     VirtualBoard,
@@ -72,9 +73,15 @@ class _Board(VirtualBoard):
 
 
 class PythonBank:
-    """One `mdms_cell.cell.Cell` a cell; the registers of all are the rows of one matrix."""
+    """One `mdms_cell.cell.Cell` a cell; the registers of all are the rows of one matrix.
 
-    def __init__(self, node_ids: Sequence[int]) -> None:
+    Cells start with what their `flash` has, which is empty by default.
+    """
+
+    def __init__(
+        self, node_ids: Sequence[int], flash: Sequence[VirtualFlash] | None = None
+    ) -> None:
+        compile_kernels()
         self._node_ids = list(node_ids)
         cells = range(len(self._node_ids))
         self._conditions = Conditions(len(cells))
@@ -86,7 +93,7 @@ class PythonBank:
         self._voltages_uv = self._driven_uv.copy()
         self._awake = np.zeros(len(cells), np.int32)
         self._supply_uv = np.full(len(cells), SUPPLY_UV, np.int32)
-        self._flash = [VirtualFlash() for _ in cells]
+        self._flash = [VirtualFlash() for _ in cells] if flash is None else flash
         self._acceptances = [Acceptance() for _ in cells]
         self._boards = [self._board(cell) for cell in cells]
         self._cells: list[Cell] = [

@@ -109,6 +109,17 @@ class VirtualFlash:
         self._banks = [bytearray(), bytearray()]
         self.files = VirtualFiles()
 
+    def content(self) -> "tuple[list[bytes], dict[str, bytes]]":
+        """Return the bytes of the banks and of the files by their paths."""
+        return [bytes(bank) for bank in self._banks], self.files.content()
+
+    def restore(self, banks: "list[bytes]", files: "dict[str, bytes]") -> None:
+        """Have the content of another flash."""
+        self._banks = [bytearray(bank) for bank in banks]
+        self.files = VirtualFiles()
+        for path, data in files.items():
+            self.files.replace(path, data)
+
     def read(self, bank: int) -> bytes:
         """Return the whole bank."""
         return bytes(self._banks[bank])
@@ -129,6 +140,10 @@ class VirtualFiles:
 
     def __init__(self) -> None:
         self._files: dict[str, bytearray] = {}
+
+    def content(self) -> "dict[str, bytes]":
+        """Return the bytes of each file by its path."""
+        return {path: bytes(data) for path, data in self._files.items()}
 
     def _content(self, path: str) -> bytearray:
         if path not in self._files:

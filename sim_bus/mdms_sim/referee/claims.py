@@ -240,7 +240,9 @@ class Claims:
                 # A parcel that goes on after the fault, and stands later, may do so for a reason of
                 # its own.
                 caused = since_s - fault.time_s <= SAID_S
-                if caused and not self._is_said(report, fault.time_s, now_s):
+                # A parcel that an earlier fault was stopping already has that one's reason.
+                first_s = min(each.time_s for each in self._stoppings if number in each.stands_s)
+                if caused and not self._is_said(report, first_s, now_s):
                     name = self._parcels[number].name
                     text = f"{name} stands since the fault '{fault.kind}', and nobody says so"
                     self._note("said", text, parcel=name)

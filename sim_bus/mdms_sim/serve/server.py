@@ -129,14 +129,12 @@ class Server:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
-    def run(
-        self, over: Callable[[], object] = lambda: False, *, beyond_tipping: bool = False
-    ) -> None:
+    def run(self, over: Callable[[], object] = lambda: False) -> None:
         """Serve until it is over, which is asked about a thousand times a second.
 
-        A parcel that tips ends it, unless there is somebody to go on `beyond_tipping`.
+        A parcel that tips ends it, unless the simulation goes on beyond that.
         """
-        while not over() and (beyond_tipping or not self.simulation.tipped):
+        while not over() and not self.simulation.tipped:
             self._simulate()
             self._serve_clients()
             self._look_at_lights()

@@ -62,6 +62,7 @@ class Desk:
             [self.slot, *others],
             host_report=lambda: host_report_of(self.slot.coordinator),
             recorded=False,
+            beyond_tipping=True,
         )
         self.table = table_of(self.scenario, self.slot, self.simulation, RealTime())
         self.messages: list[dict[str, Any]] = []

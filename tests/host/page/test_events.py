@@ -1,6 +1,8 @@
 """Events are listed in the order of their times, with the remedies of each."""
 
-from mdms_host.page.events import KEPT, EventList, event_of, events_of
+import pytest
+
+from mdms_host.page.events import KEPT, EventList, event_of, events_of, in_page_units
 from mdms_model.run.record import Event
 
 
@@ -30,3 +32,20 @@ def test_an_event_with_a_remedy_has_it_and_is_a_trouble():
     assert shown["trouble"]
     (shown,) = events_of([Event(1.0, "fault", "off begins", cell=3)])
     assert (shown["cell"], "trouble" in shown, "advice" in shown) == (3, False, False)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        (
+            "set down at x 0.1234 m, y -0.0001 m, yaw 0.5236 rad",
+            "set down at x 123.4 mm, y -0.1 mm, yaw 30.00°",
+        ),
+        ("at x = -0.0000 m", "at x = 0.0 mm"),
+        ("moves at 0.25 m/s, 2 m away", "moves at 250 mm/s, 2000 mm away"),
+        ("cell 5 m3 has 10 mm, 3 ms and 2 m² left", "cell 5 m3 has 10 mm, 3 ms and 2 m² left"),
+    ],
+)
+def test_lengths_and_angles_are_in_the_units_of_the_page(text, shown):
+    assert in_page_units(text) == shown
+    assert event_of(1.0, "page", text)["text"] == shown

@@ -164,6 +164,102 @@ def test_an_unknown_thing_is_named_with_the_proposed_size_or_as_a_disc(still, op
     ]
 
 
+def test_dragging_something_unknown_offers_to_name_it(still, open_page):
+    table, address = still
+    page = open_page(address)
+    page.click("#tab-plots")
+    drag(page, place_of(page, 0.2, 0.05), place_of(page, 0.0, 0.05))
+    expect(page.locator("#notice")).to_have_text("unknown-1 has no name yet: name it, then drag it")
+    expect(page.locator("[aria-label='Name of the parcel']")).to_be_focused()
+    assert page.input_value("#chosen") == "parcel 1"
+    assert table.done == []
+
+
+def test_start_is_enabled_where_it_does_something_and_stops_always_are(still, open_page):
+    _, address = still
+    page = open_page(address)
+    page.evaluate("page.show = () => page.wire.seen()")
+    phases = page.evaluate("page.table.phases")
+    enabled = {}
+    for number, phase in enumerate(phases):
+        page.evaluate(
+            "(phase) => { page.snapshot.phase[0] = phase; page.showTexts(page.snapshot); }", number
+        )
+        enabled[phase] = page.is_enabled("#start")
+        assert page.is_enabled("#stop")
+        assert page.is_enabled("#stop-all")
+    assert {phase for phase, on in enabled.items() if on} == {
+        "no program",
+        "stopped",
+        "stopped after a fault",
+    }
+
+
+def test_stop_all_says_how_many_cells_are_off(still, open_page):
+    table, address = still
+    page = open_page(address)
+    set_states = """(states) => {
+      page.show = () => page.wire.seen();
+      page.snapshot.cell_state.set(states);
+      page.showTexts(page.snapshot);
+    }"""
+    page.evaluate(set_states, [3] * 18)
+    page.click("#stop-all")
+    expect(page.locator("#notice")).to_have_text("Stop all: 0 of 18 off")
+    page.evaluate(set_states, [2] * 17 + [3])
+    expect(page.locator("#notice")).to_have_text("Stop all: 17 of 18 off")
+    page.evaluate(set_states, [2] * 18)
+    expect(page.locator("#notice")).to_have_text("Stop all: 18 of 18 off")
+    page.evaluate(set_states, [2] * 16 + [1, 3])
+    page.click("#stop-all")
+    expect(page.locator("#notice")).to_have_text(
+        "Stop all: 16 of 18 off; cell 17 (node 17) does not answer: cut the motors' power",
+        timeout=10_000,
+    )
+    assert table.done == [commands.StopAll()] * 2
+
+
+def test_events_of_one_kind_are_counted_in_one_line(still, open_page):
+    _, address = still
+    page = open_page(address)
+    page.click("#tab-events")
+    page.evaluate("""() => {
+      const at = (time_s, text, more = {}) => ({ time_s, what: "coordinator", text, ...more });
+      const events = [at(0.5, "running")];
+      for (let k = 0; k < 73; k++) {
+        events.push(at(1 + k / 100, `cell ${k} reports 0x8250`, { trouble: true }));
+      }
+      events.push(at(2, "box has arrived"), at(2.5, "unknown-1 has arrived"), at(3, "stopped"));
+      page.events.take({ events });
+    }""")
+    lines = page.locator("#event-list > li")
+    expect(lines).to_have_count(4)
+    texts = lines.all_inner_texts()
+    assert "stopped" in texts[0]
+    assert "\u00d72 unknown-1 has arrived" in texts[1]
+    assert "\u00d773 cell 72 reports 0x8250" in texts[2]
+    page.click("#event-list > li:nth-child(3) summary")
+    expect(page.locator("#event-list > li:nth-child(3) details li")).to_have_count(72)
+    page.fill("#filter", "cell 5")
+    expect(page.locator("#event-list > li")).to_have_count(1)
+    assert "\u00d711" in page.locator("#event-list > li").inner_text()
+
+
+def test_cells_of_several_buses_have_their_full_names_on_a_phone(browser):
+    opened = OpenPage(StillTable(9, 6))
+    context = browser.new_context(viewport={"width": 390, "height": 760})
+    page = context.new_page()
+    page.add_init_script(SPY)
+    page.goto(opened.page.address)
+    wait_until(page, "Boolean(window.page?.snapshot && window.page.control)")
+    page.evaluate("window.texts = []; page.picture.kept = ''; page.redraw()")
+    page.wait_for_timeout(200)
+    names = [text for text, *_ in page.evaluate("window.texts")][:54]
+    context.close()
+    opened.close()
+    assert names == [f"{cell // 18}·{cell % 18 + 1}" for cell in range(54)]
+
+
 def test_plots_show_latest_values_and_how_lines_are_drawn(still, open_page):
     _, address = still
     page = open_page(address)

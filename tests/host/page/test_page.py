@@ -143,6 +143,15 @@ def test_without_the_token_nothing_moves_but_everything_stops(table, visit, toke
     assert table.done == [commands.StopAll()]
 
 
+def test_program_is_stopped_by_a_page_that_is_not_in_control(table, visit):
+    visit().await_message("control", yours=True)
+    second = visit()
+    second.await_message("control", yours=False)
+    assert not second.ask("start")["ok"]
+    assert second.ask("stop")["ok"]
+    assert table.done == [commands.Stop()]
+
+
 def test_one_is_in_control_and_another_watches_until_it_takes_it(table, visit):
     first = visit()
     first.await_message("control", yours=True)

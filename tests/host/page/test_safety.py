@@ -206,3 +206,27 @@ def test_objects_are_not_read_while_somebody_else_asks_a_cell(desk):
         desk.table.do(commands.ReadObjects(5))
     desk.run(0.25)
     desk.table.do(commands.ReadObjects(5))
+
+
+def test_goal_that_is_dropped_where_it_is_refused_leaves_the_parcel_where_it_is(running):
+    running.run_until(lambda: "box has arrived" in running.texts, 6.0)
+    running.table.do(commands.Goal("box", -0.15, 0.0, 0.0, held=True))
+    running.run(0.3)
+    with pytest.raises(RefusedError, match="would tip there"):
+        running.table.do(commands.Goal("box", 0.9, 0.0, 0.0, held=True))
+    running.run(0.1)
+    dropped = place_of_box(running)
+    assert dropped[0] > -0.05
+    with pytest.raises(RefusedError, match=r"would tip there.*; box stays where it is"):
+        running.table.do(commands.Goal("box", 0.9, 0.0, 0.0))
+    running.run(3.0)
+    # On its way it goes on as far as it brakes.
+    assert np.hypot(*(place_of_box(running) - dropped)[:2]) < 0.05
+
+
+def test_goal_that_is_refused_without_a_drag_changes_nothing(running):
+    goal = running.shown["parcel_goal"][0].copy()
+    with pytest.raises(RefusedError, match=r"would tip there(?!.*stays)"):
+        running.table.do(commands.Goal("box", 0.9, 0.0, 0.0))
+    running.run(0.1)
+    assert running.shown["parcel_goal"][0] == pytest.approx(goal)

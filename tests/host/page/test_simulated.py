@@ -12,7 +12,7 @@ from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError
 from mdms_host.page.description import PARCEL_STATES, PHASES
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.file import load_scenario, scenario_from
 
 BESIDE = (
     "[{name='box', mass_kg=1.0, length_m=0.28, width_m=0.28, x_m=-0.35, y_m=0.19,"
@@ -396,3 +396,30 @@ def test_disc_that_nobody_has_announced_gets_its_diameter(monkeypatch):
     # From then on it is steered as any other is.
     desk.table.do(commands.Goal("tray", 0.25, 0.0, 1.0))
     assert desk.shown["parcel_goal"][1] == pytest.approx([0.25, 0.0, np.nan], nan_ok=True)
+
+
+def test_parcel_that_tips_is_in_the_hand_and_is_set_down_again(desk):
+    off = fault("push", parcel="box", impulse_n_s=(0.0, 4.0))
+    for _ in range(2):
+        desk.table.do(off)
+        desk.run_until(lambda: desk.faults, 2.0)
+        (listed,) = desk.faults
+        assert listed["fault"] == {"kind": "lift", "parcel": "box"}
+        assert np.isnan(desk.shown["parcel_true"][0]).all()
+        desk.table.abandon()
+        desk.run(0.05)
+        assert [each["fault"]["kind"] for each in desk.faults] == ["lift"]
+        desk.table.do(commands.EndFault(listed["number"], 0.0, 0.0, 0.0))
+        desk.run(0.05)
+        assert desk.shown["parcel_true"][0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-2)
+        desk.messages.clear()
+    assert [event.kind for event in desk.simulation.world.events].count("tip") == 2
+
+
+def test_empty_table_is_shown_and_started(monkeypatch):
+    empty = {"title": "Empty", "array": {"columns": 3, "rows": 2}, "run": {"fidelity": "firmware"}}
+    desk = Desk(monkeypatch, scenario_from(empty))
+    desk.run(0.3)
+    assert desk.shown["cell_state"].shape == (6,)
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: "running" in desk.texts, 3.0)

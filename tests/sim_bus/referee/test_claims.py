@@ -195,6 +195,13 @@ def test_without_the_host_an_emergency_on_the_bus_says_it():
     assert not noted(judged(scenario, 4.5, drive=goes_until(0.3), host=steers(), frames=frames))
 
 
+def test_a_fault_that_comes_while_an_earlier_one_stops_the_parcel_needs_no_word_of_its_own():
+    faults = [JAM.replace("start_s=0.5", "start_s=0.18"), HOST_GONE]
+    scenario = table(BOX, faults=faults, more=["parcel.0.goal.x_m=0.2"])
+    frames = [(0.19, EMERGENCY)]
+    assert not noted(judged(scenario, 4.5, drive=goes_until(0.3), host=steers(), frames=frames))
+
+
 @pytest.mark.violates("said")
 def test_a_run_in_which_nothing_moves_and_nobody_says_why_is_noted_after_30_s():
     (violation,) = noted(judged(table(BOX), 33.0, host=steers()))

@@ -90,16 +90,23 @@ def test_a_cell_that_lost_the_fight_for_its_node_id_gets_its_own(serve, tmp_path
     assert [(cell.serial, cell.node_id) for cell in file.cells] == [(1, 1), (2, 2), (3, 3), (4, 4)]
 
 
-def test_wheel_that_pushes_the_wrong_way_is_set_right_and_stays_so(serve, tmp_path, monkeypatch):
+def test_wheel_that_pushes_the_wrong_way_is_set_right_and_stays_so(
+    serve, tmp_path, monkeypatch, capsys
+):
     array = serve()
-    # Places, consent to write and to turn, then each wheel: axis 1 of node 2 went the wrong way.
-    seen = ["y", "y", "n", "y", "y", "y", "y", "y"]
-    answers = "".join(f"{each}\n" for each in ("1", "2", "3", "4", "y", "y", *seen))
+    # Places, consent to write and to turn, then each axis of each row: that of node 2 went the
+    # wrong way, as a second look shows. Node 7 is of no row.
+    seen = ["r", "7", "2", "", "", ""]
+    answers = "".join(f"{each}\n" for each in ("1", "2", "3", "4", "", "y", "y", *seen))
     terminal = io.StringIO(answers)
     terminal.isatty = lambda: True
     monkeypatch.setattr("sys.stdin", terminal)
     out = tmp_path / "asked.toml"
     assert main(["commission", *GRID, "--out", str(out), "-i", "virtual"]) == Exit.OK
+    said = capsys.readouterr().err
+    assert said.count("did the top of each wheel move") == 6
+    assert "'7' names other nodes than 1-2" in said
+    assert "node 2, axis 1: turned the other way round" in said
     cell = read_array(out).cells[1]
     assert [(each.name, number) for each, number in cell.values.items()] == [
         ("axis1.polarity", 0x40)

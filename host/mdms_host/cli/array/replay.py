@@ -64,11 +64,21 @@ def _send(arguments: Namespace) -> Exit:
             # The host of the log may not have come to its end. Its enabled cells would run on until
             # they miss it, and then stand in fault.
             stopped = stop_all(link, clock)
-    figures = {"frames": len(frames), "unsent": unsent, "duration_s": duration_s}
+    heard = len(stopped.heard)
+    figures = {"frames": len(frames), "unsent": unsent, "duration_s": duration_s, "heard": heard}
     if arguments.json:
         print(json.dumps(figures))
     else:
-        print(f"sent {len(frames) - unsent} of {len(frames)} frames in {duration_s:.2f} s")
+        print(
+            f"sent {len(frames) - unsent} of {len(frames)} frames in {duration_s:.2f} s; "
+            f"{heard} cells were heard"
+        )
     if stopped.not_off:
         raise CommandError(not_off_text(stopped), Exit.NODE_FAULT)
+    if not heard and sender == "host":
+        raise CommandError(
+            "no cell was heard, so nobody has taken the frames; see that the cells are on this "
+            "bus, or give --all for a bus that has none",
+            Exit.NO_DEVICE,
+        )
     return Exit.OK if not unsent else Exit.FAILURE

@@ -8,7 +8,7 @@ import re
 import select
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -51,6 +51,8 @@ def blink(commissioning: Commissioning, node_id: int, seconds: float) -> None:
 _BLINK_S = 60.0
 #: Keys that end the dialogue.
 LEAVE = ("q", "\x1b", "\x04")
+#: Answers that end the dialogue, and that take the last answer back.
+QUIT, UNDO = ("q", "quit"), ("u", "undo")
 _NUMBER = re.compile(r"(\d+)(?:\s*[, ]\s*(\d+))?")
 
 
@@ -59,34 +61,134 @@ def ask_places(
 ) -> dict[int, Spot]:
     """Column and row of each cell by its serial number; each is stored as soon as it is given.
 
-    A cell that has a place of its own already keeps it, unless `again`. Raises `CommandError` when
-    the person ends it; the answers so far are kept for the next time.
+    A cell that has a place of its own already keeps it, unless `again`. The last answer can be
+    undone, and the one before, and so on. Raises `CommandError` when the person ends it; the
+    answers so far are kept for the next time.
     """
     spots = {} if again else _stored(commissioning, roll, grid)
     if spots:
         say(f"{len(spots)} cells have their places already (--again asks for them too)")
     waiting = sorted(serial for serial in roll.serials if serial not in spots)
-    for serial in waiting:
+    answered: list[int] = []
+    while waiting:
+        serial = waiting[0]
         node_id = roll.node_ids[serial]
         spot = _ask(commissioning, serial, node_id, grid, spots)
-        spots[serial] = spot
-        steps.tell_place(commissioning, node_id, spot)
+        if spot is not None:
+            spots[serial] = spot
+            steps.tell_place(commissioning, node_id, spot)
+            _echo(serial, spot, grid, len(spots))
+            answered.append(waiting.pop(0))
+        if spot is None or (not waiting and _undoes_last(len(spots))):
+            _undo(commissioning, roll, spots, answered, waiting)
     return spots
 
 
-def ask_direction(commissioning: Commissioning, cell: FiledCell) -> FiledCell:
-    """The cell, with the other polarity of each wheel that a person saw push the wrong way."""
-    values = dict(cell.values)
-    for axis in (1, 2):
-        parameter = steps.polarity_of(axis)
-        before = values.get(parameter, commissioning.read(cell.node_id, *parameter.place))
-        question = (
-            f"node {cell.node_id}, axis {axis}: did the top of the wheel move towards "
-            f"+{'xy'[axis - 1]}? [Y/n] "
-        )
-        backwards = _line(question).lower() in ("n", "no")
-        values[parameter] = before ^ REVERSED if backwards else before
-    return replace(cell, values=values)
+def _echo(serial: int, spot: Spot, grid: Spot, count: int) -> None:
+    columns, rows = grid
+    say(
+        f"  {serial:08X} is at place {_number(spot, columns)}, column {spot[0]} and row {spot[1]}: "
+        f"{count} of {columns * rows}"
+    )
+
+
+def _undoes_last(count: int) -> bool:
+    question = f"All {count} cells have their places. (Enter: go on; u: undo the last) "
+    return _line(question).lower() in UNDO
+
+
+def _undo(
+    commissioning: Commissioning,
+    roll: FoundCells,
+    spots: dict[int, Spot],
+    answered: list[int],
+    waiting: list[int],
+) -> None:
+    """Take the last answer back, so that its cell is asked for next."""
+    if not answered:
+        say("there is no answer to undo; --again asks for all cells")
+        return
+    serial = answered.pop()
+    del spots[serial]
+    steps.forget_place(commissioning, roll.node_ids[serial])
+    waiting.insert(0, serial)
+    say(f"  {serial:08X} has no place any more")
+
+
+def ask_directions(
+    commissioning: Commissioning,
+    cells: Sequence[FiledCell],
+    axis: int,
+    push: Callable[[], object],
+) -> list[FiledCell]:
+    """The cells, each with the polarity of this axis: the other one where a person says so.
+
+    One question is for all of them. `push()` turns the wheels again. Raises `CommandError` when the
+    person ends it.
+    """
+    node_ids = [cell.node_id for cell in cells]
+    question = (
+        f"node {ranges(node_ids)}, axis {axis}: did the top of each wheel move towards "
+        f"+{'xy'[axis - 1]}? (Enter: each did; else the nodes that did not, as {node_ids[-1]}; "
+        "r: push again; q: end) "
+    )
+    while True:
+        answer = _line(question).lower()
+        if answer in QUIT:
+            raise CommandError(
+                "ended; the places are kept, and the same command goes on", Exit.FAILURE
+            )
+        if answer == "r":
+            push()
+            continue
+        backwards = _nodes_said(answer, node_ids)
+        if backwards is None:
+            say(f"{answer!r} names other nodes than {ranges(node_ids)}")
+            continue
+        if backwards:
+            say(f"  node {ranges(sorted(backwards))}, axis {axis}: turned the other way round")
+        return [_turned(commissioning, cell, axis, cell.node_id in backwards) for cell in cells]
+
+
+def _nodes_said(answer: str, node_ids: Sequence[int]) -> set[int] | None:
+    """The nodes of an answer, none for 'each did'; None for an answer that names others."""
+    if answer in ("", "y", "yes"):
+        return set()
+    words = answer.replace(",", " ").split()
+    if not all(word.isdecimal() and int(word) in node_ids for word in words):
+        return None
+    return set(map(int, words))
+
+
+def _turned(commissioning: Commissioning, cell: FiledCell, axis: int, backwards: bool) -> FiledCell:
+    parameter = steps.polarity_of(axis)
+    before = cell.values.get(parameter, commissioning.read(cell.node_id, *parameter.place))
+    polarity = before ^ REVERSED if backwards else before
+    return replace(cell, values={**cell.values, parameter: polarity})
+
+
+#: How a question shows its default.
+_CHOICES = {None: "[y/n]", False: "[y/N]", True: "[Y/n]"}
+
+
+def confirmed(arguments: Namespace, question: str, default: bool | None = None) -> bool:
+    """Whether to go on: `--yes`, or y on a terminal; without a default Enter alone asks again.
+
+    Raises `CommandError` without a terminal.
+    """
+    if arguments.yes:
+        return True
+    if not sys.stdin.isatty():
+        raise CommandError("nobody can be asked here; say --yes", Exit.USAGE)
+    while True:
+        answer = _line(f"{question} {_CHOICES[default]} ").lower()
+        if not answer and default is not None:
+            return default
+        if answer in ("y", "yes"):
+            return True
+        if answer in ("n", "no", *QUIT):
+            return False
+        say("answer y or n")
 
 
 @contextmanager
@@ -148,23 +250,27 @@ def _stored(commissioning: Commissioning, roll: FoundCells, grid: Spot) -> dict[
 
 def _ask(
     commissioning: Commissioning, serial: int, node_id: int, grid: Spot, spots: dict[int, Spot]
-) -> Spot:
+) -> Spot | None:
+    """The place of a cell that blinks; None to undo the answer before."""
     columns, rows = grid
     taken = {*spots.values()}
     free = [(x + 1, y + 1) for y in range(rows) for x in range(columns)]
     default = next(spot for spot in free if spot not in taken)
     question = (
-        f"{serial:08X} blinks. Which place, 1 to {columns * rows} along x first, or column,row? "
-        f"(Enter: {_number(default, columns)}; q: end) "
+        f"Cell {len(spots) + 1} of {columns * rows}, {serial:08X}, blinks. Which place, 1 to "
+        f"{columns * rows} along x first, or column,row? (Enter: {_number(default, columns)}; "
+        "u: undo the last; q: end) "
     )
     while True:
         blink(commissioning, node_id, _BLINK_S)
         answer = _line(question)
         blink(commissioning, node_id, 0.0)
-        if answer.lower() in ("q", "quit"):
+        if answer.lower() in QUIT:
             raise CommandError(
                 f"{len(spots)} cells have their places; the same command goes on", Exit.FAILURE
             )
+        if answer.lower() in UNDO:
+            return None
         spot = default if not answer else _spot(answer, columns)
         if spot is None or spot not in free:
             say(f"{answer!r} is no place of {columns} x {rows} cells")

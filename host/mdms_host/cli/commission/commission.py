@@ -8,11 +8,12 @@ import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
-from mdms_host.cli.commission.asking import ask_direction, ask_places
+from mdms_host.cli.commission.asking import ask_directions, ask_places, confirmed
 from mdms_host.cli.commission.plate import watch_plate
-from mdms_host.cli.configure.cells import agreed, open_commissioning
+from mdms_host.cli.configure.cells import open_commissioning
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import check_own, replacing
 from mdms_host.cli.options import NO_NODES
@@ -32,9 +33,10 @@ from mdms_host.commissioning.array_file import (
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.node_ids import Assignment, FoundCells, carry_out, find_cells
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheel_turn import StoppedError, refuse_busy, refuse_steering
+from mdms_host.commissioning.wheel_turn import StoppedError, nudge, refuse_busy, refuse_steering
 from mdms_host.updating.bundles import key_beside, key_id, make_key, read_key
 from mdms_host.updating.candidates import give_key, read_candidate
+from mdms_protocol.dictionary import AXES
 
 
 def array_key(named: Path | None, array: Path | None) -> bytes | None:
@@ -104,10 +106,10 @@ def run(arguments: Namespace) -> Exit:
         file = _placed(job, roll) if listed is None else listed
         cells = _checked(job, roll, file, whole=listed is not None)
         count = len(cells)
-        if not agreed(arguments, f"Write ids, places and settings to {count} cells?"):
+        if not confirmed(arguments, f"Write ids, places and settings to {count} cells?"):
             raise CommandError("nothing was written", Exit.FAILURE)
         _give_ids(job, find_cells(commissioning), {cell.serial: cell.node_id for cell in cells})
-        cells = _nudged(job, cells, asking=_asks(arguments))
+        cells = _nudged(job, cells, file.table.columns if _asks(arguments) else None)
         done = _write(job, cells)
         if key is not None:
             job.failed.update(give_keys(commissioning, cells, key, job.report))
@@ -220,35 +222,75 @@ def _give_ids(job: _Job, roll: FoundCells, wanted: Mapping[int, int]) -> FoundCe
     return find_cells(job.commissioning)
 
 
-def _nudged(job: _Job, cells: list[FiledCell], *, asking: bool) -> list[FiledCell]:
-    """The cells with the polarity of their wheels; those wired wrongly fail, and are left out."""
-    if not _may_nudge(job, asking):
+def _nudged(job: _Job, cells: list[FiledCell], columns: int | None) -> list[FiledCell]:
+    """The cells with the polarity of their wheels; those wired wrongly fail, and are left out.
+
+    Where a person is asked, one question is for the cells of a row, which has so many `columns`.
+    """
+    if not _may_nudge(job, columns is not None):
         say("mdms: wheels were not nudged, so motors and encoders are not checked (--nudge)")
         return cells
+    size = len(cells) if columns is None else columns
     going = []
+    for start in range(0, len(cells), max(size, 1)):
+        row = cells[start : start + size]
+        if columns is not None:
+            say(
+                f"Row {start // size + 1} of {-(-len(cells) // size)}: watch the tops of its wheels"
+            )
+        going += _nudged_row(job, row, asking=columns is not None)
+    return going
+
+
+def _nudged_row(job: _Job, cells: list[FiledCell], *, asking: bool) -> list[FiledCell]:
+    """The same for some cells: all wheels of an axis first, then those of the other."""
+    faults: dict[int, list[str]] = {cell.serial: [] for cell in cells}
+    for axis in range(1, AXES + 1):
+        _push(job, cells, axis, faults)
+        sound = [cell for cell in cells if not (faults[cell.serial] or _has_failed(job, cell))]
+        if asking and sound:
+            again = partial(_push, job, sound, axis, faults)
+            asked = ask_directions(job.commissioning, sound, axis, again)
+            turned = {cell.serial: cell for cell in asked}
+            cells = [turned.get(cell.serial, cell) for cell in cells]
     for cell in cells:
+        if faults[cell.serial] and not _has_failed(job, cell):
+            named = "; ".join(dict.fromkeys(faults[cell.serial]))
+            job.failed[f"{cell.serial:08X}"] = f"node {cell.node_id}, {named}"
+    return [cell for cell in cells if not _has_failed(job, cell)]
+
+
+def _has_failed(job: _Job, cell: FiledCell) -> bool:
+    return f"{cell.serial:08X}" in job.failed
+
+
+def _push(job: _Job, cells: Sequence[FiledCell], axis: int, faults: dict[int, list[str]]) -> None:
+    """Turn one wheel of each cell by a little, and note faults of the wiring.
+
+    A cell that cannot be asked has failed. Raises StoppedError where another host has stopped the
+    cells.
+    """
+    for cell in cells:
+        if _has_failed(job, cell):
+            continue
         try:
             refuse_steering(job.commissioning, cell.node_id)
-            directions = steps.nudge_wheels(job.commissioning, cell.node_id)
+            direction = nudge(job.commissioning, cell.node_id, axis)
         except StoppedError:
             raise
         except CommissioningError as error:
             job.failed[f"{cell.serial:08X}"] = str(error)
             continue
-        faults = [steps.wiring_fault(axis, each) for axis, each in enumerate(directions, 1)]
-        if any(faults):
-            named = "; ".join(fault for fault in faults if fault)
-            job.failed[f"{cell.serial:08X}"] = f"node {cell.node_id}, {named}"
-            continue
-        going.append(ask_direction(job.commissioning, cell) if asking else cell)
-    return going
+        if fault := steps.wiring_fault(axis, direction):
+            faults[cell.serial].append(fault)
 
 
 def _may_nudge(job: _Job, asking: bool) -> bool:
     """Only by `--nudge`, or a yes to the question."""
     if job.arguments.nudge or not asking or job.arguments.yes:
         return bool(job.arguments.nudge)
-    return agreed(job.arguments, "May each wheel turn by a few millimetres, to check its wiring?")
+    question = "May each wheel turn by a few millimetres, to check its wiring?"
+    return confirmed(job.arguments, question, default=False)
 
 
 def _write(job: _Job, cells: list[FiledCell]) -> list[steps.Done]:

@@ -102,6 +102,7 @@ def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> 
             [slot],
             host_report=lambda: host_report_of(slot.coordinator),
             recorded=False,
+            beyond_tipping=True,
         )
         # All code is compiled before anybody looks and time counts.
         simulation.kernel.run_until(SLICE_NS)

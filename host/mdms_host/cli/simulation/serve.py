@@ -4,6 +4,7 @@ import signal
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack, closing, nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -15,7 +16,7 @@ from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
 from mdms_host.can_link.bus_log import is_from_host
-from mdms_host.cli.exits import ENDS, Exit, interrupted
+from mdms_host.cli.exits import ENDS, CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
 from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames
 from mdms_host.cli.line import check_line, has_line
@@ -28,6 +29,7 @@ from mdms_model.run.record import MOST_SAMPLES
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
+from mdms_sim.nodes.kept_flash import KeptFlash
 from mdms_sim.physics.plane.world import World
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
@@ -35,9 +37,17 @@ from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 if TYPE_CHECKING:
     from mdms_host.page.run_slot import RunSlot
 
+#: The file of the stored settings in the folder `--state`.
+STORED_CELLS = "cells.json"
+#: How often somebody looks whether a cell has stored something, in the table's time.
+KEEP_NS = NS_PER_S
+
 
 def run(arguments: Namespace) -> Exit:
-    """Serve until Ctrl-C or SIGTERM, or until a parcel tips; keep a run folder if asked to."""
+    """Serve until Ctrl-C or SIGTERM; keep a run folder if asked to.
+
+    A parcel that tips is taken off the table.
+    """
     if arguments.page is not None:
         require(PAGE, "mdms serve --page")
     check_log(arguments)
@@ -47,6 +57,7 @@ def run(arguments: Namespace) -> Exit:
         check_line(arguments, scenario if main is None else programmed(scenario))
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, None)
+    stored = _kept_flash(scenario, arguments)
     # Both end a service as Ctrl-C does, so that its sockets go.
     for number in ENDS:
         signal.signal(number, signal.default_int_handler)
@@ -57,26 +68,85 @@ def run(arguments: Namespace) -> Exit:
         host = HostLog(scenario, lambda: slot.coordinator if slot else None)
         told = believed(scenario)
         with keeping(scenario, layout_of(told), arguments, main=main) as kept:
-            if arguments.out is None:
-                simulation = _serve(scenario, slot, host, arguments, kept=kept)
-            else:
-                simulation = _serve_and_keep(scenario, slot, host, arguments, kept)
+            serve = _serve if arguments.out is None else _serve_and_keep
+            serve(scenario, slot, host, arguments, kept=kept, stored=stored)
     except KeyboardInterrupt:
-        return Exit.OK
-    for event in simulation.world.events:
-        if event.kind == "tip":
-            say(f"mdms: {event.parcel} tips at {event.time_s:.3f} s: {event.detail}")
-    return Exit.FAILURE if simulation.tipped else Exit.OK
+        pass
+    finally:
+        if stored is not None:
+            with writing(stored.path):
+                stored.keep()
+    return Exit.OK
+
+
+def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
+    """What the cells have stored before, with `--state`. Raises `InputError` and `CommandError`."""
+    if arguments.state is None:
+        return None
+    if arguments.nodes == "micropython":
+        raise CommandError(
+            "--state: cells as MicroPython processes keep nothing; leave out --nodes micropython",
+            Exit.USAGE,
+        )
+    path = Path(arguments.state) / STORED_CELLS
+    try:
+        return KeptFlash(path, scenario.array.columns * scenario.array.rows)
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be read: {error.strerror}", Exit.USAGE) from None
+
+
+class _Watch:
+    """Looks after a served simulation: reports parcels that tip, and keeps what cells store.
+
+    `over` tells whether the service is over.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        stored: KeptFlash | None,
+        over: Callable[[], object],
+        report: Callable[[str], object],
+    ) -> None:
+        self._simulation = simulation
+        self._stored = stored
+        self._over = over
+        self._report = report
+        self._seen = 0
+        self._look_ns = 0
+
+    def __call__(self) -> object:
+        """Whether the service is over. Raises `CommandError` if the state cannot be written."""
+        events = self._simulation.world.events
+        for event in events[self._seen :]:
+            if event.kind == "tip":
+                self._report(
+                    f"mdms: {event.parcel} tips at {event.time_s:.3f} s and is taken off the table:"
+                    f" {event.detail}"
+                )
+        self._seen = len(events)
+        now_ns = self._simulation.kernel.now_ns
+        if self._stored is not None and now_ns >= self._look_ns:
+            self._look_ns = now_ns + KEEP_NS
+            with writing(self._stored.path):
+                self._stored.keep()
+        return self._over()
 
 
 def _serve_and_keep(
-    scenario: Scenario, slot: "RunSlot | None", host: HostLog, arguments: Namespace, kept: Kept
-) -> Simulation:
+    scenario: Scenario,
+    slot: "RunSlot | None",
+    host: HostLog,
+    arguments: Namespace,
+    *,
+    kept: Kept,
+    stored: KeptFlash | None,
+) -> None:
     clock = MonotonicClock()
     with fresh_folder(arguments.out) as folder:
         all_frames = keeps_frames(arguments)
         with (folder / BUS_LOG).open("wb") if all_frames else nullcontext() as log:
-            simulation = _serve(scenario, slot, host, arguments, kept=kept, log=log)
+            simulation = _serve(scenario, slot, host, arguments, kept=kept, stored=stored, log=log)
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
@@ -91,7 +161,6 @@ def _serve_and_keep(
         figures = {**ended.figures, "run": str(arguments.out)}
         with writing(arguments.out):
             keep_run(folder, lasted, outcome.record, figures)
-    return simulation
 
 
 def _serve(
@@ -101,11 +170,13 @@ def _serve(
     arguments: Namespace,
     *,
     kept: Kept,
+    stored: KeptFlash | None,
     log: BinaryIO | None = None,
 ) -> Simulation:
     """Serve to the end; recorded where there is a run folder, in a bounded memory."""
     cells = scenario.array.columns * scenario.array.rows
-    with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids)) as bank:
+    flash = None if stored is None else stored.flash
+    with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids, flash)) as bank:
         simulation = Simulation(
             scenario,
             bank,
@@ -115,6 +186,7 @@ def _serve(
             estimates=lambda: host.sample(simulation.kernel.now_ns / NS_PER_S),
             recorded=arguments.out is not None,
             most_samples=MOST_SAMPLES,
+            beyond_tipping=True,
         )
         name = arguments.name or _name_of(arguments.scenario)
 
@@ -142,7 +214,7 @@ def _serve(
             print(f"{scenario.title}: {cells} cells on {where}; connect with")
             for addresses in server.all_addresses:
                 print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
-            server.run(over, beyond_tipping=slot is not None)
+            server.run(_Watch(simulation, stored, over, report))
     return simulation
 
 

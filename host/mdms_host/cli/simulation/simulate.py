@@ -12,9 +12,11 @@ import json
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import nullcontext
+from dataclasses import asdict, dataclass
 from functools import partial
 from math import degrees, hypot
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from mdms_array.extras import PAGE, require
@@ -139,7 +141,8 @@ PLAYERS = 2
 
 def run_cells(arguments: Namespace) -> Exit:
     """Run a folder's scenario with its recorded host, and print the figures of the run."""
-    frames = list(chosen(read_log(arguments.folder / BUS_LOG), "host"))
+    log = list(read_log(arguments.folder / BUS_LOG))
+    frames = list(chosen(log, "host"))
     stored = read_run(arguments.folder)
     scenario = stored.scenario
     cells = scenario.array.columns * scenario.array.rows
@@ -149,10 +152,60 @@ def run_cells(arguments: Namespace) -> Exit:
             "cells have; replay it to a bus: -i and -c",
             Exit.USAGE,
         )
-    with progress(scenario.title) as advance:
-        ended = replay_on_nodes(scenario, frames, arguments.nodes, advance)
-    print(json.dumps(ended.figures) if arguments.json else "\n".join(report(ended.figures)))
-    return verdict(ended)
+    with TemporaryDirectory(prefix="mdms-") as temporary, progress(scenario.title) as advance:
+        replayed = Path(temporary) / BUS_LOG
+        ended = replay_on_nodes(scenario, frames, arguments.nodes, advance, replayed)
+        answers = compare_answers(chosen(log, "cells"), chosen(read_log(replayed), "cells"))
+    figures = {**ended.figures, "answers": asdict(answers)}
+    print(json.dumps(figures) if arguments.json else "\n".join([*report(figures), answers.text]))
+    code = verdict(ended)
+    return code if answers.same else max(code, Exit.FAILURE)
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """The frames of cells in a replay beside those of the log: how many, and the first other one.
+
+    `differs_s` is its time [s], None for the same frames in the same order.
+    """
+
+    recorded: int
+    replayed: int
+    differs_s: float | None
+    detail: str = ""
+
+    @property
+    def same(self) -> bool:
+        """Whether the cells have answered as recorded."""
+        return self.differs_s is None
+
+    @property
+    def text(self) -> str:
+        """One line for a person."""
+        if self.differs_s is None:
+            return f"  cells answered as recorded: {self.recorded:,} frames"
+        return f"  cells answered otherwise from {self.differs_s:.4f} s on: {self.detail}"
+
+
+def compare_answers(
+    recorded: Iterable[tuple[float, Frame]], replayed: Iterable[tuple[float, Frame]]
+) -> Answers:
+    """Compare the frames of cells of two logs in their order; times may differ."""
+    before, after = list(recorded), list(replayed)
+    for (then_s, then), (now_s, now) in zip(before, after, strict=False):
+        if then != now:
+            detail = f"{_shown(now)} instead of {_shown(then)}"
+            return Answers(len(before), len(after), min(then_s, now_s), detail)
+    if len(before) == len(after):
+        return Answers(len(before), len(after), None)
+    shared = min(len(before), len(after))
+    time_s, frame = (before if len(before) > shared else after)[shared]
+    word = "is missing" if len(before) > shared else "is too many"
+    return Answers(len(before), len(after), time_s, f"{_shown(frame)} {word}")
+
+
+def _shown(frame: Frame) -> str:
+    return f"{frame.can_id:03X}#{frame.data.hex().upper()}"
 
 
 def replay_on_nodes(
@@ -160,16 +213,17 @@ def replay_on_nodes(
     frames: Iterable[tuple[float, Frame]],
     nodes: str,
     progress: Callable[[float], None] | None = None,
+    bus_log: Path | None = None,
 ) -> Run:
     """Run a scenario's cells with recorded frames of the host, and the ends of those [s].
 
-    Raises what `run_scenario` does.
+    The bus is logged into the file `bus_log`, if named. Raises what `run_scenario` does.
     """
     ready = [(ready_s(end_s, frame, scenario.wire.bitrate), frame) for end_s, frame in frames]
     players = [LogPlayer(ready[first::PLAYERS], 0.0) for first in range(PLAYERS)]
 
     outcome, wall_s, compile_s = timed(
-        lambda: partial(simulate, scenario, players, nodes, progress=progress)
+        lambda: partial(simulate, scenario, players, nodes, bus_log=bus_log, progress=progress)
     )
     return simulated_run(
         scenario, outcome.record, nodes=nodes, bus=outcome.bus, wall_s=wall_s, compile_s=compile_s

@@ -80,10 +80,27 @@ export class Details {
       ["program", this.table.phases[s.phase[0]]],
       ["cells", this.cellsOf(s)],
       ["grid", `${this.table.columns} × ${this.table.rows}, pitch ${mm(this.table.pitch_m)}`],
-      ...[...s.bus_load].map((load, b) => [this.table.bus_count > 1 ? `load of bus ${b}` : "load of the bus", `${(100 * load).toFixed(0)} %`]),
-      ...this.table.parcels.map(({ name }, p) => [name, this.table.parcel_states[s.parcel_state[p]]]),
+      ...[...s.bus_load].map((load, b) => [this.table.bus_count > 1 ? `load of bus ${b}` : "load of the bus", `${this.table.simulated ? "" : "at most "}${(100 * load).toFixed(0)} %`]),
+      ...this.flowOf(s),
+      ...this.parcelsOf(s),
       ["fastest wheel", mm_s(s.wheel_speed.reduce((a, b) => Math.max(a, Math.abs(b) || 0), 0))],
     ];
+  }
+
+  /** Parcels that have come and left, where any do. */
+  flowOf(s) {
+    if (!Number.isFinite(s.parcels_came[0])) return [];
+    return [
+      ["parcels that came", `${s.parcels_came[0]}`],
+      ...this.table.exits.map(({ name, kinds }, k) => [`left by ${name}${kinds.length ? ` (${kinds.join(", ")})` : ""}`, `${s.parcels_left[k]}`]),
+    ];
+  }
+
+  /** The state of each parcel; those in stock are counted. */
+  parcelsOf(s) {
+    const states = this.table.parcels.map(({ name }, p) => [name, this.table.parcel_states[s.parcel_state[p]]]);
+    const waiting = states.filter(([, state]) => state === "in stock").length;
+    return [...states.filter(([, state]) => state !== "in stock"), ...(waiting ? [["parcels in stock", `${waiting}`]] : [])];
   }
 
   factsOfCell(s, cell) {
@@ -108,11 +125,18 @@ export class Details {
     const [xx, , yy, yaw] = s.parcel_spread.subarray(4 * p, 4 * p + 4);
     const facts = [["state", this.table.parcel_states[s.parcel_state[p]]], ["believed", pose(believed)]];
     if (xx >= 0) facts.push(["deviation", `${mm(Math.sqrt(xx))}, ${mm(Math.sqrt(yy))}, ${deg(Math.sqrt(yaw))}`]);
-    if (this.table.true_known && !this.table.parcels[p].unknown) facts.push(["true", truth ? pose(truth) : "in the hand"]);
+    if (this.table.true_known && !this.table.parcels[p].unknown) facts.push(["true", truth ? pose(truth) : this.placeOff(p)]);
     if (believed && truth) facts.push(["off by", `${mm(Math.hypot(believed[0] - truth[0], believed[1] - truth[1]))}, ${deg(believed[2] - truth[2])}`]);
     facts.push(["goal", pose(goal)]);
     if (believed && goal) facts.push(["to go", mm(Math.hypot(believed[0] - goal[0], believed[1] - goal[1]))]);
     return facts;
+  }
+
+  /** Where a parcel is that is not on the table. */
+  placeOff(p) {
+    const { name } = this.table.parcels[p];
+    if (this.page.faults.ofParcel(name).length) return "in the hand";
+    return this.table.stock.includes(name) ? "in stock" : "not on the table";
   }
 
   update(snapshot) {

@@ -101,12 +101,14 @@ export class Hands {
 
   drag(point) {
     const held = this.held, dx = point[0] - held.start[0], dy = point[1] - held.start[1];
-    if (this.tool === "push") {
+    if (this.tool === "push" && !this.page.table.parcels[held.parcel].unknown) {
       this.dragged = { parcel: null, arrow: [held.start[0], held.start[1], ...point] };
-    } else if (this.tool === "lift") {
+    } else if (this.tool === "lift" && !this.page.table.parcels[held.parcel].unknown) {
       held.pose = [held.from[0] + dx, held.from[1] + dy, held.from[2]];
       this.dragged = { parcel: held.parcel, ghost: held.pose, pose: null };
       this.lift(held);
+    } else if (this.page.table.parcels[held.parcel].unknown) {
+      this.dragged = null;
     } else {
       held.pose = held.turn
         ? [held.from[0], held.from[1], Math.atan2(point[1] - held.from[1], point[0] - held.from[0])]
@@ -126,7 +128,7 @@ export class Hands {
   }
 
   hold() {
-    if (this.held && this.moved && this.tool === "goal") this.sendGoal(this.held, true);
+    if (this.held && this.moved && this.tool === "goal" && !this.page.table.parcels[this.held.parcel].unknown) this.sendGoal(this.held, true);
   }
 
   lift(held) {
@@ -144,7 +146,10 @@ export class Hands {
   }
 
   letGo(held, cancelled) {
-    if (this.tool === "push" && !cancelled) {
+    const thing = this.page.table.parcels[held.parcel];
+    if (thing.unknown) {
+      if (!cancelled) this.page.askName(held.parcel);
+    } else if (this.tool === "push" && !cancelled) {
       const [x, y, to_x, to_y] = this.dragged.arrow;
       const impulse = [(to_x - x) * PUSH_N_S_PER_M, (to_y - y) * PUSH_N_S_PER_M];
       const parcel = this.page.table.parcels[held.parcel].name;

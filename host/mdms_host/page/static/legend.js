@@ -38,7 +38,7 @@ export function showLegend(place, picture, table) {
   if (!table?.recorded) line("with 95 %", colours.spread);
   if (table?.true_known) line("true", colours.true, "dashed");
   line("goal", colours.goal, "dotted");
-  line(`wheel, half a cell: ${picture.arrow_m_s} m/s`, colours.wheel);
+  line(`wheel, half a cell: ${1e3 * picture.arrow_m_s} mm/s`, colours.wheel);
   line("wheel slips", colours.slip);
   if (picture.planned) line("way, and tiles reserved", colourOf(1), "dashed");
   if (picture.promised) line("cell near a parcel, promised, under it", "#c44e8a", "dotted");

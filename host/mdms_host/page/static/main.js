@@ -16,6 +16,16 @@ const $ = (id) => document.getElementById(id);
 const PANELS = ["details", "plots", "events", "line", "faults"];
 /** Text changes no more often than can be read [ms]. */
 const TEXT_MS = 100, PLOTS_MS = 250;
+/** Cells that have not reported to be off after this do not do so any more [ms]. */
+const STOPPED_MS = 3000;
+/** Phases in which a program can be started, and that of a table which another program drives. */
+const IDLE = ["no program", "stopped", "stopped after a fault"], OTHER_HOST = "another host drives";
+/** A rate of fewer parcels would say little. */
+const RATED = 10;
+
+const whole = (value) => Math.round(value).toLocaleString("en");
+/** The first few of a list, and how many there are besides. */
+const shortList = (names) => names.length > 3 ? `${names.slice(0, 3).join(", ")} and ${names.length - 3} more` : names.join(", ");
 
 class Page {
   constructor() {
@@ -28,7 +38,8 @@ class Page {
     this.details = new Details(this);
     this.hands = new Hands(this.picture, this);
     this.plots = new Plots($("plots"), this.history, (time_s) => this.order("seek", { time_s }));
-    this.table = this.snapshot = this.plan = this.control = null;
+    this.table = this.snapshot = this.plan = this.control = this.phase = null;
+    this.stopping_ms = 0;
     this.dirty = false;
     this.text_ms = this.plots_ms = 0;
     this.listen();
@@ -65,6 +76,7 @@ class Page {
     this.table = table;
     this.unpacker = new Unpacker(table);
     if (!same) this.snapshot = null;
+    this.events.names = table.parcels.map(({ name }) => name).sort((a, b) => b.length - a.length);
     this.events.seeks = table.offers.includes("seek");
     table.true_known = table.simulated || table.recorded;
     $("title").textContent = document.title = table.title;
@@ -138,7 +150,33 @@ class Page {
   order(command, values = {}) { return this.wire.ask(command, values); }
 
   stopAll() {
-    this.order("stop_all").then(({ ok, text }) => this.say(ok ? "Stop all: sent" : `Stop all is not confirmed: ${text}`));
+    this.order("stop_all").then(({ ok, text }) => {
+      if (ok) this.stopping_ms = performance.now();
+      else this.say(`Stop all is not confirmed: ${text}`);
+    });
+  }
+
+  /** How many cells are off since a stop, as long as that changes, and which do not answer. */
+  showStop(s, now) {
+    if (!this.stopping_ms) return;
+    const names = this.table.cell_states, cells = [...s.cell_state].map((state) => names[state]);
+    const off = cells.filter((state) => state === "ready" || state === "fault").length;
+    const dumb = cells.flatMap((state, cell) => state === "off" || state === "silent" ? [this.details.cellName(cell)] : []);
+    const heard = `Stop all: ${off} of ${cells.length} off`;
+    const late = now - this.stopping_ms > STOPPED_MS;
+    const missing = late && dumb.length ? `; ${shortList(dumb)} ${dumb.length > 1 ? "do" : "does"} not answer: cut the motors' power` : "";
+    const running = cells.length - off - dumb.length;
+    this.say(heard + (missing || (late && running ? `; ${running} still run: cut the motors' power` : "")));
+    if (off === cells.length || late) this.stopping_ms = 0;
+  }
+
+  /** Something unknown is named before it is moved: its form is opened. */
+  askName(parcel) {
+    const { name } = this.table.parcels[parcel];
+    this.choose({ kind: "parcel", number: parcel });
+    this.turnTo("details");
+    this.say(this.table.offers.includes("name") ? `${name} has no name yet: name it, then drag it` : `${name} is unknown, and is not moved`);
+    document.querySelector("[aria-label='Name of the parcel']")?.focus();
   }
 
   async revive(cell) {
@@ -187,9 +225,16 @@ class Page {
     const text = (id, value) => { if ($(id).textContent !== value) $(id).textContent = value; };
     const phase = this.table.phases[s.phase[0]];
     text("phase", this.table.recorded ? "recording" : s.paused[0] ? `${phase}, paused` : phase);
+    if (phase !== this.phase) {
+      this.phase = phase;
+      this.allow();
+    }
+    this.showStop(s, performance.now());
+    this.showFlow(s);
     $("phase").className = `chip ${phase === "running" ? "running" : phase.includes("fault") ? "failed" : phase.includes("holding") ? "held" : ""}`;
     text("time", `${s.time[0].toFixed(1)} s`);
-    text("load", Number.isFinite(s.bus_load[0]) ? `bus ${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
+    text("load", Number.isFinite(s.bus_load[0]) ? `bus ${this.table.simulated ? "" : "≤ "}${(100 * Math.max(...s.bus_load)).toFixed(0)} %` : "no bus");
+    $("load").title = this.table.simulated ? "load of the busiest bus" : "load of the busiest bus at most: each frame counts with the most stuff bits";
     text("pace", Number.isFinite(s.real_time_factor[0]) ? `${s.real_time_factor[0].toFixed(2)}×` : "–");
     text("pause", s.paused[0] ? (this.table.recorded ? "Play" : "Go on") : "Pause");
     if (!$("details").hidden) this.details.update(s);
@@ -197,6 +242,18 @@ class Page {
     if ($("table").getAttribute("aria-label") !== seen) $("table").setAttribute("aria-label", seen);
     if (this.table.recorded && document.activeElement !== $("scrub")) $("scrub").value = s.time[0];
     text("scrub-time", `${s.time[0].toFixed(2)} / ${(this.table.duration_s ?? 0).toFixed(2)} s`);
+  }
+
+  /** Parcels that have come and left; a rate is said of ten parcels or more, with its time. */
+  showFlow(s) {
+    const came = s.parcels_came[0], time_s = s.flow_time[0];
+    $("flow").hidden = !Number.isFinite(came);
+    if ($("flow").hidden) return;
+    const left = s.parcels_left.reduce((sum, count) => sum + count, 0);
+    const by = this.table.exits.map(({ name }, k) => `${name} ${s.parcels_left[k]}`).join(", ");
+    const rate = left >= RATED ? ` in ${time_s.toFixed(0)} s: ${whole(3600 * left / time_s)} an hour` : "";
+    const text = `${came} came, ${left} left${by && left ? ` (${by})` : ""}${rate}`;
+    if ($("flow").textContent !== text) $("flow").textContent = text;
   }
 
   showControl() {
@@ -207,10 +264,13 @@ class Page {
     this.allow();
   }
 
-  /** Buttons that move something work for who is in control only; stop all works for everybody. */
+  /** Buttons that move something work for the page in control only; every page with the token stops the program, and any stops all. */
   allow() {
-    const may = this.mayMove;
-    for (const id of ["start", "stop", "pause", "step", "speed", "scrub"]) $(id).disabled = !may;
+    const may = this.mayMove, idle = IDLE.includes(this.phase);
+    for (const id of ["pause", "step", "speed", "scrub"]) $(id).disabled = !may;
+    $("start").disabled = !may || !idle;
+    $("start").title = may && !idle ? (this.phase === OTHER_HOST ? "another host drives the cells" : "the program runs already") : "";
+    $("stop").disabled = !this.control?.may;
     document.querySelectorAll("[data-moves]").forEach((button) => { button.disabled = !may; });
     document.querySelectorAll("[data-tool]").forEach((button) => { button.disabled = !may; });
     $("stop-all").disabled = !this.control;

@@ -28,7 +28,7 @@ function plotsOf(table, chosen) {
   };
   const kinds = table.frame_kinds.length;
   const wheels = [], bus = [
-    { title: "Bus load", unit: "%", low: [0, 20], lacks: NO_LOG, lines: buses.map((b) => [named("bus", b), (s) => 100 * s.bus_load[b]]) },
+    { title: table.simulated ? "Bus load" : "Bus load at most", unit: "%", low: [0, 20], lacks: NO_LOG, lines: buses.map((b) => [named("bus", b), (s) => 100 * s.bus_load[b]]) },
     { title: "Error frames", unit: "1/s", low: [0, 4], lacks: NO_ERRORS, lines: buses.map((b) => [named("bus", b), (s) => s.bus_error_rate[b]]) },
     {
       title: "Error counters, the highest of any node", unit: "", low: [0, 8], lacks: NO_COUNTERS,

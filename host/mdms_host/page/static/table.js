@@ -100,6 +100,8 @@ export class TablePicture {
       if (px < -size || py < -size || px > this.view.width + size || py > this.view.height + size) return;
       this.drawCell(context, cell, px, py, size, s);
     });
+    for (const infeed of this.table.infeeds) this.drawInfeed(context, infeed);
+    for (const exit of this.table.exits) this.drawExit(context, exit);
   }
 
   drawCell(context, cell, px, py, size, snapshot) {
@@ -119,6 +121,52 @@ export class TablePicture {
     if (snapshot) this.drawPromise(context, cell, px, py, half, snapshot);
     if (size > SENSORS_PX) this.drawSensors(context, px, py);
     if (size > NUMBERS_PX && this.heat === "state") this.drawNumber(context, cell, px, py, half, size, state);
+  }
+
+  /** The outline of a parcel where parcels are set down. */
+  drawInfeed(context, { x_m, y_m, yaw_rad, outline_m }) {
+    const cosine = Math.cos(yaw_rad), sine = Math.sin(yaw_rad), { view } = this;
+    context.strokeStyle = context.fillStyle = this.colours.label;
+    context.lineWidth = 1.5;
+    context.setLineDash([1, 3]);
+    context.beginPath();
+    for (const [along, across] of outline_m) {
+      context.lineTo(view.px(x_m + cosine * along - sine * across), view.py(y_m + sine * along + cosine * across));
+    }
+    context.closePath();
+    context.stroke();
+    context.setLineDash([]);
+    const low = Math.max(...outline_m.map(([along, across]) => -sine * along - cosine * across));
+    this.drawName(context, "infeed", view.px(x_m), view.py(y_m - low) + 3, "top");
+  }
+
+  /** A bar along a stretch of the edge, an arrow out of it, and the name. */
+  drawExit(context, { name, ends_m, out }) {
+    const { view } = this, [[x0, y0], [x1, y1]] = ends_m;
+    const dx = 5 * out[0], dy = -5 * out[1];
+    context.strokeStyle = this.colours.accent;
+    context.lineWidth = 4;
+    context.beginPath();
+    context.moveTo(view.px(x0) + dx, view.py(y0) + dy);
+    context.lineTo(view.px(x1) + dx, view.py(y1) + dy);
+    context.stroke();
+    const px = view.px((x0 + x1) / 2), py = view.py((y0 + y1) / 2), arrow = new Path2D();
+    addArrow(arrow, px + 1.6 * dx, py + 1.6 * dy, 2.4 * dx, 2.4 * dy);
+    context.lineWidth = 2;
+    context.stroke(arrow);
+    context.fillStyle = this.colours.accent;
+    context.save();
+    context.translate(px + 5.5 * dx, py + 5.5 * dy);
+    if (out[0]) context.rotate(-Math.PI / 2);
+    this.drawName(context, name, 0, 0, "middle");
+    context.restore();
+  }
+
+  drawName(context, name, px, py, baseline) {
+    context.font = '12px system-ui, "DejaVu Sans", sans-serif';
+    context.textAlign = "center";
+    context.textBaseline = baseline;
+    context.fillText(name, px, py);
   }
 
   drawCross(context, px, py, half) {
@@ -179,11 +227,13 @@ export class TablePicture {
   /** Where no sensor and no wheel is: in the upper corner, between sensors, or, without these, in the lower one. */
   drawNumber(context, cell, px, py, half, size, state) {
     const roomy = size > CORNERS_PX, between = !roomy && size > SENSORS_PX;
-    context.font = `${roomy ? Math.min(13, 0.11 * size) : 9}px system-ui, "DejaVu Sans", sans-serif`;
-    context.textBaseline = roomy ? "top" : "bottom";
+    const several = this.table.bus_count > 1;
+    context.font = `${roomy ? Math.min(13, 0.11 * size) : several ? 8 : 9}px system-ui, "DejaVu Sans", sans-serif`;
+    // Without room a name of two numbers stands on the edge, where no sensor is above it.
+    context.textBaseline = roomy ? "top" : several ? "alphabetic" : "bottom";
     context.textAlign = between ? "center" : "left";
     context.fillStyle = this.colours[this.heat === "state" ? "label" : "text"];
-    context.fillText(this.nameOf(cell, roomy), between ? px : px - half + (roomy ? 7 : 3), roomy ? py - half + 5 : py + half);
+    context.fillText(this.nameOf(cell), between ? px : px - half + (roomy ? 7 : several ? 1 : 3), roomy ? py - half + 5 : py + half + (several ? 0.5 : 0));
     if (state !== 3 && state !== 2 && roomy) {
       context.textAlign = "right";
       context.fillStyle = this.colours[{ 4: "fault-text", 5: "suspected-text" }[state] ?? "label"];
@@ -191,10 +241,10 @@ export class TablePicture {
     }
   }
 
-  /** The node id; with several buses the bus before it, where there is room. */
-  nameOf(cell, roomy) {
+  /** The node id; with several buses the bus before it. */
+  nameOf(cell) {
     const node = this.table.node_ids[cell];
-    return this.table.bus_count > 1 && roomy ? `${this.table.buses[cell]}·${node}` : `${node}`;
+    return this.table.bus_count > 1 ? `${this.table.buses[cell]}·${node}` : `${node}`;
   }
 
   drawHeat(snapshot) {

@@ -1,5 +1,8 @@
 // Which part of the table the canvas shows: metres of the table frame to pixels and back.
 
+/** Beside the table the name of an exit takes so much [pixels]. */
+const NAME_PX = 22;
+
 export class View {
   constructor() {
     this.scale = 500;
@@ -19,9 +22,11 @@ export class View {
   fit(table) {
     this.table = table;
     const wide = (table.columns + 0.5) * table.pitch_m, high = (table.rows + 0.5) * table.pitch_m;
-    const room = this.width > 700 ? 60 : 88;
-    this.scale = Math.max(20, Math.min((this.width - 24) / wide, (this.height - 2 * room) / high));
-    this.x = this.y = 0;
+    const room = this.width > 700 ? 60 : 88, beside = (x, y) => table.exits.some(({ out }) => out[0] === x && out[1] === y) ? NAME_PX : 0;
+    const [east, west, north, south] = [beside(1, 0), beside(-1, 0), beside(0, 1), beside(0, -1)];
+    this.scale = Math.max(20, Math.min((this.width - 24 - east - west) / wide, (this.height - 2 * room - north - south) / high));
+    this.x = (east - west) / 2 / this.scale;
+    this.y = (north - south) / 2 / this.scale;
     this.fitted = true;
   }
 

@@ -108,8 +108,8 @@ def _record(topics: dict[str, list[dict[str, Any]]], parcels: list[list[dict[str
         columns.setdefault(name, np.full(contact.shape, np.nan))
     return Record(
         time_s=np.array([row["time_s"] for row in wheels]),
-        pose=_stack(parcels, POSE),
-        twist=_stack(parcels, TWIST),
+        pose=_stack(parcels, POSE, len(wheels)),
+        twist=_stack(parcels, TWIST, len(wheels)),
         estimate=_estimates(parcels),
         contact=contact,
         events=[Event(**row) for row in topics[EVENTS_TOPIC]],
@@ -142,13 +142,17 @@ def _plan(row: dict[str, Any]) -> Plan:
     return Plan(row["time_s"], ways, tiles, due_s, goals)
 
 
-def _stack(parcels: list[list[dict[str, Any]]], names: tuple[str, ...]) -> Floats:
+def _stack(parcels: list[list[dict[str, Any]]], names: tuple[str, ...], samples: int) -> Floats:
+    """Values of parcels by sample, shape (samples, P, names)."""
+    if not parcels:
+        return np.empty((samples, 0, len(names)))
     rows = [[[row.get(name) for name in names] for row in parcel] for parcel in parcels]
     columns: Floats = np.array(rows, dtype=float)
     return columns.transpose(1, 0, 2)
 
 
 def _estimates(parcels: list[list[dict[str, Any]]]) -> Floats | None:
-    if "estimate" not in parcels[0][0]:
+    if not parcels or "estimate" not in parcels[0][0]:
         return None
-    return _stack([[row["estimate"] for row in parcel] for parcel in parcels], POSE)
+    estimates = [[row["estimate"] for row in parcel] for parcel in parcels]
+    return _stack(estimates, POSE, len(estimates[0]))

@@ -14,7 +14,7 @@ from mdms_model.outline import gap_m, outline_m, outline_of
 from mdms_model.parcel import turned
 from mdms_model.run.record import Event, leaving
 from mdms_model.scenario.scenario import Parcel, Scenario, Stream
-from mdms_sim.physics.plane.records import Scene
+from mdms_sim.physics.plane.records import STANDS, Scene
 
 
 def push(scene: Scene, p: int, impulse_n_s: tuple[float, float], twist_nms: float) -> bool:
@@ -32,9 +32,13 @@ def push(scene: Scene, p: int, impulse_n_s: tuple[float, float], twist_nms: floa
 
 
 def lift(scene: Scene, p: int) -> None:
-    """Take parcel p off the table: it stands still there, touches nothing and covers no sensor."""
+    """Take parcel p off the table: it stands still there, touches nothing and covers no sensor.
+
+    One that has tipped is upright in the hand.
+    """
     now = scene.state.parcels[p]
     now.lifted += 1
+    now.tipped = STANDS
     now.vx_m_s = now.vy_m_s = now.yaw_rate_rad_s = 0.0
 
 
@@ -60,7 +64,7 @@ def take_away(scene: Scene, p: int) -> None:
     """Parcel p leaves: what carries on behind an exit has it, and it does not tip."""
     lift(scene, p)
     now = scene.state.parcels[p]
-    now.away, now.tipped = 1, 0
+    now.away = 1
     carried = scene.scratch.wheels["parcel"] == p
     for name in ("contact", "normal_n", "force_n", "slip_m_s"):
         scene.state.wheels[name][carried] = 0

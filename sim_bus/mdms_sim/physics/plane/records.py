@@ -80,6 +80,8 @@ WHEEL_SCRATCH = np.dtype(
     ],
     align=True,
 )
+#: The values of a parcel's `tipped`: it stands, it tips in this step, and that has been noted.
+STANDS, TIPS, TIPPED = 0, 1, 2
 #: Position and velocity are those of the centre of mass.
 PARCEL_STATE = np.dtype(
     [

@@ -5,7 +5,7 @@ from mdms_model.compiled import compiled
 from mdms_model.parcel import Place, cells_near, covers, place_of
 from mdms_model.statics.supports import press
 from mdms_model.symmetric3 import Vector
-from mdms_sim.physics.plane.records import NOBODY, Scene, halfway
+from mdms_sim.physics.plane.records import NOBODY, STANDS, TIPS, Scene, halfway
 
 
 @compiled
@@ -73,9 +73,9 @@ def load_supports(scene: Scene, p: int, pose: Vector) -> bool:
         _aim_rollers(scene, p)
     weight_n = scene.model.parcels[p].mass_kg * scene.model.gravity_m_s2
     stands = press(scratch.spot_m[first:end], weight_n, scratch.normal_n[first:end])
-    falls = not stands and state.tipped == 0
+    falls = not stands and state.tipped == STANDS
     if falls:
-        state.tipped = 1
+        state.tipped = TIPS
     return not falls
 
 

@@ -28,6 +28,8 @@ from mdms_sim.physics.plane.handling import Streams, StreamsState
 from mdms_sim.physics.plane.records import (
     DROPPED,
     NOW,
+    TIPPED,
+    TIPS,
     UNBALANCED,
     UNSOLVED,
     Scene,
@@ -156,13 +158,13 @@ class World:
             self.events += self.streams.bring(self.scene, self.time_s, self.pose)
 
     def _note_tips(self) -> None:
-        noted = {event.parcel for event in self.events if event.kind == "tip"}
-        for number, (parcel, tipped, pose) in enumerate(
-            zip(self.scenario.parcel, self.scene.state.parcels["tipped"], self.pose, strict=True)
-        ):
+        states = self.scene.state.parcels
+        for number, (parcel, pose) in enumerate(zip(self.scenario.parcel, self.pose, strict=True)):
+            tipped = states["tipped"][number]
             if tipped and (leaves := self.streams.take(self.scene, number, self.time_s)):
                 self.events.append(leaves)
-            elif tipped and parcel.name not in noted:
+            elif tipped == TIPS:
+                states["tipped"][number] = TIPPED
                 where = f"at x {pose[0]:.4f} m, y {pose[1]:.4f} m, yaw {pose[2]:.4f} rad"
                 detail = f"the supports no longer hold its centre of mass, {where}"
                 self.events.append(Event(self.time_s, "tip", detail, parcel=parcel.name))

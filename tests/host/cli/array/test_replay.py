@@ -2,6 +2,7 @@
 
 import json
 from math import inf
+from shutil import copytree
 
 import can
 import cantools
@@ -10,7 +11,10 @@ import pytest
 from mdms_array.recording import convert_log
 from mdms_host.can_link.bus_log import LogPlayer, LogWriter, chosen, is_from_host, read_log
 from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.cli.simulation.simulate import Answers
 from mdms_model.errors import InputError
+from mdms_model.run.folder import START_S
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
@@ -84,14 +88,22 @@ def test_form_of_a_log_that_is_not_there_is_refused(tmp_path, monkeypatch, capsy
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("options", "sender"), [((), "host"), (("--all",), "all")])
-def test_frames_are_sent_again_in_order_and_then_all_is_off(recorded, capsys, options, sender):
+@pytest.mark.parametrize(
+    # Nobody listens, which is no success; but to a bus without cells all is sent.
+    ("options", "sender", "ends"),
+    [((), "host", Exit.NO_DEVICE), (("--all",), "all", Exit.OK)],
+)
+def test_frames_are_sent_again_in_order_and_then_all_is_off(
+    recorded, capsys, options, sender, ends
+):
     folder = recorded / "blf"
     with can.Bus("replay", interface="virtual") as listener:
         replay = ["replay", str(folder), "-i", "virtual", "-c", "replay", "--json", *options]
-        assert main(replay) == 0
+        assert main(replay) == ends
         messages = list(iter(lambda: listener.recv(0), None))
-    figures = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    figures = json.loads(said.out)
+    assert ("no cell was heard" in said.err) == (ends is Exit.NO_DEVICE)
     sent = [frame for _, frame in chosen(read_log(folder / "bus.log"), sender)]
     seen = [Frame(m.arbitration_id, bytes(m.data)) for m in messages]
     assert seen[: len(sent)] == sent
@@ -99,6 +111,35 @@ def test_frames_are_sent_again_in_order_and_then_all_is_off(recorded, capsys, op
     assert figures["frames"] == len(sent)
     assert figures["unsent"] == 0
     assert figures["duration_s"] >= 0.5
+    assert figures["heard"] == 0
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_replay_to_nodes_says_whether_cells_answered_as_recorded(
+    recorded, tmp_path, capsys, changed
+):
+    folder = tmp_path / "run"
+    copytree(recorded / "blf", folder)
+    log = folder / "bus.log"
+    lines = log.read_text().splitlines(keepends=True)
+    number = next(k for k, line in enumerate(lines) if k > 200 and " 181#" in line)
+    if changed:
+        lines[number] = lines[number].replace("181#", "182#")
+        log.write_text("".join(lines))
+    code = main(["replay", str(folder), "--nodes", "cpython", "--json"])
+    answers = json.loads(capsys.readouterr().out)["answers"]
+    assert answers["recorded"] == answers["replayed"] > 100
+    if changed:
+        assert code != Exit.OK
+        assert answers["differs_s"] == pytest.approx(
+            float(lines[number].split(")")[0][1:]) - START_S, abs=1e-3
+        )
+        assert "181#" in answers["detail"]
+        assert "182#" in answers["detail"]
+    else:
+        assert answers["differs_s"] is None
+    text = Answers(**answers).text
+    assert text.startswith(f"  cells answered {'otherwise from' if changed else 'as recorded'}")
 
 
 @pytest.mark.real_time

@@ -103,7 +103,7 @@ def test_an_answer_that_was_cut_in_two_is_asked_again(commission, cells, tmp_pat
     answered(monkeypatch, "3", "2")
     assert commission(*column, "--again") == INTERRUPTED
     assert cut.fired
-    answered(monkeypatch, "2", "1", "y", "n")
+    answered(monkeypatch, "2", "1", "", "y", "n")
     assert commission(*column) == Exit.OK
     file = read_array(tmp_path / "array.toml")
     assert {cell.serial: cell.number for cell in file.cells} == {1: 3, 2: 2, 3: 1}

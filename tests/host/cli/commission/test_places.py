@@ -11,6 +11,7 @@ from tests.host.cli.commission.on_the_table import GRID, ORDER, ORDER_6, answere
 from mdms_host.cli.commission.plate import check_corner
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.layout import Layout
+from mdms_protocol import indices
 from mdms_protocol.codecs import nmt
 
 #: Blank cells get ids from the top for as long as they are being placed.
@@ -30,10 +31,14 @@ def test_each_cell_blinks_and_a_key_says_where_it_is(commission, bus, cells, mon
             return super().readline()
 
     # Serial 1 is the third place, and so on; an answer that is none is asked for again.
-    answers = ["3", "zebra", "1,1", "", "n", "y"]
+    answers = ["3", "zebra", "1,1", "", "", "", "n", "y"]
     monkeypatch.setattr("sys.stdin", Terminal("".join(f"{each}\n" for each in answers)))
     assert commission(*GRID) == Exit.FAILURE
-    assert "nothing was written" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "nothing was written" in said
+    assert "Cell 2 of 3, 00000002, blinks." in said
+    assert "00000001 is at place 3, column 3 and row 1: 1 of 3" in said
+    assert "answer y or n" in said, "Enter alone has ended it"
     monkeypatch.setattr("sys.stdin", Terminal("y\nn\n"))
     assert commission(*GRID) == Exit.OK
     assert lit[:4] == [[1], [2], [2], [3]]
@@ -44,12 +49,28 @@ def test_answers_before_an_interruption_are_not_asked_again(commission, bus, mon
     answered(monkeypatch, "3", "q")
     assert commission(*GRID) == Exit.FAILURE
     assert "1 cells have their places; the same command goes on" in capsys.readouterr().err
-    answered(monkeypatch, "3", "1", "2", "y", "n")
+    answered(monkeypatch, "3", "1", "2", "", "y", "n")
     assert commission(*GRID) == Exit.OK
     errors = capsys.readouterr().err
     assert "1 cells have their places already" in errors
     assert "00000001 has that place" in errors
     assert serials(bus) == list(ORDER)
+
+
+def test_answers_are_undone_one_after_the_other(commission, bus, monkeypatch, capsys):
+    # The first is wrong, and is noticed after the second; then the last.
+    answered(monkeypatch, "u", "1", "2", "u", "u", "3", "1", "", "u", "2", "", "y", "n")
+    assert commission(*GRID) == Exit.OK
+    said = capsys.readouterr().err
+    assert "there is no answer to undo" in said
+    assert said.count("has no place any more") == 3
+    assert serials(bus) == list(ORDER)
+
+
+def test_place_that_was_undone_is_not_kept(commission, bus, monkeypatch):
+    answered(monkeypatch, "3", "u", "q")
+    assert commission(*GRID) == Exit.FAILURE
+    assert [bus.read(node_id, indices.PLACE, 1) for node_id in (1, 2, 3)] == [0, 0, 0]
 
 
 @blank
