@@ -8,10 +8,14 @@ WORKERS ?= 4
 # Tests start hundreds of processes; each would compile our modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check docs format generate bench prove soak requirements clean
+.PHONY: demo line test quick check docs format generate bench prove soak requirements clean
 
 demo: $(VENV)/.run
 	$(BIN)/mdms demo
+
+# A plant to look at: a table in a line, with its page.
+line: $(VENV)/.run
+	$(BIN)/python examples/line/plant.py
 
 # Tests that keep pace with the machine's clock want the machine for themselves.
 test: $(VENV)/.dev

@@ -78,9 +78,7 @@ def attendants(
 
             attend.page = opened.enter_context(opened_page(table, arguments)).attend
         if has_line(arguments):
-            attend.line = opened.enter_context(
-                opened_line(slot, scenario, arguments, lambda text: table.note("line", text))
-            )
+            attend.line = opened.enter_context(opened_line(slot, scenario, arguments, table))
         yield attend
 
 

@@ -194,6 +194,7 @@ class LiveTable:
         self._signals = self._signals_of(len(parcels))
         self._new_messages: list[dict[str, Any]] = []
         self._events = EventList()
+        self._line: dict[str, Any] | None = None
         self._stopped_s = -inf
         self._reported: tuple[Coordinator | None, int] = (None, 0)
         self._plan = plan_of(None)
@@ -296,6 +297,13 @@ class LiveTable:
         time_s = self._now_s() if time_s is None else time_s
         self.add_events([event_of(time_s, kind, text, trouble=trouble)])
 
+    def show_line(self, shown: dict[str, Any]) -> None:
+        """The table is a machine of a line, and stands like this."""
+        message = {"kind": "line", **shown}
+        if message != self._line:
+            self._line = message
+            self._new_messages.append(message)
+
     def add_events(self, events: list[dict[str, Any]]) -> None:
         """These have happened."""
         for event in events:
@@ -314,7 +322,7 @@ class LiveTable:
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        return [self._events.story(), self._plan]
+        return [self._events.story(), self._plan] + ([self._line] if self._line else [])
 
     def _look(self) -> None:
         """Note what coordinator and reader have reported since the last call."""
