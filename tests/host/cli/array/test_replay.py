@@ -131,7 +131,9 @@ def test_replay_to_nodes_says_whether_cells_answered_as_recorded(
     assert answers["recorded"] == answers["replayed"] > 100
     if changed:
         assert code != Exit.OK
-        assert answers["differs_s"] == pytest.approx(float(lines[number].split(")")[0][1:]) - START_S, abs=1e-3)
+        assert answers["differs_s"] == pytest.approx(
+            float(lines[number].split(")")[0][1:]) - START_S, abs=1e-3
+        )
         assert "181#" in answers["detail"]
         assert "182#" in answers["detail"]
     else:
