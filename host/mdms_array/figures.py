@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from math import degrees, hypot, inf, pi
+from math import degrees, hypot, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, missed_text, outcome_of
 from mdms_model.arrays import Floats
-from mdms_model.run.derived import slip_m_s
+from mdms_model.run.derived import lifted_s, slip_m_s
 from mdms_model.run.record import Contact, Record, exit_of, is_wrong
 from mdms_model.scenario.scenario import Scenario
 
@@ -316,7 +316,7 @@ def _parcels(scenario: Scenario, record: Record) -> list[dict[str, Any]]:
     """True and believed place of each parcel in the end; a parcel that is away has none."""
     parcels = (
         {"name": parcel.name}
-        | _lifted(scenario, record, parcel.name, _truth(record, number))
+        | _lifted(record, parcel.name, _truth(record, number))
         | _belief(record, number)
         for number, parcel in enumerate(scenario.parcel)
     )
@@ -334,17 +334,11 @@ def _truth(record: Record, number: int) -> dict[str, Any]:
     return named | {"at_rest": _at_rest(record, number)}
 
 
-def _lifted(scenario: Scenario, record: Record, name: str, truth: dict[str, Any]) -> dict[str, Any]:
+def _lifted(record: Record, name: str, truth: dict[str, Any]) -> dict[str, Any]:
     """The truth about a parcel at the end; a lifted one does not rest."""
-    if truth and _is_lifted(scenario, name, float(record.time_s[-1])):
+    if truth and lifted_s(record, name) is not None:
         return truth | {"at_rest": False, "lifted": True}
     return truth
-
-
-def _is_lifted(scenario: Scenario, name: str, time_s: float) -> bool:
-    """Whether a fault of the scenario holds a parcel above the table at a time."""
-    lifts = (each for each in scenario.fault if each.kind == "lift" and each.parcel == name)
-    return any(0.0 <= time_s - each.start_s < (each.duration_s or inf) for each in lifts)
 
 
 def _belief(record: Record, number: int) -> dict[str, Any]:

@@ -153,7 +153,8 @@ class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc
     """Keeps other processes from compiling while this one does.
 
     Numba lists the content of a folder apart from the code itself. Two processes that add to one
-    list at once may each take the other's code for theirs.
+    list at once may each take the other's code for theirs. Without POSIX's locks nobody waits: then
+    at worst a function is compiled again.
     """
 
     def __init__(self, path: Path) -> None:
@@ -164,8 +165,10 @@ class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc
 
     def on_start(self, _: object) -> None:
         """The compiler's lock is wanted: for a function, or for one of its calls."""
-        import fcntl
-
+        try:
+            import fcntl
+        except ImportError:
+            return
         with self._guard:
             if not self._depth:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -176,7 +179,7 @@ class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc
     def on_end(self, _: object) -> None:
         """It is given back, and the compiled code is on disk."""
         with self._guard:
-            self._depth -= 1
+            self._depth = max(0, self._depth - 1)
             if not self._depth and self._file is not None:
                 os.close(self._file)
                 self._file = None

@@ -105,7 +105,8 @@ def _users(path: Path) -> dict[str, str]:
     """Passwords by user, from a file that its owner alone may read."""
     if not path.is_file():
         return {}
-    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+    # Elsewhere than on POSIX these bits say nothing.
+    if os.name == "posix" and path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise CommandError(f"{path}: others may read it; run chmod 600 {path}", Exit.USAGE)
     users = {}
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
@@ -134,7 +135,7 @@ def make_certificate(arguments: Namespace) -> Exit:
     key, certificate, until = certificate_of(arguments.host_name, arguments.days)
     descriptor = os.open(key_path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     with open(descriptor, "wb") as file:
-        os.fchmod(descriptor, 0o600)
+        key_path.chmod(0o600)
         file.write(key)
     path.write_bytes(certificate)
     print(f"{path}: valid until {until}; have clients trust it")

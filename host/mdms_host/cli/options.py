@@ -282,7 +282,8 @@ def add_export(parser: ArgumentParser) -> None:
         metavar="DIR",
         type=Path,
         required=True,
-        help="folder for parcels.csv and cells.csv",
+        help="folder for parcels.csv, cells.csv, events.csv and streams.csv; their columns say "
+        "what is true, believed or reported",
     )
     add_force(parser)
     add_json(parser)

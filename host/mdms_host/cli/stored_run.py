@@ -6,10 +6,7 @@ from pathlib import Path
 
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import check_own, replacing, writing
-from mdms_model.run.folder import CELLS_HEADER, PARCELS_HEADER, export_csv, read_run
-
-#: The heading of each table.
-TABLES = {"parcels.csv": PARCELS_HEADER, "cells.csv": CELLS_HEADER}
+from mdms_model.run.folder import TABLES, export_csv, read_run
 
 
 def plot(arguments: Namespace) -> Exit:

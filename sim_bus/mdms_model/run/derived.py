@@ -51,6 +51,20 @@ def goals_given(record: Record) -> Iterator[tuple[float, str, Floats]]:
 _SAMPLES = 1000
 
 
+def lifted_s(record: Record, parcel: str) -> float | None:
+    """Since when a parcel is off the table at the end of a record [s]; None where it is on it."""
+    hands, since_s = 0, 0.0
+    for event in record.events:
+        if event.kind != "fault" or event.parcel != parcel:
+            continue
+        if event.detail.startswith("lift begins"):
+            since_s = since_s if hands else event.time_s
+            hands += 1
+        elif event.detail.startswith("lift ends"):
+            hands -= 1
+    return since_s if hands else None
+
+
 def slip_m_s(scenario: Scenario, record: Record) -> Floats:
     """Speed of every wheel's surface over the parcel on it, along its direction [m/s].
 

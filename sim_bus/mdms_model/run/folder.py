@@ -3,7 +3,7 @@
 It holds `meta.json`, `run.mcap` with a layout to view it in, and `picture.png`. A run with a bus
 adds `bus.log` with the database that explains its frames. A run that steered parcels adds
 `animation.gif`. `export_csv` writes a record as `parcels.csv` and `cells.csv`, one row per sample
-and thing. Poses are the coordinator's belief where the true ones are unknown.
+and thing, and as `events.csv` and `streams.csv`, one row per event.
 """
 
 import csv
@@ -29,30 +29,55 @@ from mdms_model.errors import Error, InputError
 from mdms_model.run.derived import slip_m_s
 from mdms_model.run.mcap.lichtblick import layout_of
 from mdms_model.run.mcap.messages import POSE, TWIST
-from mdms_model.run.record import Contact, Record, RecordFileError
+from mdms_model.run.record import Contact, Record, RecordFileError, exit_of, is_wrong
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 
-PARCELS_HEADER = ("time_s", "parcel", *POSE, *TWIST)
-CELL_COLUMNS = ("reference_m_s", "speed_m_s", "voltage_v", "normal_n", "force_n")
-CELLS_HEADER = ("time_s", "cell", "axis", *CELL_COLUMNS, "contact", "slip_m_s")
+#: Columns of truth, of belief and of reports; what nobody knows of a run is NaN there.
+PARCELS_HEADER = (
+    "time_s",
+    "parcel",
+    *(f"true_{name}" for name in (*POSE, *TWIST)),
+    *(f"believed_{name}" for name in POSE),
+)
+_TRUE_COLUMNS = ("voltage_v", "normal_n", "force_n")
+CELLS_HEADER = (
+    *("time_s", "cell", "axis", "reference_m_s", "true_speed_m_s", "reported_speed_m_s"),
+    *(f"true_{name}" for name in (*_TRUE_COLUMNS, "contact", "slip_m_s")),
+)
+EVENTS_HEADER = ("time_s", "kind", "parcel", "cell", "text")
+STREAMS_HEADER = ("time_s", "parcel", "event", "exit", "wrong_exit")
+#: The heading of each table of an export, by its file.
+TABLES = {
+    "parcels.csv": PARCELS_HEADER,
+    "cells.csv": CELLS_HEADER,
+    "events.csv": EVENTS_HEADER,
+    "streams.csv": STREAMS_HEADER,
+}
 
 
-def export_csv(folder: Path, scenario: Scenario, record: Record) -> tuple[Path, Path]:
-    """Write both tables into a folder, which is made if need be; each whole or not at all.
+def export_csv(folder: Path, scenario: Scenario, record: Record) -> tuple[Path, ...]:
+    """Write all tables into a folder, which is made if need be; each whole or not at all.
 
     Raises OSError.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    parcels, cells = folder / "parcels.csv", folder / "cells.csv"
-    _write(parcels, PARCELS_HEADER, _parcel_rows(scenario, record))
-    _write(cells, CELLS_HEADER, _cell_rows(scenario, record))
-    return parcels, cells
+    rows = (
+        _parcel_rows(scenario, record),
+        _cell_rows(scenario, record),
+        _event_rows(record),
+        _stream_rows(record),
+    )
+    paths = tuple(folder / name for name in TABLES)
+    for path, header, table in zip(paths, TABLES.values(), rows, strict=True):
+        _write(path, header, table)
+    return paths
 
 
 def _parcel_rows(scenario: Scenario, record: Record) -> Iterable[tuple[Any, ...]]:
-    states = np.concatenate((record.with_belief().pose, record.twist), axis=2).tolist()
+    estimate = np.full_like(record.pose, np.nan) if record.estimate is None else record.estimate
+    states = np.concatenate((record.pose, record.twist, estimate), axis=2).tolist()
     for time_s, sample in zip(record.time_s.tolist(), states, strict=True):
         for parcel, state in zip(scenario.parcel, sample, strict=True):
             yield time_s, parcel.name, *state
@@ -63,12 +88,30 @@ def _cell_rows(scenario: Scenario, record: Record) -> Iterable[tuple[Any, ...]]:
     axes = np.arange(len(wheels.cell)) - wheels.first[wheels.cell]
     places = list(zip((wheels.cell + 1).tolist(), (axes + 1).tolist(), strict=True))
     names = {int(contact): contact.name.lower() for contact in Contact}
-    values = np.stack([getattr(record, name) for name in CELL_COLUMNS], axis=2).tolist()
+    unknown = np.full_like(record.speed_m_s, np.nan)
+    # Cells of a real table report their speeds; those of a simulated one are known.
+    speeds = (unknown, record.speed_m_s) if record.is_belief else (record.speed_m_s, unknown)
+    columns = (record.reference_m_s, *speeds, *(getattr(record, name) for name in _TRUE_COLUMNS))
+    values = np.stack(columns, axis=2).tolist()
     slips = slip_m_s(scenario, record).tolist()
     samples = zip(record.time_s.tolist(), values, record.contact.tolist(), slips, strict=True)
     for time_s, *sample in samples:
         for place, state, contact, slip in zip(places, *sample, strict=True):
             yield time_s, *place, *state, names[contact], slip
+
+
+def _event_rows(record: Record) -> Iterable[tuple[Any, ...]]:
+    for event in record.events:
+        yield event.time_s, event.kind, event.parcel or "", event.cell or "", event.detail
+
+
+def _stream_rows(record: Record) -> Iterable[tuple[Any, ...]]:
+    """Parcels that came and left in truth."""
+    for event in record.events:
+        if event.kind == "arrival":
+            yield event.time_s, event.parcel, "came", "", ""
+        elif event.kind == "exit":
+            yield event.time_s, event.parcel, "left", exit_of(event), int(is_wrong(event))
 
 
 def _write(path: Path, header: tuple[str, ...], rows: Iterable[tuple[Any, ...]]) -> None:

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mdms_model.arrays import Floats
 from mdms_model.run.colours import colours_of
-from mdms_model.run.derived import belief_error, cell_counts, goals_at, host_error
+from mdms_model.run.derived import belief_error, cell_counts, goals_at, host_error, lifted_s
 from mdms_model.run.record import Contact, Record, exit_of
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.neighbours import frames as wire
@@ -379,6 +379,8 @@ def _story(scenario: Scenario, record: Record, number: int) -> str:
     )
     if (tipped_s := next(tips, None)) is not None:
         return f"{story}; tipped off at {tipped_s:.2f} s"
+    if (since_s := lifted_s(record, parcel.name)) is not None:
+        return f"{story}; lifted off the table at {since_s:.2f} s"
     goal = goals_at(scenario, record, float(record.time_s[-1])).get(parcel.name)
     if goal is None:
         return story

@@ -1,17 +1,22 @@
 """Where clients come in: a Unix socket for python-can, a pseudo-terminal and TCP for SLCAN."""
 
 import errno
-import fcntl
 import os
 import select
 import socket
 import stat
-import tty
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from mdms_sim.serve import packet
+
+try:
+    import fcntl
+    import tty
+except ImportError:
+    # Windows has neither; `refuse_elsewhere` says so.
+    fcntl = tty = None  # type: ignore[assignment]
 
 LOOPBACK = "127.0.0.1"
 #: Errors of `accept` when the process or the machine can open nothing more.
@@ -23,6 +28,16 @@ _BACKLOG = 128
 
 class ServeError(Exception):
     """A way in cannot be opened."""
+
+
+def refuse_elsewhere() -> None:
+    """Raise `ServeError` on a system without the sockets and terminals that a served bus has."""
+    if fcntl is None or not hasattr(socket, "AF_UNIX"):
+        raise ServeError(
+            "a bus is served by Unix sockets and pseudo-terminals, which this system has not; "
+            "serve it on Linux, on macOS or in WSL. `mdms simulate`, `mdms demo --page` and "
+            "`mdms run` with an adapter need none"
+        )
 
 
 class UnixListener:

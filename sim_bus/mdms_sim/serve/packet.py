@@ -51,7 +51,9 @@ def runtime_folder() -> Path:
     base = os.environ.get("XDG_RUNTIME_DIR")
     if base and os.access(base, os.W_OK):
         return Path(base) / "mdms"
-    return Path(tempfile.gettempdir()) / f"mdms-{os.getuid()}"
+    # Windows has no user numbers, and a folder for temporary files for each user.
+    user = f"-{os.getuid()}" if hasattr(os, "getuid") else ""
+    return Path(tempfile.gettempdir()) / f"mdms{user}"
 
 
 def socket_path(channel: str) -> Path:

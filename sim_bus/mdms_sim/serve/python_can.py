@@ -120,6 +120,11 @@ class MdmsBus(can.BusABC):
 
 def _connect(channel: str) -> tuple[socket.socket, int]:
     """The connection to a served bus, and its bit rate. Raises can.CanInitializationError."""
+    if not hasattr(socket, "AF_UNIX"):
+        raise can.CanInitializationError(
+            "a served bus is reached by a Unix socket, which this system has not; use Linux, macOS "
+            "or WSL, or an adapter: -i and -c"
+        )
     path = packet.socket_path(channel)
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:

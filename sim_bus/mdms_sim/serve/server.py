@@ -26,6 +26,7 @@ from mdms_sim.serve.endpoint import (
     Terminal,
     UnixListener,
     listen_tcp,
+    refuse_elsewhere,
 )
 from mdms_sim.simulation import Simulation
 
@@ -67,6 +68,7 @@ class Server:
         speed: float = 1.0,
         report: Report = lambda _text: None,
     ) -> None:
+        refuse_elsewhere()
         self.simulation = simulation
         self._report = report
         self._clients: dict[int, Client] = {}

@@ -8,6 +8,7 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_model.run.folder import TABLES
 from mdms_model.scenario.file import load_scenario
 
 BEGINS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF", "gif": b"GIF8"}
@@ -112,7 +113,7 @@ def test_paths_are_given_as_json_too(run, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out) == {"picture": str(picture)}
     assert main([*writers(run, picture)["export"], "--json"]) == 0
     tables = json.loads(capsys.readouterr().out)["tables"]
-    assert [Path(table).name for table in tables] == ["parcels.csv", "cells.csv"]
+    assert [Path(table).name for table in tables] == [*TABLES]
     assert Path(tables[0]).read_text().startswith("time_s,")
 
 

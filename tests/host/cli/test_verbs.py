@@ -6,6 +6,7 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_model.run.folder import TABLES
 from mdms_model.scenario.file import load_scenario
 
 
@@ -80,10 +81,10 @@ def test_plot_into_nowhere_is_refused(run, capsys):
     assert "cannot be written" in capsys.readouterr().err
 
 
-def test_export_writes_both_tables(run, tmp_path, capsys):
+def test_export_writes_all_tables(run, tmp_path, capsys):
     assert main(["export", str(run), "--csv", str(tmp_path / "tables")]) == 0
     paths = capsys.readouterr().out.split()
-    assert paths == [str(tmp_path / "tables" / name) for name in ("parcels.csv", "cells.csv")]
+    assert paths == [str(tmp_path / "tables" / name) for name in TABLES]
 
 
 def test_export_over_a_file_is_refused(run, capsys):

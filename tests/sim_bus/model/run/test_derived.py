@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from mdms_model.array import build_wheels
-from mdms_model.run.derived import belief_error, cell_counts, host_error, shared_belief, slip_m_s
-from mdms_model.run.record import Contact, Record
+from mdms_model.run.derived import (
+    belief_error,
+    cell_counts,
+    host_error,
+    lifted_s,
+    shared_belief,
+    slip_m_s,
+)
+from mdms_model.run.record import Contact, Event, Record
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.neighbours import frames as wire
 from mdms_sim.physics.plane.ideal import solve_ideal
@@ -131,3 +138,30 @@ def test_host_takes_parcels_of_one_kind_for_each_other(plane, plane_record):
     np.testing.assert_allclose(host_error(pair, swapped, 0), np.tile((0.001, 0.01), (41, 1)))
     others = replace(pair, parcel=tuple(replace(each, kind="") for each in pair.parcel))
     np.testing.assert_allclose(host_error(others, swapped, 0)[:, 0], 0.501)
+
+
+@pytest.mark.parametrize(
+    ("events", "since_s"),
+    [
+        ((), None),
+        (((1.0, "lift begins", "box"),), 1.0),
+        (((1.0, "lift begins", "box"), (2.0, "lift ends: set down at x 0.0000 m", "box")), None),
+        (
+            (
+                (1.0, "lift begins", "box"),
+                (1.5, "lift begins", "box"),
+                (2.0, "lift ends: it is still held", "box"),
+            ),
+            1.0,
+        ),
+        (((1.0, "lift begins", "other"),), None),
+        (
+            ((1.0, "lift begins", "box"), (2.0, "lift ends", "box"), (3.0, "lift begins", "box")),
+            3.0,
+        ),
+    ],
+)
+def test_parcel_is_off_the_table_since_a_hand_has_lifted_it(plane, events, since_s):
+    noted = [Event(time_s, "fault", text, parcel=name) for time_s, text, name in events]
+    record = replace(resting(plane, [(0.0, 0.0, 0.0)], 0.0), events=noted)
+    assert lifted_s(record, "box") == since_s

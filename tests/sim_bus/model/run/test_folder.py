@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 
 from mdms_model.run.folder import RunFolderError, export_csv, fresh_folder, read_run, write_run
 from mdms_model.run.mcap.file import read_record, write_record
-from mdms_model.run.record import Contact, Event, Record
+from mdms_model.run.record import Contact, Event, Record, leaving
 from mdms_model.scenario.file import load_scenario
 
 ARRAYS = [item.name for item in fields(Record) if item.name != "events"]
@@ -302,15 +302,34 @@ def rows(path):
 
 
 def test_header_is_the_promised_one(tmp_path, plane, plane_record):
-    parcels, cells = export_csv(tmp_path, plane, plane_record)
-    assert parcels.read_text().splitlines()[0] == (
-        "time_s,parcel,x_m,y_m,yaw_rad,vx_m_s,vy_m_s,yaw_rate_rad_s"
+    paths = export_csv(tmp_path, plane, plane_record)
+    assert [path.read_text().splitlines()[0] for path in paths] == [
+        "time_s,parcel,true_x_m,true_y_m,true_yaw_rad,true_vx_m_s,true_vy_m_s,true_yaw_rate_rad_s,"
+        "believed_x_m,believed_y_m,believed_yaw_rad",
+        "time_s,cell,axis,reference_m_s,true_speed_m_s,reported_speed_m_s,true_voltage_v,"
+        "true_normal_n,true_force_n,true_contact,true_slip_m_s",
+        "time_s,kind,parcel,cell,text",
+        "time_s,parcel,event,exit,wrong_exit",
+    ]
+
+
+def test_events_and_streams_are_rows(tmp_path, plane, plane_record):
+    record = replace(
+        plane_record,
+        events=[
+            Event(0.5, "arrival", "set down", parcel="box"),
+            Event(1.0, "fault", "off begins", cell=3),
+            leaving(1.5, "box", "east", wrong=True),
+        ],
     )
-    assert (
-        cells.read_text()
-        .splitlines()[0]
-        .startswith("time_s,cell,axis,reference_m_s,speed_m_s,voltage_v,normal_n,force_n,contact")
+    _, _, events, streams = map(rows, export_csv(tmp_path, plane, record))
+    assert [(row["kind"], row["cell"], row["text"]) for row in events][1] == (
+        *("fault", "3", "off begins"),
     )
+    assert [tuple(row.values()) for row in streams] == [
+        ("0.5", "box", "came", "", ""),
+        ("1.5", "box", "left", "east", "1"),
+    ]
 
 
 def test_parcels_give_back_every_bit(tmp_path, plane, plane_record):
@@ -318,8 +337,8 @@ def test_parcels_give_back_every_bit(tmp_path, plane, plane_record):
     assert {row["parcel"] for row in table} == {"box"}
     for name, values in (
         ("time_s", plane_record.time_s),
-        ("x_m", plane_record.pose[:, 0, 0]),
-        ("yaw_rate_rad_s", plane_record.twist[:, 0, 2]),
+        ("true_x_m", plane_record.pose[:, 0, 0]),
+        ("true_yaw_rate_rad_s", plane_record.twist[:, 0, 2]),
     ):
         np.testing.assert_array_equal([float(row[name]) for row in table], values)
 
@@ -329,20 +348,25 @@ def test_wheels_are_told_by_cell_and_axis(tmp_path, plane, plane_record):
     assert len(table) == plane_record.contact.size
     row = next(row for row in table if (row["cell"], row["axis"]) == ("18", "2"))
     assert float(row["time_s"]) == plane_record.time_s[0]
-    assert float(row["normal_n"]) == plane_record.normal_n[0, 35]
-    assert row["contact"] == "sliding_backward"
+    assert float(row["true_normal_n"]) == plane_record.normal_n[0, 35]
+    assert row["true_contact"] == "sliding_backward"
 
 
 def test_contact_is_told_in_words(tmp_path, plane, plane_record):
     table = rows(export_csv(tmp_path, plane, plane_record)[1])
-    told = [Contact[row["contact"].upper()] for row in table]
+    told = [Contact[row["true_contact"].upper()] for row in table]
     np.testing.assert_array_equal(told, plane_record.contact.ravel())
 
 
-def test_belief_stands_for_poses_that_nobody_knows(tmp_path, plane, believed_record):
-    parcels, cells = map(rows, export_csv(tmp_path, plane, believed_record))
+def test_belief_and_reports_are_no_truth(tmp_path, plane, believed_record):
+    parcels, cells, *_ = map(rows, export_csv(tmp_path, plane, believed_record))
     np.testing.assert_array_equal(
-        [float(row["yaw_rad"]) for row in parcels], believed_record.estimate[:, 0, 2]
+        [float(row["believed_yaw_rad"]) for row in parcels], believed_record.estimate[:, 0, 2]
     )
-    assert {row["contact"] for row in cells} == {"unknown"}
-    assert {row["vx_m_s"] for row in parcels} == {"nan"}
+    assert {row["true_yaw_rad"] for row in parcels} == {"nan"}
+    assert {row["true_vx_m_s"] for row in parcels} == {"nan"}
+    assert {row["true_contact"] for row in cells} == {"unknown"}
+    assert {row["true_speed_m_s"] for row in cells} == {"nan"}
+    np.testing.assert_array_equal(
+        [float(row["reported_speed_m_s"]) for row in cells], believed_record.speed_m_s.ravel()
+    )
