@@ -137,6 +137,8 @@ def case(scenario: Scenario) -> Case:
     result.pauses = coordinator.pauses
     away = f"{1e3 * off_m:.1f} mm and {degrees(off_rad):.1f} degrees away"
     why = coordinator.fault or coordinator.lost or coordinator.stuck
+    if why is None and coordinator.troubles:
+        why = coordinator.troubles[-1][1]
     result.reason = away if why is None else f"{away} ({why})"
     for violation in simulation.referee.violations:
         if violation.rule == "true":
