@@ -97,5 +97,6 @@ def _rows(line: VirtualLine, wanted: dict[str, str], took_s: float) -> list[dict
             "true_minus_told": sum(((true - told) + (told - true)).values()),
             "virtual_s": line.now_s(),
             "took_s": took_s,
+            "last_state": f"{line.state.name} {line.machine.states.reason}".strip(),
         }
     ]
