@@ -1,10 +1,14 @@
 """The machine of a line on cells of real firmware, in virtual time; wheels by the simulator."""
 
+import math
 from collections.abc import Iterator
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from tests.host.line.virtual_line import VirtualLine
 
+from mdms_host.line.machine import _stands as machine_stands
 from mdms_host.line.packml import Command, CommandRefusedError, State
 from mdms_host.programs.table_parcel import ProgramError
 
@@ -191,6 +195,16 @@ def test_an_order_in_doubt_is_confirmed_by_place_and_turn_alone(line, turned_rad
     line.do("in_doubt", **order("o1", parcel["parcel"], **pose))
     line.pass_s(0.5)
     assert line.of_order("o1") == (["arrived"] if arrived else [])
+
+
+@pytest.mark.parametrize(
+    ("reference_m_s", "speed_m_s", "rests"),
+    [(0.0, 0.007, True), (0.0, 0.02, False), (0.05, 0.0, False), (0.0, math.nan, True)],
+)
+def test_wheels_stand_beside_the_noise_of_their_encoders(reference_m_s, speed_m_s, rests) -> None:
+    wheels = np.zeros(108)
+    run = SimpleNamespace(references_m_s=wheels + reference_m_s, speeds_m_s=wheels - speed_m_s)
+    assert machine_stands(run) is rests
 
 
 def test_a_person_sees_state_counters_and_orders_those_under_way_first(line) -> None:

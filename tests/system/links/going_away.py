@@ -120,9 +120,7 @@ class Plant:
         self.scenario = scenario
         self.simulation = Simulation(scenario, bank, recorded=False)
         server = self._opened.enter_context(Server(self.simulation, str(folder / "table.sock")))
-        thread = threading.Thread(
-            target=server.run, args=(self._over.is_set,), kwargs={"beyond_tipping": True}
-        )
+        thread = threading.Thread(target=server.run, args=(self._over.is_set,))
         thread.start()
         self._opened.callback(thread.join)
         self._opened.callback(self._over.set)
