@@ -2,6 +2,8 @@
 
 import json
 from argparse import Namespace
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
@@ -16,7 +18,7 @@ from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
 from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.live_array import show_array
-from mdms_host.cli.streams import kept_for_json, say
+from mdms_host.cli.streams import EventLines, kept_for_json, say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import check_other_run, fresh_folder
@@ -85,15 +87,28 @@ def _operate(
     belief: BelievedArray, arguments: Namespace, main: Main | None
 ) -> tuple[Operation, Run]:
     """Operate the array, and keep the run in a folder if one is wanted, however it ended."""
+    events = EventLines(say)
     operated = partial(
         operate_array,
         belief,
         arguments,
         arguments.limit,
         main,
-        report=_print_event,
+        report=events.add,
         interrupted=interrupted,
     )
+    with ExitStack() as told:
+        told.callback(events.finish)
+        return _kept(belief, arguments, main, operated)
+
+
+def _kept(
+    belief: BelievedArray,
+    arguments: Namespace,
+    main: Main | None,
+    operated: Callable[..., tuple[Operation, Run]],
+) -> tuple[Operation, Run]:
+    """Operate, and keep the run in a folder if one is wanted."""
     if arguments.out is None:
         return operated()
     with fresh_folder(arguments.out) as folder:
@@ -111,7 +126,3 @@ def _operate(
                 array_file=arguments.array,
             )
     return operation, ended
-
-
-def _print_event(time_s: float, text: str) -> None:
-    say(f"{time_s:8.3f} s  {text}")
