@@ -8,10 +8,14 @@ WORKERS ?= 4
 # Tests start hundreds of processes; each would compile our modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check docs format generate bench prove soak requirements clean
+.PHONY: demo line test quick check docs format generate bench prove soak requirements clean
 
 demo: $(VENV)/.run
 	$(BIN)/mdms demo
+
+# A plant to look at: a table in a line, with its page.
+line: $(VENV)/.run
+	$(BIN)/python examples/line/plant.py
 
 # Tests that keep pace with the machine's clock want the machine for themselves.
 test: $(VENV)/.dev
@@ -84,8 +88,8 @@ typings/.installed: requirements/stubs.txt | $(VENV)/bin/python
 # Needs uv; the files it writes are all that anybody else needs.
 requirements:
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --group build -o requirements/run.txt
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --extra sweep --extra cluster --extra tune --extra opcua --group build --group dev -c requirements/run.txt -o requirements/dev.txt
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --extra sweep --extra cluster --extra tune --extra opcua --group build --group dev --group bench -c requirements/dev.txt -o requirements/bench.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --extra sweep --extra cluster --extra tune --extra learn --extra opcua --group build --group dev -c requirements/run.txt -o requirements/dev.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --extra sweep --extra cluster --extra tune --extra learn --extra opcua --group build --group dev --group bench -c requirements/dev.txt -o requirements/bench.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q pyproject.toml --extra sim --extra page --group build --group docs -c requirements/dev.txt -o requirements/docs.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --no-header -q --group stubs -o requirements/stubs.txt
 

@@ -78,6 +78,6 @@ def draw(lost: mdms.SweepResult, dead: mdms.SweepResult, path: str) -> None:
 
 if __name__ == "__main__":
     out = sys.argv[1] if sys.argv[1:] else "runs/losses"
-    tables = lost_frames(out, seeds=3), dead_cells(out, seeds=3)
+    tables = lost_frames(out, seeds=8), dead_cells(out, seeds=8)
     draw(*tables, f"{out}/losses.png")
     print(f"{sum(len(table.rows) for table in tables)} runs: {out}/losses.png")

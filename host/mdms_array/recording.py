@@ -171,18 +171,22 @@ def keep_run(
     *,
     main: Main | None = None,
     array_file: Path | None = None,
+    provenance: dict[str, Any] | None = None,
+    pictures: bool = True,
 ) -> None:
     """Write everything of a run; its bus log, if it had a bus, is there already.
 
-    `main` is its program in Python, and `array_file` the file of its table, if it had any.
+    `main` is its program in Python, and `array_file` the file of its table, if it had any; or
+    `provenance` is given as a whole.
 
     Raises OSError.
     """
     if (folder / BUS_LOG).exists():
         convert_log(folder / BUS_LOG, bus_format)
         shutil.copyfile(data_sheet(DATABASE), folder / DATABASE)
-    provenance = provenance_of(main, array_file)
-    write_run(folder, scenario, record, figures, _painter(record), provenance=provenance)
+    told = provenance_of(main, array_file) if provenance is None else provenance
+    painter = _painter(record) if pictures else None
+    write_run(folder, scenario, record, figures, painter, provenance=told)
 
 
 #: Packages whose versions have a say in a run.

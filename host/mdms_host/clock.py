@@ -1,7 +1,17 @@
-"""Real time: the only module of the host that looks at the machine's clock."""
+"""Real time, and the machine's load: the only module of the host that looks at the clock."""
 
+import math
+import os
+import sys
 import time
+from datetime import UTC, datetime
 from typing import Protocol
+
+try:
+    import resource
+except ModuleNotFoundError:
+    # Windows has none.
+    resource = None  # type: ignore[assignment]
 
 
 class Clock(Protocol):
@@ -36,3 +46,31 @@ class MonotonicClock:
     def sleep(self, seconds: float) -> None:
         """See `Clock`."""
         time.sleep(max(0.0, seconds))
+
+
+def wall_text() -> str:
+    """The date and the time of day, with the offset from UTC, as ISO 8601 has it."""
+    return datetime.now(UTC).astimezone().isoformat(timespec="milliseconds")
+
+
+def wall_s() -> float:
+    """The time since 1970 [s]."""
+    return time.time()
+
+
+def process_s() -> float:
+    """The processor time that this process has taken [s]."""
+    return time.process_time()
+
+
+def load_average() -> float:
+    """How many programs have wanted a processor in the last minute; NaN where nobody counts."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan
+
+
+def memory_bytes() -> int:
+    """The most memory that this process has had; 0 where nobody counts."""
+    if resource is None:
+        return 0
+    most: int = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else most * 1024

@@ -9,7 +9,8 @@ import re
 import shutil
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -25,6 +26,8 @@ except ImportError:
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
+#: Loops over it may run on several threads, within functions that are `compiled_parallel`.
+prange: Any = range if numba is None else numba.prange
 #: Whether functions run compiled; `NUMBA_DISABLE_JIT=1` keeps them plain for a debugger.
 COMPILING = numba is not None and not numba.config.DISABLE_JIT
 OWN_IMPORT = re.compile(r"^from (mdms_\w+(?:\.\w+)*) import (\([^)]*\)|.*)", re.MULTILINE)
@@ -37,11 +40,29 @@ def compiled(function: Function) -> Function:
 
     Other threads go on while it runs: its arguments must belong to one thread alone.
     """
+    return _compiled(function)
+
+
+def inlined(function: Function) -> Function:
+    """The same, as a part of the functions that call it.
+
+    A call that passes many arrays counts each of them twice, as long as a few wheels take.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def compiled_parallel(function: Function) -> Function:
+    """The same on several threads: each takes a share of the loops over `prange`."""
+    return _compiled(function, parallel=True)
+
+
+def _compiled(function: Function, **more: bool) -> Function:
     if not COMPILING:
         return function
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(_folder(function.__module__))
     try:
-        return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
+        decorate = numba.njit(cache=True, error_model="numpy", nogil=True, **more)
+        return cast(Function, decorate(function))
     finally:
         numba.config.CACHE_DIR = before
 
@@ -57,6 +78,25 @@ def for_types_of(function: Function, *arguments: object) -> Function:
     types = tuple(numba.typeof(each) for each in arguments)
     dispatcher.compile(types)
     return cast(Function, dispatcher.get_overload(types))
+
+
+@contextmanager
+def threads_used(count: int, share: int) -> Iterator[None]:
+    """Have functions that are `compiled_parallel` take so many threads, or as many as there are.
+
+    A thread takes a `share` of a loop's rounds at a time. So a thread that has to wait for its
+    processor holds up few of them.
+    """
+    if not COMPILING:
+        yield
+        return
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+    try:
+        with numba.parallel_chunksize(share):
+            yield
+    finally:
+        numba.set_num_threads(before)
 
 
 # Where compiled code is kept ----------------------------------------------------------------------

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.array import cell_centres
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Bits, Floats
 from mdms_model.buses import Addresses, address_cells, plan_gateways
 from mdms_model.participant import BusesParticipant, Participant
 from mdms_model.run.folder import interface_of
@@ -259,6 +259,11 @@ class Simulation:
     def blinking(self) -> list[int]:
         """Where cells stand whose LEDs show that they are meant, as numbers of places from 1."""
         return sorted((self._places[self._bank.blinking] + 1).tolist())
+
+    @property
+    def reported_presence(self) -> Bits:
+        """Presence bits (cells,), as the cells have last reported them on their buses."""
+        return self._presence.bits
 
     def outcome(self) -> Outcome:
         """Everything recorded so far."""

@@ -3,4 +3,6 @@
 import sys
 from pathlib import Path
 
+from tests.plain_kernels import plain_kernels  # noqa: F401
+
 sys.path += [str(Path(__file__).parent / room) for room in ("bench", "fuzz")]

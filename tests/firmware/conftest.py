@@ -15,6 +15,7 @@ from tests.micropython_builds import (
     unix,
     wasm32,
 )
+from tests.plain_kernels import plain_kernels  # noqa: F401
 
 from mdms_sim.nodes.micropython_process import find_micropython
 

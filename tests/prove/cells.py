@@ -22,7 +22,11 @@ Arrivals = tuple[Message, ...]
 
 
 class Rules(NamedTuple):
-    """The times that the cells are set up with [beats]."""
+    """The times that the cells are set up with [beats].
+
+    Where a parcel is not `placed`, a restarted cell hears which parcel lies over a neighbour, and
+    not whether it reaches the cell's own square.
+    """
 
     lease: int = 3
     late: int = 1
@@ -30,6 +34,7 @@ class Rules(NamedTuple):
     hops: int = 1
     patience: int = 8
     disturbed: int | None = None  # links on which estimates may be lost or late within a beat
+    placed: bool = True
 
 
 class Delivery:
@@ -252,13 +257,20 @@ class Cell:
             for direction, message in delivered:
                 self._delivery.put(direction, message)
                 if memory.unsure:
-                    identity, state, _, _, over = message
-                    lies_here = over and state == right_of_way.UNDER
-                    self._decider.hear(direction, identity if lies_here else 0)
+                    self._decider.hear(direction, self._reported(message))
             self._delivery.hand_over(self._decider)
             heard = {direction for direction, _ in delivered}
             found = self._decided[key] = self._beat(memory, heard, given, occupied)
         return found
+
+    def _reported(self, message: Message) -> int:
+        """The parcel that a neighbour reports over the cell, as `hear` takes it."""
+        identity, state, _, _, over = message
+        if state != right_of_way.UNDER:
+            return 0
+        if not self._rules.placed:
+            return identity | right_of_way.UNPLACED
+        return identity if over else 0
 
     def _beat(self, memory: Memory, heard: set[int], given: Input, occupied: bool) -> Memory:
         """Let a beat pass after the estimates of some directions were handed over."""

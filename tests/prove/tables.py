@@ -63,6 +63,7 @@ _LATEST = Rules(lease=3, late=2, disturbed=1)
 _TWO_STEPS = Rules(lease=2, late=0, hops=2, disturbed=1)
 _SHORT = Rules(lease=2, late=0, disturbed=1)
 _SHORTEST = Rules(lease=1, late=0, disturbed=1)
+_UNPLACED = Rules(lease=1, late=0, placed=False)
 _UNDISTURBED = Rules(lease=3, late=0, disturbed=0)
 
 #: Explored with the tests, within seconds. Parcels are of one cell, a lease is of three beats, an
@@ -78,6 +79,9 @@ QUICK: dict[str, Table] = {
     ),
     "3 x 1, parcels of two cells and one, lease 1, any lost, none late, a crash": Table(
         3, 1, ((0, 1), (2,)), _ANY_SHORT
+    ),
+    "3 x 1, parcels of two cells and one, lease 1, any lost, no place told, a crash": Table(
+        3, 1, ((0, 1), (2,)), _UNPLACED
     ),
 }
 

@@ -199,6 +199,24 @@ def draw(seed: int, setting: str | None = None, lasts_s: float | None = None) ->
         return storm
 
 
+def draw_cut(seed: int) -> Storm:
+    """A storm of cells that steer, with one trouble: a cell is cut off for 1 s, and comes back."""
+    random = Random(f"cut {seed}")
+    settings = [each.name for each in SETTINGS if each.control == "cells"]
+    storm = draw(seed, random.choice(settings))
+    columns, rows = (6, 3) if storm.tables["scenario"] == "neighbours" else (9, 6)
+    cut = {
+        "kind": "cut",
+        "start_s": round(random.uniform(BROUGHT_UP_S, 5.0), 3),
+        "duration_s": 1.0,
+        "cells": [random.randint(1, columns * rows)],
+    }
+    run = storm.tables["run"] | {"on_lost_cell": "go_on"}
+    motion = {key: value for key, value in storm.tables["motion"].items() if key != "go_on"}
+    tables = storm.tables | {"run": run, "motion": motion}
+    return replace(storm, tables=tables, events=()).with_faults((cut,))
+
+
 def _long_enough(storm: Storm) -> Storm:
     """The storm with time for its last program, which begins when a person begins it again."""
     begun_s = (

@@ -214,10 +214,8 @@ class Pages:
         elif kind == lost.REVOKED:
             rights.readmit(direction)
         else:
-            heard = self._heard
-            its = heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.IDENTITY]
-            silent_beats = heard.silent_beats(direction)
-            agrees = rights.do_without(direction, identity, number, silent_beats, its)
+            silent_beats = self._heard.silent_beats(direction)
+            agrees = rights.do_without(direction, identity, number, silent_beats)
             answer = lost.AGREED if agrees else lost.REFUSED
         at, frame = self._frame_at, lost.pack_lost(answer, column, row, identity, number)
         self._objects.data[at : at + len(frame)] = frame

@@ -70,8 +70,10 @@ LEFT = const(24)
 _COLUMNS = const(32)
 
 
-#: In the place of an identity: a neighbour reports a parcel, and not whether it lies here.
+#: In the place of an identity: neighbours differ, or may live and have not been heard.
 UNKNOWN = const(255)
+#: Added to an identity: a neighbour reports that parcel, and not whether it lies here.
+UNPLACED = const(128)
 #: A neighbour that has been silent for so long is dead [beats].
 DEAD_BEATS = LOST_BEATS
 
@@ -91,7 +93,7 @@ class RightOfWay:
     To be sent: `identity`, `state`, `hold`. For the wheels: `drive_beats`, the number of beats
     for which they may turn without another update (0: they may not). To be reported: `blocked`;
     `lacking`, the mask of neighbours whose promise is wanted and not held. `unsure` is whether the
-    cell has promised nothing since its restart.
+    cell has promised nothing since its restart, or only to a parcel whose place it has not heard.
     """
 
     def __init__(
@@ -207,24 +209,20 @@ class RightOfWay:
     def hear(self, direction, over):
         """Hear a neighbour in this beat, which counts while the cell is `unsure`.
 
-        `over` is the parcel that it reports over this cell's square. It is 0 for none, and UNKNOWN
-        for a parcel whose place cannot be told.
+        `over` is the parcel that it reports over this cell's square. It is 0 for none. UNPLACED is
+        added for a parcel whose place cannot be told.
         """
         if self.unheeded_beats == 0:
             self.silent_beats[direction] = 0
             self.reported[direction] = over
 
-    def do_without(self, direction, identity, number, silent_beats, its_identity=0):
+    def do_without(self, direction, identity, number, silent_beats):
         """The host declares a neighbour lost for this parcel; return whether the cell agrees.
 
         It agrees if that neighbour has been silent for long, and the cell itself is promised to the
         parcel: then no other parcel comes to the lost cell's square by way of this one.
-        `its_identity` is the parcel of the neighbour's last estimate. If that is the same parcel,
-        no other can lie here by that report.
         """
-        if its_identity == identity and self.reported[direction] == UNKNOWN:
-            self.reported[direction] = identity
-        promised = self.registers[STATE] >= PROMISED and not self.unsure
+        promised = self.registers[STATE] >= PROMISED
         agrees = self.lost.declare(
             direction,
             identity,
@@ -264,7 +262,7 @@ class RightOfWay:
                 over = 0
         if not _stays_under(registers, said, over):
             self._change(over, occupied, here)
-            if registers[STATE] >= PROMISED:
+            if registers[STATE] >= PROMISED and here < UNPLACED:
                 # From now on the cell knows the parcel that it lets come.
                 self.unsure = False
         if self.lost.mask:
@@ -296,7 +294,8 @@ class RightOfWay:
     def _by_report(self, over):
         """Pass a beat; return the parcel over the square by neighbours, UNKNOWN if they differ.
 
-        It is UNKNOWN too if one of them has not been heard, and may live.
+        It is UNKNOWN too if one of them has not been heard, and may live. A parcel that is only
+        reported UNPLACED is returned so.
         """
         if self.unheeded_beats:
             self.unheeded_beats -= 1
@@ -310,8 +309,11 @@ class RightOfWay:
             if self.registers[_VALID_BEATS] <= silent_beats < DEAD_BEATS:
                 here = UNKNOWN
             reported = self.reported[direction]
-            if reported and here != reported:
+            if reported and (here ^ reported) & ~UNPLACED:
                 here = UNKNOWN if here else reported
+            elif reported:
+                # One that knows the place is enough.
+                here &= reported
         return here
 
     def _change(self, over, occupied, here):
@@ -370,14 +372,17 @@ class RightOfWay:
         """Promise the cell to the best request: no parcel stands here, and no promise is kept.
 
         The parcel that had the promise before goes last. A covered sensor that belongs to no parcel
-        keeps all others away. So does a parcel that is `here` by report.
+        keeps all others away. So does a parcel that is `here` by report. One that is UNPLACED may
+        come, but something else may cover the sensor.
         """
         registers = self.registers
         registers[WAITING] = 0
         asker = self._asker(registers[_PREVIOUS]) or self._asker(0)
         bound = registers[BOUND]
         if here:
-            asker, occupied = here if self._asks(here) else 0, False
+            identity = here & ~UNPLACED
+            asker = identity if self._asks(identity) else 0
+            occupied = occupied and identity != here
         if asker and (asker == registers[PROMISED_TO] or not (bound or occupied)):
             self._promise(asker)
             registers[IDENTITY] = asker

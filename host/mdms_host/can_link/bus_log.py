@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from math import inf
 from pathlib import Path
-from typing import TextIO
+from typing import Protocol
 
 import can
 
@@ -43,24 +43,37 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
         raise InputError(f"{path}: not a candump log: {error}") from None
 
 
+class Writes(Protocol):
+    """Anything that takes lines of text."""
+
+    def write(self, text: str, /) -> object:
+        """Take a text."""
+
+
 class LogWriter:
     """Writes frames of 11-bit identifiers as they come, in the form of `candump -L`.
 
     Frames of both directions come by two clocks' readings; a line is never before the last. With
-    several `buses` a line names the frame's.
+    several `buses` a line names the frame's. With `directions` it ends with T for a frame of this
+    host, else R, as `candump -x` has it. Time 0 is `start_s` [s since 1970].
     """
 
-    def __init__(self, file: TextIO, buses: int = 1) -> None:
+    def __init__(
+        self, file: Writes, buses: int = 1, *, directions: bool = False, start_s: float = START_S
+    ) -> None:
         self._file = file
         self._last_s = 0.0
+        self._start_s = start_s
+        self._directions = (" R", " T") if directions else ("", "")
         self._interfaces = [interface_of(bus, buses) for bus in range(buses)]
 
-    def on_frame(self, frame: Frame, time_s: float, bus: int = 0) -> None:
+    def on_frame(self, frame: Frame, time_s: float, bus: int = 0, *, sent: bool = False) -> None:
         """Append one line."""
         self._last_s = max(self._last_s, time_s)
         data = frame.data.hex().upper()
-        time = f"{START_S + self._last_s:.6f}"
-        self._file.write(f"({time}) {self._interfaces[bus]} {frame.can_id:03X}#{data}\n")
+        time = f"{self._start_s + self._last_s:.6f}"
+        direction = self._directions[sent]
+        self._file.write(f"({time}) {self._interfaces[bus]} {frame.can_id:03X}#{data}{direction}\n")
 
 
 def chosen(frames: Iterable[tuple[float, Frame]], sender: str) -> Iterator[tuple[float, Frame]]:

@@ -30,11 +30,17 @@ class Links:
     """A link for each of the buses, numbered from 0; messages call them by their `names`.
 
     When one device is gone, all is over: a parcel over a border cannot be carried by half. The
-    others can be left to bring their cells to rest.
+    others can be left to bring their cells to rest. Incidents go into `noted`, if it is given.
     """
 
-    def __init__(self, buses: Sequence[can.BusABC], names: Sequence[str], clock: Clock) -> None:
-        self.incidents: list[tuple[float, str]] = []
+    def __init__(
+        self,
+        buses: Sequence[can.BusABC],
+        names: Sequence[str],
+        clock: Clock,
+        noted: list[tuple[float, str]] | None = None,
+    ) -> None:
+        self.incidents: list[tuple[float, str]] = [] if noted is None else noted
         self._clock = clock
         self._names = names
         self._arrived: SimpleQueue[tuple[Frame, float, int]] = SimpleQueue()

@@ -3,6 +3,7 @@
 SIGTERM and SIGHUP end it as Ctrl-C does, but for the exit code.
 """
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -131,10 +132,13 @@ def ended_by_signals() -> Iterator[None]:
 
 
 @contextmanager
-def interrupted() -> Iterator[Callable[[], KeyboardInterrupt | None]]:
+def interrupted(
+    on_hangup: Callable[[], object] | None = None,
+) -> Iterator[Callable[[], KeyboardInterrupt | None]]:
     """The cause of an end by a signal, None while there is none: no step is broken off meanwhile.
 
-    A second signal breaks it off. Where SIGHUP is ignored, as under nohup, it stays ignored.
+    A second signal breaks it off. Where SIGHUP is ignored, as under nohup, it stays ignored. A
+    command without a terminal calls `on_hangup` for it, if that is given: it is a service.
     """
     asked: list[KeyboardInterrupt] = []
 
@@ -144,6 +148,10 @@ def interrupted() -> Iterator[Callable[[], KeyboardInterrupt | None]]:
             raise end
         asked.append(end)
 
+    def on_hangup_signal(_number: int, _frame: FrameType | None) -> None:
+        if on_hangup is not None:
+            on_hangup()
+
     def first() -> KeyboardInterrupt | None:
         return asked[0] if asked else None
 
@@ -151,8 +159,14 @@ def interrupted() -> Iterator[Callable[[], KeyboardInterrupt | None]]:
         yield first
         return
     kept = [number for number in _numbers("SIGHUP") if signal.getsignal(number) == signal.SIG_IGN]
-    numbers = (number for number in ENDS if number not in kept)
-    before = {number: signal.signal(number, on_signal) for number in numbers}
+    handlers: dict[int, Callable[[int, FrameType | None], None]] = {
+        number: on_signal for number in ENDS if number not in kept
+    }
+    if on_hangup is not None and not _has_terminal():
+        hangups = [number for number in _numbers("SIGHUP") if number in handlers]
+        for number in hangups:
+            handlers[number] = on_hangup_signal
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield first
     finally:
@@ -168,6 +182,15 @@ def ending_behind(error: BaseException | None) -> KeyboardInterrupt | None:
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error
+
+
+def _has_terminal() -> bool:
+    """Whether the command has a terminal that may be gone, wherever its streams lead to."""
+    try:
+        os.close(os.open("/dev/tty", os.O_RDWR | getattr(os, "O_NOCTTY", 0)))
+    except OSError:
+        return False
+    return True
 
 
 def _numbers(*names: str) -> list[int]:

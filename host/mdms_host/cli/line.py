@@ -3,7 +3,6 @@
 import os
 import stat
 from argparse import Namespace
-from collections.abc import Callable
 from pathlib import Path
 
 from mdms_array.extras import OPCUA, require
@@ -11,6 +10,7 @@ from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.line.attached import Line
+from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.server import LOOPBACK
 from mdms_model.scenario.scenario import Scenario
@@ -47,9 +47,7 @@ def check_line(arguments: Namespace, scenario: Scenario) -> None:
         )
 
 
-def opened_line(
-    slot: RunSlot, scenario: Scenario, arguments: Namespace, note: Callable[[str], object]
-) -> Line:
+def opened_line(slot: RunSlot, scenario: Scenario, arguments: Namespace, table: LiveTable) -> Line:
     """The line of a table as the options have it. Raises LineError and `CommandError`."""
     folder = folder_of(arguments)
     host = arguments.line_host or LOOPBACK
@@ -67,7 +65,14 @@ def opened_line(
     if arguments.modbus is not None and host != LOOPBACK:
         say(f"mdms: whoever reaches {host} moves the table by Modbus, which has no passwords")
     exits = tuple(each.name for each in scenario.exit)
-    line = Line(slot, exits, MonotonicClock(), settings, note)
+    line = Line(
+        slot,
+        exits,
+        MonotonicClock(),
+        settings,
+        note=lambda text: table.note("line", text),
+        show=table.show_line,
+    )
     for address in line.addresses:
         print(address, flush=True)
     return line

@@ -2,22 +2,27 @@
 
 from argparse import Namespace
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from math import inf
 
 from mdms_array.array import BelievedArray
 from mdms_array.checks import timing_of
-from mdms_array.connection import open_links
-from mdms_array.host import coordinator_of, layout_of, parcels_of
+from mdms_array.connection import open_links, open_returning
+from mdms_array.host import coordinator_of, estimates_of, layout_of, parcels_of
 from mdms_array.operation import watch_program
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
+from mdms_host.can_link.returning import ReturningLink
 from mdms_host.cli.exits import CommandError, Exit, interrupted
+from mdms_host.cli.kept import Kept, keeping
 from mdms_host.cli.line import has_line, opened_line
+from mdms_host.cli.options import AGAIN
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.line.attached import Line, LineError
+from mdms_host.line.packml import State
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.flow import ends_of
 from mdms_host.page.live import LiveTable
@@ -73,10 +78,42 @@ def attendants(
 
             attend.page = opened.enter_context(opened_page(table, arguments)).attend
         if has_line(arguments):
-            attend.line = opened.enter_context(
-                opened_line(slot, scenario, arguments, lambda text: table.note("line", text))
-            )
+            attend.line = opened.enter_context(opened_line(slot, scenario, arguments, table))
         yield attend
+
+
+#: How often somebody looks whether a report is due [s].
+_LOOK_S = 0.01
+
+
+class Watched:
+    """Has the beliefs of a slot's hosts kept, and a report written after a fault or an abort."""
+
+    def __init__(self, kept: Kept, slot: RunSlot, scenario: Scenario) -> None:
+        self._kept = kept
+        self._slot = slot
+        self._scenario = scenario
+        self._due_s = -inf
+        self._faulted: Coordinator | None = None
+        self._aborted = False
+
+    def look(self, now_s: float, line: Line | None) -> None:
+        """Look after it; returns at once most of the time."""
+        if 0.0 <= self._due_s - now_s <= _LOOK_S:
+            return
+        self._due_s = now_s + _LOOK_S
+        coordinator, kept = self._slot.coordinator, self._kept
+        if coordinator is not None and kept.recent is not None and kept.recent.wants_belief(now_s):
+            kept.recent.believe(now_s, estimates_of(coordinator, self._scenario))
+        if coordinator is not None and coordinator is not self._faulted and coordinator.fault:
+            self._faulted = coordinator
+            kept.after_fault(now_s, coordinator.fault)
+        if line is not None:
+            states = line.machine.states
+            before, self._aborted = self._aborted, states.state in (State.ABORTING, State.ABORTED)
+            if self._aborted and not before:
+                kept.after_fault(now_s, f"Aborted: {states.reason}")
+        kept.attend(now_s)
 
 
 def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = None) -> Exit:
@@ -86,11 +123,19 @@ def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = 
     PageError, LineError, OtherHostError, and `CommandError` for a program that has ended with a
     fault.
     """
-    with open_links(arguments, belief.channels) as (link, clock):
+    layout = layout_of(belief.scenario, belief.cells)
+    with (
+        keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept,
+        _opened(belief, arguments) as (link, clock),
+    ):
         refuse_other_host(link, clock)
-        slot, table = _slot_and_table(belief, link, clock, main)
+        slot, table = _slot_and_table(belief, link, clock, main, kept)
+        kept.counts = lambda: link.counts
+        if isinstance(link, ReturningLink):
+            link.on_gone, link.at_rest = slot.fail, lambda: not slot.busy
+        watched = Watched(kept, slot, belief.scenario)
         with (
-            interrupted() as pressed,
+            interrupted(kept.on_hangup) as pressed,
             attendants(table, slot, belief.scenario, arguments) as attend,
         ):
             if not has_line(arguments):
@@ -103,6 +148,7 @@ def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = 
                     table.note("link", text, time_s, trouble=True)
                 incidents = len(link.incidents)
                 attend()
+                watched.look(clock.now_s(), attend.line)
 
             def over() -> bool:
                 attended()
@@ -117,8 +163,16 @@ def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = 
     return Exit.OK
 
 
+def _opened(
+    belief: BelievedArray, arguments: Namespace
+) -> AbstractContextManager[tuple[AnyLink, Clock]]:
+    """The way to the table, as `--device-gone` has it. Raises NoBusError."""
+    returns = arguments.device_gone == AGAIN
+    return (open_returning if returns else open_links)(arguments, belief.channels)
+
+
 def _slot_and_table(
-    belief: BelievedArray, link: AnyLink, clock: Clock, main: Main | None
+    belief: BelievedArray, link: AnyLink, clock: Clock, main: Main | None, kept: Kept
 ) -> tuple[RunSlot, LiveTable]:
     """The host's place, and its part of a page."""
 
@@ -132,7 +186,17 @@ def _slot_and_table(
     layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)
     watch = BusWatch(layout, timing.silence_s)
-    slot = RunSlot(make, layout.bus_count, watch)
+    slot = RunSlot(make, layout.bus_count, watch, kept.recent)
+
+    def report(time_s: float, kind: str, text: str) -> None:
+        say(f"{time_s:8.3f} s  {text}")
+        kept.event(time_s, kind, text)
+
+    def on_cycle(late_s: float) -> None:
+        table.on_cycle(late_s)
+        if kept.recent is not None:
+            kept.recent.on_cycle(late_s)
+
     table = LiveTable(
         belief.scenario.title,
         layout,
@@ -142,9 +206,9 @@ def _slot_and_table(
         watch=watch,
         now_s=clock.now_s,
         error_frames=lambda: link.counts.error_frames,
-        report=lambda time_s, text: say(f"{time_s:8.3f} s  {text}"),
+        report=report,
     )
-    slot.on_cycle = table.on_cycle
+    slot.on_cycle = on_cycle
     return slot, table
 
 

@@ -21,6 +21,10 @@ NO_NODES = (
     "`mdms serve array18` starts a virtual one"
 )
 TITLE = "CAN bus (python-can: also CAN_INTERFACE, CAN_CHANNEL, CAN_BITRATE and can.conf)"
+#: What becomes of a run whose device is gone.
+STOP, AGAIN = "stop", "again"
+#: What a command keeps; each has what those before it have.
+LOGS = ("none", "events", "ring", "all")
 SENDERS = ("host", "cells")
 SHELLS = ("bash", "zsh", "tcsh")
 #: No machine keeps up beyond this.
@@ -112,6 +116,34 @@ _LINE_STATE = (
     "folder of the line's orders, key and users (default: mdms-array/line in "
     "$XDG_STATE_HOME or ~/.local/state)"
 )
+
+
+def add_log(parser: ArgumentParser) -> None:
+    """`--log` and `--log-dir`."""
+    parser.add_argument(
+        "--log",
+        choices=LOGS,
+        help="keep nothing; events; also the last minute in memory, for reports; all frames "
+        "(default: all with --out, else ring)",
+    )
+    parser.add_argument(
+        "--log-dir",
+        metavar="DIR",
+        type=Path,
+        help="folder of rotated log files and of reports (default: no log files, and reports in "
+        "mdms-array/reports in $XDG_STATE_HOME or ~/.local/state)",
+    )
+
+
+def add_report(parser: ArgumentParser) -> None:
+    """Those of `report`."""
+    parser.add_argument(
+        "process", metavar="PROCESS", nargs="?", type=int, help="which, where several run"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, help="the folder (default: a new one beside the others)"
+    )
+    add_json(parser)
 
 
 def add_state(parser: ArgumentParser, text: str = _LINE_STATE) -> None:
@@ -270,6 +302,7 @@ def add_serve(parser: ArgumentParser) -> None:
         type=_port,
         help="SLCAN on loopback as well, for every user of this machine (0: a free port)",
     )
+    add_log(parser)
     add_page(parser)
     add_line(
         parser,
@@ -299,6 +332,14 @@ def add_run(parser: ArgumentParser) -> None:
         help="give up after so long (default: run.duration_s, and 10 s for the bring-up; with "
         "--page, --opcua or --modbus: never)",
     )
+    parser.add_argument(
+        "--device-gone",
+        choices=(STOP, AGAIN),
+        default=STOP,
+        help="when the adapter or the served bus is gone: end the command (stop, the default), or "
+        "open it again once it is there (again; with --page, --opcua or --modbus)",
+    )
+    add_log(parser)
     add_page(parser)
     add_line(parser)
     add_json(parser)

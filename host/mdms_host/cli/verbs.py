@@ -155,6 +155,13 @@ VERBS = (
         late_options=_BUS,
     ),
     Verb(
+        "report",
+        "have a running table write its last minute, for the makers",
+        f"{_ARRAY}.report:run",
+        options.add_report,
+        extra=RECORDING,
+    ),
+    Verb(
         "help",
         "the documents, without a network",
         "mdms_host.cli.about:help_on",

@@ -272,6 +272,10 @@ class Coordinator:
         """Request an orderly end; the next poll begins it."""
         self._course.stop()
 
+    def fail(self, text: str) -> None:
+        """End the run with a fault of something beside the cells; the next poll begins it."""
+        self._course.fail(text)
+
     def keep(self, keeps: bool) -> None:
         """Keep all parcels standing from the next poll on, or let the program move them again."""
         self._course.keeps = keeps

@@ -12,6 +12,8 @@ from mdms_host.coordination.run_state import TROUBLED, Phase
 from mdms_model.participant import Participant
 from mdms_protocol.codecs import nmt
 
+#: Takes the time of an event [s], its kind, and its text.
+OnEvent = Callable[[float, str, str], object]
 _STEERED = frozenset((Phase.ENABLING, Phase.RUNNING))
 
 
@@ -47,7 +49,7 @@ def operate(
     link: AnyLink,
     clock: Clock,
     limit_s: float | None = None,
-    on_event: Callable[[float, str], object] = lambda _time_s, _text: None,
+    on_event: OnEvent = lambda _time_s, _kind, _text: None,
     *,
     participant: Participant | None = None,
     interrupted: Callable[[], KeyboardInterrupt | None] = lambda: None,
@@ -55,7 +57,8 @@ def operate(
     """Run the program until it is finished, for `limit_s` at most, then turn the array off.
 
     `participant` is on the bus in the coordinator's place, if given, and drives it: a recorder.
-    `on_event(time_s, text)` is called for events, and for incidents of the link, as they happen.
+    `on_event(time_s, kind, text)` is called for events of the coordinator, and for incidents of the
+    link, as they happen.
     `interrupted` is polled between two cycles. It returns the interrupt (Ctrl-C) that ends the run
     early, but in order. Any error ends the run in order, too, and is raised when the array is off.
     A KeyboardInterrupt that is raised may leave a cycle half done. Then all cells are taken out of
@@ -83,7 +86,7 @@ def _operate(
     clock: Clock,
     *,
     limit_s: float | None,
-    on_event: Callable[[float, str], object],
+    on_event: OnEvent,
     interrupted: Callable[[], KeyboardInterrupt | None],
 ) -> Operation:
     start_s = clock.now_s()
@@ -103,6 +106,7 @@ def _operate(
     except DeviceGoneError:
         if link.leave_gone():
             _turn_off(coordinator, participant, link, clock)
+        watch.look()
         raise
     except BaseException:
         _turn_off(coordinator, participant, link, clock)
@@ -122,7 +126,7 @@ class _Watch:
         coordinator: Coordinator,
         link: AnyLink,
         clock: Clock,
-        on_event: Callable[[float, str], object],
+        on_event: OnEvent,
     ) -> None:
         self.fault: str | None = None
         self._coordinator = coordinator
@@ -139,16 +143,17 @@ class _Watch:
             self.fault = self._coordinator.fault + self._delay()
         self._steered |= self._coordinator.phase in _STEERED
         self._look_at_hold()
-        for number, source in enumerate((self._coordinator.events, self._link.incidents)):
+        sources = (("coordinator", self._coordinator.events), ("link", self._link.incidents))
+        for number, (kind, source) in enumerate(sources):
             for time_s, text in source[self._reported[number] :]:
                 self._reported[number] += 1
-                self._on_event(time_s, text)
+                self._on_event(time_s, kind, text)
 
     def _look_at_hold(self) -> None:
         """Report the part that was held up when all parcels begin to be held, if any."""
         before, self._held = self._held, self._coordinator.phase in TROUBLED
         if self._held and not before and (delay := self._delay()):
-            self._on_event(self._clock.now_s(), f"held up{delay}")
+            self._on_event(self._clock.now_s(), "coordinator", f"held up{delay}")
 
     def _delay(self) -> str:
         """The part that was held up, in brackets.

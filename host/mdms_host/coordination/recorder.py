@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from mdms_host.can_link.recent import Recent
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses
@@ -20,7 +21,7 @@ class Recorder:
 
     `estimates` returns the poses that the coordinator believes the parcels to have, shape (P, 3),
     NaN where unknown. `log_frame(frame, time_s, bus)` is called for every frame, received or sent,
-    and `look(time_s)` whenever a sample is due.
+    and `look(time_s)` whenever a sample is due. `recent`, if given, keeps the last minute.
     """
 
     def __init__(
@@ -28,13 +29,16 @@ class Recorder:
         coordinator: Coordinator,
         estimates: Callable[[], Floats],
         log_frame: Callable[[Frame, float, int], object] = lambda _frame, _time_s, _bus: None,
+        *,
         most_samples: int = MOST_SAMPLES,
         look: Callable[[float], object] = lambda _time_s: None,
+        recent: Recent | None = None,
     ) -> None:
         self._coordinator = coordinator
         self._estimates = estimates
         self._log_frame = log_frame
         self._look = look
+        self._recent = recent
         self._history = History(most_samples)
         layout = coordinator.layout
         addresses = Addresses(layout.buses, layout.node_ids)
@@ -50,6 +54,8 @@ class Recorder:
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """A frame was on a bus."""
         self._log_frame(frame, now_s, bus)
+        if self._recent is not None:
+            self._recent.on_received(frame, now_s, bus)
         if frame.can_id in self._reports.cells[bus]:
             self._reports.on_frame(bus, frame, now_s)
         elif frame.can_id in self._presence.cells[bus]:
@@ -62,9 +68,16 @@ class Recorder:
 
     def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
         """Frames that the coordinator sends now; a sample is taken afterwards, if one is due."""
+        recent = self._recent
+        if recent is not None:
+            recent.on_cycle(max(0.0, now_s - self._coordinator.wake_s))
         frames = self._coordinator.poll_buses(now_s)
         for bus, frame in frames:
             self._log_frame(frame, now_s, bus)
+            if recent is not None:
+                recent.on_sent(frame, now_s, bus)
+        if recent is not None and recent.wants_belief(now_s):
+            recent.believe(now_s, self._estimates())
         if now_s >= self._due_s:
             # Samples that a busy machine has missed are not made up for.
             self._due_s = max(self._due_s + SAMPLE_S, now_s)

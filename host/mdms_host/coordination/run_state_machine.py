@@ -52,11 +52,16 @@ class RunStateMachine:
         self._unsure = unsure
         self._since_s: float | None = None
         self._stop_requested = False
+        self._failure: str | None = None
         self.keeps = False
 
     def stop(self) -> None:
         """Request an orderly end; the next step begins it."""
         self._stop_requested = True
+
+    def fail(self, text: str) -> None:
+        """Request an end with a fault from outside the bus; the next step begins it."""
+        self._failure = text
 
     def step(self, now_s: float) -> None:
         """Look whether the phase is over."""
@@ -74,7 +79,9 @@ class RunStateMachine:
         """Act on troubles of cells, on another host, or on a request to stop."""
         if self.phase in _OVER:
             return
-        if self._frame_router.other_host:
+        if self._failure is not None:
+            self._fail(self._failure, now_s)
+        elif self._frame_router.other_host:
             self._fail(OTHER_HOST, now_s)
         elif self._frame_router.switched_off:
             self._fail(SWITCHED_OFF, now_s)

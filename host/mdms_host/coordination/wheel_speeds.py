@@ -41,10 +41,12 @@ class SpeedReports:
         self._answered = [0] * cells
         self._taken = 0
 
-    @property
-    def missed(self) -> list[int]:
-        """How many SYNCs in a row each cell has not answered, up to the last one."""
-        return [self._sent - answered for answered in self._answered]
+    def missing(self, syncs: int) -> list[int]:
+        """The cells that have left so many SYNCs in a row unanswered, up to the last one."""
+        latest = self._sent - syncs
+        if min(self._answered) > latest:
+            return []  # as nearly always
+        return [cell for cell, answered in enumerate(self._answered) if answered <= latest]
 
     def on_sync(self, now_s: float) -> None:
         """A SYNC is sent."""
@@ -65,14 +67,21 @@ class SpeedReports:
         The last SYNC counts when it is complete, an older one with the answers that came. So a cell
         that is late, or has missed a SYNC, delays its neighbours' speeds by one SYNC at most.
         """
-        awaited = {cell for cell, missed in enumerate(self.missed) if missed < MISSED_SYNCS}
         for sync in reversed(self._syncs):
             if sync.number <= self._taken:
                 return None
-            if sync.data and (sync.number < self._sent or awaited <= sync.data.keys()):
+            if sync.data and (sync.number < self._sent or self._is_complete(sync)):
                 self._taken = sync.number
                 return sync
         return None
+
+    def _is_complete(self, sync: Sync) -> bool:
+        """Whether all cells that are waited for have answered."""
+        cells = range(len(self._answered))
+        if len(sync.data) == len(cells):
+            return True
+        unanswered = {cell for cell in cells if cell not in sync.data}
+        return unanswered <= set(self.missing(MISSED_SYNCS))
 
 
 _TARGET, _ACTUAL = pdo.TARGET_VELOCITY, pdo.ACTUAL_VELOCITY
@@ -189,12 +198,11 @@ class Odometry:
 
     def answers(self, cell: RemoteCell) -> bool:
         """Whether a cell answers SYNC."""
-        return self._reports.missed[cell.number - 1] < MISSED_SYNCS
+        return cell.number - 1 not in self._reports.missing(MISSED_SYNCS)
 
     def fallen_mute(self) -> list[RemoteCell]:
         """Cells that have left three SYNCs in a row unanswered, each once until it answers."""
-        missed = self._reports.missed
-        mute = [cell for cell in self._cells if missed[cell.number - 1] >= MISSED_SYNCS]
+        mute = self._without_answer(MISSED_SYNCS)
         new = [cell for cell in mute if cell not in self._mute]
         self._mute = frozenset(mute)
         return new
@@ -209,6 +217,9 @@ class Odometry:
 
     def _missing(self, limit_s: float) -> list[RemoteCell]:
         """Cells that have left as many SYNCs unanswered as fall into so long."""
-        limit = round(limit_s / self._timing.sync_period_s)
-        missed = self._reports.missed
-        return [cell for cell in self._cells if missed[cell.number - 1] >= limit]
+        return self._without_answer(round(limit_s / self._timing.sync_period_s))
+
+    def _without_answer(self, syncs: int) -> list[RemoteCell]:
+        """Cells that have left so many SYNCs in a row unanswered."""
+        numbers = self._reports.missing(syncs)
+        return [cell for cell in self._cells if cell.number - 1 in numbers] if numbers else []

@@ -15,6 +15,8 @@ from mdms_model.errors import Error
 
 #: How often the servers are told how everything is [s].
 _SNAPSHOT_S = 0.1
+#: How often a page is shown the line [s].
+_SHOW_S = 0.5
 #: The servers say that they are open within this [s].
 _OPENS_S = 30.0
 
@@ -27,7 +29,8 @@ class Line:
     """A table's place in a line; close it when done.
 
     The driver of the table calls `attend` as often as it can. Nothing of it waits. `settings` are
-    those of the servers. Raises `LineError`.
+    those of the servers. `note(text)` is told what happens, and `show` what a page shows. Raises
+    `LineError`.
     """
 
     def __init__(
@@ -36,10 +39,14 @@ class Line:
         exits: tuple[str, ...],
         clock: Clock,
         settings: dict[str, Any],
+        *,
         note: Callable[[str], object],
+        show: Callable[[dict[str, Any]], object] = lambda _shown: None,
     ) -> None:
         self._clock = clock
         self._note = note
+        self._show = show
+        self._show_due_s = 0.0
         self._due_s = 0.0
         self._changes = -1
         self.machine = Machine(slot, exits, clock.now_s, self._report)
@@ -81,12 +88,15 @@ class Line:
         if states.changes != self._changes:
             self._changes = states.changes
             self._note(f"line: {states.state.name.capitalize()} {states.reason}".rstrip())
-            self._due_s = now_s
+            self._due_s = self._show_due_s = now_s
         # A snapshot waits for servers that are behind; reports and answers do not.
         if now_s < self._due_s or not self._servers.flushed():
             return False
         self._due_s = now_s + _SNAPSHOT_S
         self._send({"snapshot": self.machine.snapshot()})
+        if now_s >= self._show_due_s:
+            self._show_due_s = now_s + _SHOW_S
+            self._show(self.machine.shown())
         return True
 
     def _answer(self, message: dict[str, Any]) -> None:
@@ -99,6 +109,10 @@ class Line:
             self._send({"id": message["id"], "error": error})
 
     def _report(self, report: Report) -> None:
+        if report.key:
+            where = f" by {report.exit}" if report.event == "left" else ""
+            why = f": {report.text}" if report.text else ""
+            self._note(f"order {report.key}: {report.parcel} {report.event}{where}{why}")
         self._send({"report": asdict(report)})
 
     def _send(self, message: dict[str, Any]) -> None:

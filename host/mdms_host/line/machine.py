@@ -40,6 +40,9 @@ _STANDS_M_S = 0.005
 #: A run that comes up or stops takes no longer, or is aborted [s].
 _ACTING_LIMIT_S = 30.0
 
+#: A page shows so many orders.
+_SHOWN_ORDERS = 30
+
 _RESTS = (State.HOLDING, State.SUSPENDING, State.COMPLETING)
 _GOES_ON = (State.STARTING, State.UNHOLDING, State.UNSUSPENDING)
 _ENDS = (State.STOPPING, State.ABORTING, State.CLEARING)
@@ -157,7 +160,8 @@ class Machine:
                 order = order_of(values["order"])
                 self.orders.in_doubt[order.key] = order
             case "cancel":
-                if not self.orders.cancel(values["key"]):
+                doubtful = self.orders.in_doubt.pop(values["key"], None)
+                if doubtful is None and not self.orders.cancel(values["key"]):
                     raise ProgramError(f"order {values['key']} is under way, or over: hold or stop")
             case "coming":
                 self.orders.expect(values["parcel"], values.get("kind", ""))
@@ -342,6 +346,28 @@ class Machine:
             "alarm": _alarm(states, run),
             "parcels": self._parcels(run),
             "cells": [] if run is None else [int(cell.enabled) for cell in run.cells],
+        }
+
+    def shown(self) -> dict[str, Any]:
+        """What a person sees of it: state, reason, alarm, counters by name, and orders as rows."""
+        states, figures = self.states, self.figures
+        effective = effectiveness(states, figures, self._now_s(), self.ideal_per_hour)
+        counters: list[tuple[str, str]] = [
+            ("parcels in", str(figures.parcels_in)),
+            *((f"out by {name}", str(figures.out.get(name, 0))) for name in self.exits),
+            ("lost", str(figures.parcels_lost)),
+            ("parcels an hour in Execute", f"{effective['parcels_per_hour']:.0f}"),
+            ("availability", f"{effective['availability']:.1%}"),
+            ("quality", f"{effective['quality']:.1%}"),
+            ("full exits", ", ".join(sorted(self.orders.full)) or "none"),
+        ]
+        return {
+            "state": states.state.name.capitalize(),
+            "mode": states.mode.name.capitalize(),
+            "reason": states.reason,
+            "alarm": _alarm(states, self._run),
+            "counters": counters,
+            "orders": self.orders.rows(_SHOWN_ORDERS),
         }
 
     def _parcels(self, run: Coordinator | None) -> list[dict[str, Any]]:

@@ -155,7 +155,8 @@ class ModbusServer:
             return
         self._connections.add(writer)
         try:
-            with suppress(OSError, TimeoutError, NotModbusError):
+            # It is cancelled when the table is gone; asyncio would print that as an error.
+            with suppress(OSError, TimeoutError, NotModbusError, asyncio.CancelledError):
                 await self._talk(reader, writer)
         finally:
             self._connections.discard(writer)

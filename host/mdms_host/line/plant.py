@@ -108,9 +108,9 @@ class Plant:
     async def cancel(self, key: str) -> None:
         """Cancel an order that has not begun, or is in doubt. Raises `RequestRefusedError`."""
         state = self.book.state(key)
-        if state == OrderState.ACCEPTED:
+        if state in (OrderState.ACCEPTED, OrderState.IN_DOUBT):
             await self._ask("cancel", key=key)
-        elif state not in (OrderState.IN_DOUBT, OrderState.CANCELLED):
+        elif state != OrderState.CANCELLED:
             raise RequestRefusedError(
                 f"order {key} is {state}: only orders that have not begun, or are in doubt, are "
                 "cancelled"

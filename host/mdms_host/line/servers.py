@@ -9,6 +9,7 @@ import signal
 import socket
 import sys
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from mdms_host.line.registers import PlantRegisters
 BOOK = "orders.sqlite"
 #: The longest message between the two processes [bytes].
 _LONGEST = 1 << 20
+#: Connections are closed within this [s].
+_CLOSES_S = 1.0
 
 
 async def serve(descriptor: int) -> None:
@@ -35,17 +38,21 @@ async def serve(descriptor: int) -> None:
         plant = Plant(book, tuple(settings["exits"]), reader, writer)
         plant.begin()
         tasks = [asyncio.create_task(plant.listen())]
+        modbus = ModbusServer(PlantRegisters(plant))
         try:
-            addresses = await _open(plant, settings, tasks)
+            addresses = await _open(plant, settings, modbus, tasks)
         except (OSError, ValueError) as error:
             return await _fail(writer, f"a server of the line cannot be opened: {error}")
         plant.say_open(addresses)
         # If one fails all end, and the table with them: a line must not look alive.
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
         for task in tasks:
             task.cancel()
+        # No client is served from a book that is closed.
+        with suppress(TimeoutError):
+            await asyncio.wait_for(modbus.close(), _CLOSES_S)
+        for task in done:
+            task.result()
     return None
 
 
@@ -55,12 +62,14 @@ async def _fail(writer: asyncio.StreamWriter, text: str) -> None:
 
 
 async def _open(
-    plant: Plant, settings: dict[str, Any], tasks: "list[asyncio.Task[None]]"
+    plant: Plant,
+    settings: dict[str, Any],
+    modbus: ModbusServer,
+    tasks: "list[asyncio.Task[None]]",
 ) -> list[str]:
     """Open the servers; returns their addresses, and adds the tasks that run beside them."""
     addresses, host = [], settings["host"]
     if settings["modbus"] is not None:
-        modbus = ModbusServer(PlantRegisters(plant))
         await modbus.open(host, settings["modbus"])
         addresses.append(modbus.address)
     if settings["opcua"] is not None:

@@ -131,10 +131,14 @@ class Program(AnyProgram, Protocol):
 
 
 class FieldProgram:
-    """An open-loop field: the same references for as long as it runs."""
+    """An open-loop field: the same references until it is given others."""
 
     def __init__(self, references_m_s: Floats) -> None:
         self._references_m_s = np.asarray(references_m_s, dtype=np.float64)
+
+    def drive(self, references_m_s: Floats) -> None:
+        """Have the wheels run by these references (W,) from the next setpoints on."""
+        self._references_m_s = np.array(references_m_s, dtype=np.float64)
 
     @property
     def stuck(self) -> str | None:

@@ -157,7 +157,8 @@ class LiveTable:
     """Composed of the traffic on the buses (`watch`) and the run in the host's `slot`.
 
     `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
-    are those that the host is given. `report(time_s, text)` is called for events.
+    are those that the host is given. `report(time_s, kind, text)` is called for
+    events.
     `error_frames` counts those of all buses, where somebody does.
     """
 
@@ -177,7 +178,7 @@ class LiveTable:
         wall_s: Callable[[], float] | None = None,
         error_frames: Callable[[], int] | None = None,
         ends: Ends = NO_ENDS,
-        report: Callable[[float, str], object] = lambda _time_s, _text: None,
+        report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
     ) -> None:
         self.version = 1
         self._title = title
@@ -193,6 +194,7 @@ class LiveTable:
         self._signals = self._signals_of(len(parcels))
         self._new_messages: list[dict[str, Any]] = []
         self._events = EventList()
+        self._line: dict[str, Any] | None = None
         self._stopped_s = -inf
         self._reported: tuple[Coordinator | None, int] = (None, 0)
         self._plan = plan_of(None)
@@ -295,10 +297,17 @@ class LiveTable:
         time_s = self._now_s() if time_s is None else time_s
         self.add_events([event_of(time_s, kind, text, trouble=trouble)])
 
+    def show_line(self, shown: dict[str, Any]) -> None:
+        """The table is a machine of a line, and stands like this."""
+        message = {"kind": "line", **shown}
+        if message != self._line:
+            self._line = message
+            self._new_messages.append(message)
+
     def add_events(self, events: list[dict[str, Any]]) -> None:
         """These have happened."""
         for event in events:
-            self._report(event["time_s"], event["text"])
+            self._report(event["time_s"], event["what"], event["text"])
         self._events.add(events)
 
     def take_messages(self) -> list[dict[str, Any]]:
@@ -313,7 +322,7 @@ class LiveTable:
 
     def story(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        return [self._events.story(), self._plan]
+        return [self._events.story(), self._plan] + ([self._line] if self._line else [])
 
     def _look(self) -> None:
         """Note what coordinator and reader have reported since the last call."""

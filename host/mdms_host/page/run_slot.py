@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable
 from math import inf
 
+from mdms_host.can_link.recent import Recent
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import OtherHost
 from mdms_host.coordination.supervision import OTHER_HOST
@@ -36,7 +37,8 @@ class RunSlot:
     """A participant of the buses whose coordinator comes and goes, made anew for every start.
 
     `watch` is given every frame of the buses, received or sent, where nobody else does that.
-    `on_cycle(late_s)` is called with how late each poll was.
+    `on_cycle(late_s)` is called with how late each poll was. `recent` keeps these frames for a
+    minute, if it is given.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class RunSlot:
         make: Callable[[], Coordinator],
         buses: int,
         watch: BusWatch | None = None,
+        recent: Recent | None = None,
     ) -> None:
         self.on_cycle: Callable[[float], object] = lambda _late_s: None
         self.coordinator: Coordinator | None = None
@@ -51,6 +54,7 @@ class RunSlot:
         self._make = make
         self._buses = buses
         self._watch = watch
+        self._recent = recent
         self._other_host = OtherHost()
         self._asked_s = -inf
         self._looked_s = -IDLE_S
@@ -90,6 +94,11 @@ class RunSlot:
             raise RefusedError("no program runs")
         self.coordinator.stop()
 
+    def fail(self, text: str) -> None:
+        """End the program, if one runs, with a fault: there is no way to the cells any more."""
+        if self.coordinator is not None and self.busy:
+            self.coordinator.fail(text)
+
     def stop_all(self) -> None:
         """End the program, or where another host drives the cells, take them all out of operation.
 
@@ -115,6 +124,8 @@ class RunSlot:
             self._asked_s = now_s
         if self._watch is not None:
             self._watch.on_frame(frame, now_s, bus)
+        if self._recent is not None:
+            self._recent.on_received(frame, now_s, bus)
         reader = self.reader
         if reader is not None and bus == reader.bus and frame.can_id == reader.answers_id:
             reader.on_answer(frame.data, now_s)
@@ -140,6 +151,9 @@ class RunSlot:
         if self._watch is not None:
             for bus, frame in frames:
                 self._watch.on_frame(frame, now_s, bus)
+        if self._recent is not None:
+            for bus, frame in frames:
+                self._recent.on_sent(frame, now_s, bus)
         return frames
 
     def _off(self) -> list[tuple[int, Frame]]:

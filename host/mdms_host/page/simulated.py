@@ -157,6 +157,7 @@ class SimulatedTable(LiveTable):
         slot: RunSlot,
         simulation: Simulation,
         time: RealTime,
+        report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
     ) -> None:
         kernel = simulation.kernel
         watch = BusWatch(layout)
@@ -170,6 +171,7 @@ class SimulatedTable(LiveTable):
             watch=watch,
             now_s=lambda: kernel.now_ns / NS_PER_S,
             wall_s=lambda: time.wall_ns() / NS_PER_S,
+            report=report,
         )
         for number, bus in enumerate(simulation.buses):
             bus.observe(_on_bus(watch, number))

@@ -164,6 +164,27 @@ class TableOrders:
         mine = [order for order in self.open.values() if order.parcel == identity]
         return max(mine, key=lambda order: order.priority, default=None)
 
+    def rows(self, most: int) -> list[tuple[str, str, str, str]]:
+        """Orders for a person, those under way first: key, parcel, place and state."""
+        under_way = {order.key for order, _ in self._under_way.values()}
+        known = [
+            *(
+                (order, OrderState.UNDER_WAY)
+                for order in self.open.values()
+                if order.key in under_way
+            ),
+            *((order, OrderState.IN_DOUBT) for order in self.in_doubt.values()),
+            *(
+                (order, OrderState.ACCEPTED)
+                for order in self.open.values()
+                if order.key not in under_way
+            ),
+        ]
+        return [
+            (order.key, order.parcel, order.exit or f"{order.x_m:g}, {order.y_m:g} m", str(state))
+            for order, state in known[:most]
+        ]
+
     # The table's side ----------------------------------------------------------------------------
 
     def on_parcel(self, parcel: TableParcel) -> None:

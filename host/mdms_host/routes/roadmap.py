@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdms_host.motion.footholds import MARGIN_M
+from mdms_host.routes.grid import RIM_M
 from mdms_host.routes.moves import LatticeMoves, Met, Moves
 from mdms_host.routes.route import Pace
 from mdms_host.routes.support import SLACK_M, ShapeSupport
@@ -16,7 +17,7 @@ from mdms_model.arrays import Bools, Floats, Ints
 _WINDOW = 3
 #: The farthest turn on the way to the lattice: a quarter, and some.
 _TURN_RAD = np.deg2rad(100.0)
-#: A start that hangs over the table's edge may do so a hair more on its way [m].
+#: A start or goal that hangs over the table's edge may do so a hair more on its way [m].
 _HAIR_M = 1e-6
 
 
@@ -136,15 +137,27 @@ class Roadmap:
                 self.pairs.append((node, self.goal_node))
 
     def _on_table(self) -> list[tuple[int, int]]:
-        """The pairs between which the way hangs over the edge no more than the start does."""
+        """The pairs between which the way hangs over the edge no more than its own end does.
+
+        That end is the start or the goal. Beyond the rim of tiles no goal may hang, since nothing
+        keeps others apart from it there.
+        """
         starts, ends = self._ends()
         over_m = self.standing.overhangs_m(starts, ends)
-        at_start_m = self.standing.overhangs_m(self.start[None], self.start[None])[0]
+        own = np.array([self.start, self.goal])
+        at_start_m, at_goal_m = np.maximum(self.standing.overhangs_m(own, own), 0.0)
+        if at_goal_m > RIM_M - self.ways.lattice.clearance_m:
+            at_goal_m = 0.0
         return [
             (start, end)
             for (start, end), way_m in zip(self.pairs, over_m.tolist(), strict=True)
             if (self.leaves and end == self.goal_node)
-            or way_m <= _HAIR_M + (max(at_start_m, 0.0) if start == self.start_node else 0.0)
+            or way_m
+            <= _HAIR_M
+            + max(
+                at_start_m if start == self.start_node else 0.0,
+                at_goal_m if end == self.goal_node else 0.0,
+            )
         ]
 
     def _ends(self) -> tuple[Floats, Floats]:

@@ -12,6 +12,7 @@ from mdms_model.compiled import compiled
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.controller import Acceptance, Confinement
 from mdms_sim.nodes.bank import Conditions
+from mdms_sim.nodes.kernels import quicken_cells
 from mdms_sim.nodes.virtual_board import (
     SUPPLY_UV,
     VirtualBoard,
@@ -80,6 +81,7 @@ class PythonBank:
     def __init__(
         self, node_ids: Sequence[int], flash: Sequence[VirtualFlash] | None = None
     ) -> None:
+        quicken_cells()
         self._node_ids = list(node_ids)
         cells = range(len(self._node_ids))
         self._conditions = Conditions(len(cells))

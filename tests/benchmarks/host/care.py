@@ -38,7 +38,14 @@ REST_S, STEP_S = 0.5, 0.01
 EAST = "cells=[4, 5, 6, 10, 11, 12, 16, 17, 18]"
 GO_ON = "run.on_lost_cell='go_on'"
 NOTHING = "kind='loss', probability=0.0"
-#: By name: the fault, with the number of a cell to fill in, and what else is set.
+
+
+def size(length_m: float, width_m: float) -> tuple[str, ...]:
+    """The settings of a box of this size."""
+    return (f"parcel.0.length_m={length_m}", f"parcel.0.width_m={width_m}")
+
+
+#: By name: the fault, with the numbers of one or two cells to fill in, and what else is set.
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "no trouble": (NOTHING, ()),
     "1 % of presence bits wrong": (NOTHING, ("cell.sensor_noise=0.01",)),
@@ -56,6 +63,12 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "cell hangs, watchdog": ("kind='hang', cells=[{cell}], duration_s=0.27", ()),
     "cell hangs, no watchdog, go_on": ("kind='hang', cells=[{cell}]", (GO_ON,)),
     "cell off, go_on": ("kind='off', cells=[{cell}]", (GO_ON,)),
+    "0.36 x 0.30 m, cell off, go_on": ("kind='off', cells=[{cell}]", (GO_ON, *size(0.36, 0.30))),
+    "0.36 x 0.30 m, two cells off, go_on": (
+        "kind='off', cells=[{cell}, {other}]",
+        (GO_ON, *size(0.36, 0.30)),
+    ),
+    "0.26 x 0.26 m, cell off, go_on": ("kind='off', cells=[{cell}]", (GO_ON, *size(0.26, 0.26))),
 }
 
 
@@ -76,8 +89,9 @@ def struck(kind: str, seed: int, control: str = "host") -> Scenario:
     """The scenario of a seed with its trouble."""
     random = Random(f"{kind} {seed}")
     fault, more = KINDS[kind]
-    fault = fault.format(cell=random.randint(1, CELLS))
-    start_s = random.uniform(FIRST_S, LAST_S)
+    cell, start_s = random.randint(1, CELLS), random.uniform(FIRST_S, LAST_S)
+    other = random.choice([each for each in range(1, CELLS + 1) if each != cell])
+    fault = fault.format(cell=cell, other=other)
     return scenario_of(
         seed,
         f"motion.control='{control}'",
@@ -123,6 +137,8 @@ def case(scenario: Scenario) -> Case:
     result.pauses = coordinator.pauses
     away = f"{1e3 * off_m:.1f} mm and {degrees(off_rad):.1f} degrees away"
     why = coordinator.fault or coordinator.lost or coordinator.stuck
+    if why is None and coordinator.troubles:
+        why = coordinator.troubles[-1][1]
     result.reason = away if why is None else f"{away} ({why})"
     for violation in simulation.referee.violations:
         if violation.rule == "true":

@@ -186,15 +186,32 @@ def test_report_of_a_neighbour_that_dies_after_it_counts():
     assert middle.promised(DEAD_BEATS + PLENTY) == 0
 
 
-def test_parcel_of_unknown_size_is_asked_for_and_nothing_is_promised_meanwhile():
-    reports = {EAST: overhangs(LYING, EAST), WEST: waits(WAITING, WEST)}
-    middle = Restarted(reports, known=(WAITING,))
+def test_parcel_of_unknown_size_is_asked_for_and_keeps_others_away_meanwhile():
+    for asks in (False, True):
+        identity, x_um, _ = overhangs(LYING, EAST)
+        reports = {EAST: (identity, x_um, asks), WEST: waits(WAITING, WEST)}
+        middle = Restarted(reports, known=(WAITING,))
+        assert middle.promised(PLENTY) == (LYING if asks else 0)
+        assert middle.said[-1] == (LYING, wire.PROMISED if asks else wire.NEAR)
+        assert middle.flags & wire.LACKING
+        middle.parcel_page(LYING, EAST)
+        middle.reports[EAST] = (identity, x_um, True)
+        assert middle.promised(PLENTY) == LYING
+        assert middle.promises() == {LYING}
+
+
+def test_parcel_of_which_nobody_has_a_pose_may_come_where_it_alone_is_reported():
+    middle = Vague({WEST: waits(WAITING, WEST)})
+    assert middle.promised(PLENTY) == WAITING
+
+
+def test_it_may_not_where_a_sensor_is_covered_which_something_else_may_do():
+    class Covered(Vague):
+        def _covered(self, _x_um, _y_um):
+            return 1
+
+    middle = Covered({WEST: waits(WAITING, WEST)})
     assert middle.promised(PLENTY) == 0
-    assert middle.said[-1] == (LYING, wire.NEAR)
-    assert middle.flags & wire.LACKING
-    middle.parcel_page(LYING, EAST)
-    assert middle.promised(PLENTY) == LYING
-    assert middle.promises() == {LYING}
 
 
 def test_parcel_of_which_nobody_has_a_pose_keeps_others_away():

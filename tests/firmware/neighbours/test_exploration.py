@@ -16,6 +16,8 @@ LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=
 PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=2, late=0, disturbed=1))
 
 OVERHANG = Table(3, 1, ((0, 1), (2,)), Rules(lease=1, late=0))
+#: The same, and no report tells whether the parcel reaches the square.
+UNPLACED = Table(3, 1, ((0, 1), (2,)), Rules(lease=1, late=0, placed=False))
 
 #: The replaced text, its replacement, the table on which that is missed, and the found violation.
 MUTANTS = {
@@ -56,9 +58,15 @@ MUTANTS = {
         "while another stands",
     ),
     "what lies here by report keeps nobody away": (
-        "if here:\n            asker",
-        "if False:\n            asker",
+        "if here:\n            identity",
+        "if False:\n            identity",
         OVERHANG,
+        "while another stands",
+    ),
+    "a sensor that a parcel may cover whose place is not told keeps nobody away": (
+        "occupied = occupied and identity != here",
+        "occupied = False",
+        UNPLACED,
         "while another stands",
     ),
     "the wait begins before the last announcement": (

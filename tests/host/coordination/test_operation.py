@@ -26,7 +26,7 @@ def coordinator(timing: Timing | None = None) -> Coordinator:
 
 def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(link) -> None:
     heard, one = [], coordinator()
-    done = operate(one, link, link, 2.0, on_event=lambda _now_s, text: heard.append(text))
+    done = operate(one, link, link, 2.0, on_event=lambda _now_s, _kind, text: heard.append(text))
     assert (done.ending, done.fault) == (Ending.DONE, None)
     assert done.duration_s >= 2.0
     assert Phase.RUNNING in heard
@@ -37,7 +37,7 @@ def test_a_field_runs_for_its_time_on_real_cells_and_leaves_them_off(link) -> No
 def test_an_interrupt_ends_in_order(link) -> None:
     one, asked = coordinator(), []
 
-    def interrupt(_now_s: float, text: str) -> None:
+    def interrupt(_now_s: float, _kind: str, text: str) -> None:
         if text == Phase.RUNNING:
             asked.append(KeyboardInterrupt())
 
@@ -104,7 +104,7 @@ def test_cells_on_the_other_buses_are_stopped_in_order_when_one_device_is_gone()
     one.on_frame = lambda frame, now_s: on_frame(frame, now_s, int(frame.can_id & 0x7F == 3))
     heard = []
 
-    def lose(_now_s: float, text: str) -> None:
+    def lose(_now_s: float, _kind: str, text: str) -> None:
         heard.append(text)
         if text == Phase.RUNNING:
             link.gone, _ = True, link.cut.add(2)
@@ -154,7 +154,7 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None
     class BrokenOffError(Exception):
         pass
 
-    def break_off(_now_s: float, text: str) -> None:
+    def break_off(_now_s: float, _kind: str, text: str) -> None:
         if text == Phase.RUNNING:
             raise BrokenOffError
 
@@ -166,7 +166,7 @@ def test_a_second_run_takes_the_array_over_from_one_that_broke_off(link) -> None
 
 
 def test_a_fault_names_the_parts_that_were_held_up(link) -> None:
-    def hold_up(_now_s: float, text: str) -> None:
+    def hold_up(_now_s: float, _kind: str, text: str) -> None:
         if text == Phase.RUNNING:
             link.sleep(0.5)
 
@@ -178,7 +178,7 @@ def test_a_fault_names_the_parts_that_were_held_up(link) -> None:
 def test_a_computer_that_was_held_up_once_is_a_pause_that_says_so(link) -> None:
     heard: list[str] = []
 
-    def hold_up(_now_s: float, text: str) -> None:
+    def hold_up(_now_s: float, _kind: str, text: str) -> None:
         if text == Phase.RUNNING and text not in heard:
             link.sleep(0.5)
         heard.append(text)
@@ -209,7 +209,7 @@ def test_an_error_in_the_cycle_leaves_the_array_off_and_is_raised(link) -> None:
 def test_an_ending_that_fails_as_well_takes_the_cells_out_of_operational(link, monkeypatch) -> None:
     one = coordinator()
 
-    def fail(_now_s: float, text: str) -> None:
+    def fail(_now_s: float, _kind: str, text: str) -> None:
         if text == Phase.RUNNING:
             monkeypatch.setattr(one, "poll", lambda _now_s: 1 / 0)
 

@@ -191,3 +191,26 @@ def test_an_order_in_doubt_is_confirmed_by_place_and_turn_alone(line, turned_rad
     line.do("in_doubt", **order("o1", parcel["parcel"], **pose))
     line.pass_s(0.5)
     assert line.of_order("o1") == (["arrived"] if arrived else [])
+
+
+def test_a_person_sees_state_counters_and_orders_those_under_way_first(line) -> None:
+    line.do("coming", parcel="P-1", kind="")
+    line.do("exit", exit="east", full=True)
+    line.do("order", **order("o0", "P-0", exit="east"))
+    line.do("order", **order("o1", "P-1", exit="north"))
+    shown = line.machine.shown()
+    assert (shown["state"], shown["mode"], shown["alarm"]) == ("Stopped", "Production", None)
+    assert shown["orders"][0] == ("o0", "P-0", "east", "accepted")
+    line.bring_to_execute()
+    line.until(lambda: line.machine.shown()["orders"][0][0] == "o1", 10.0)
+    shown = line.machine.shown()
+    assert shown["orders"][0] == ("o1", "P-1", "north", "under way")
+    counters = dict(shown["counters"])
+    assert (counters["parcels in"], counters["full exits"]) == ("1", "east")
+    line.command(Command.ABORT)
+    line.until_state(State.ABORTED)
+    shown = line.machine.shown()
+    assert shown["alarm"]["text"].startswith("Abort by plc")
+    assert shown["orders"][0] == ("o1", "P-1", "north", "in doubt")
+    line.do("cancel", key="o1")
+    assert [row[0] for row in line.machine.shown()["orders"]] == ["o0"]

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from mdms_array.host import coordinator_of
+from mdms_host.can_link.recent import Recent
 from mdms_host.line.machine import Machine
 from mdms_host.line.packml import Command, State
 from mdms_host.page.run_slot import RunSlot
@@ -21,12 +22,18 @@ _STEP_S = 0.002
 class VirtualLine:
     """`beats` is whether a client's heartbeat goes on; close it when done."""
 
-    def __init__(self, overrides: tuple[str, ...] = ()) -> None:
-        scenario = load_scenario(str(TABLE), ["run.fidelity=firmware", *overrides])
+    def __init__(
+        self,
+        overrides: tuple[str, ...] = (),
+        recent: Recent | None = None,
+        *,
+        source: str = str(TABLE),
+    ) -> None:
+        scenario = load_scenario(source, ["run.fidelity=firmware", *overrides])
         addresses = addresses_of(scenario)
         self.reports: list[Report] = []
         self.beats = True
-        self.slot = RunSlot(lambda: coordinator_of(scenario), addresses.bus_count)
+        self.slot = RunSlot(lambda: coordinator_of(scenario), addresses.bus_count, recent=recent)
         self._bank = open_bank("cpython", addresses.node_ids)
         self.simulation = Simulation(scenario, self._bank, [self.slot], recorded=False)
         exits = tuple(each.name for each in scenario.exit)

@@ -16,6 +16,7 @@ from mdms_model.run.folder import BUS_LOG, write_run
 from mdms_model.scenario.file import load_scenario
 
 MDMS = Path(sys.executable).with_name("mdms")
+LINE = str(Path(__file__).parents[3] / "examples" / "line" / "table.toml")
 
 pytestmark = IN_A_BROWSER
 
@@ -237,3 +238,15 @@ def test_files_of_the_page_are_small():
     static = Path(__file__).parents[3] / "host/mdms_host/page/static"
     assert sum(path.stat().st_size for path in static.iterdir()) <= 160_000
     assert json.dumps([path.name for path in static.iterdir()]).count("license") == 1
+
+
+def test_a_table_in_a_line_shows_its_state_and_counters(serve, open_page, tmp_path):
+    options = ["--name", "page-line", "--modbus", "0", "--state", str(tmp_path)]
+    page = open_page(serve("serve", LINE, *options))
+    wait_for_text(page, "#machine", "Stopped")
+    page.click("#tab-line")
+    wait_for_text(page, "#line", "parcels an hour")
+    wait_for_text(page, "#line", "No orders")
+    page.click("#start")
+    wait_for_text(page, "#machine", "Idle")
+    wait_for_text(page, "#line", "started by hand")

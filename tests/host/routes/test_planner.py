@@ -56,6 +56,16 @@ def test_a_goal_beyond_the_edge_is_refused(planner: Planner) -> None:
     assert "on this table" in str(plan.blocked["a"])
 
 
+def test_a_goal_at_which_a_corner_hangs_over_the_edge_is_reached_if_it_stands_there() -> None:
+    """The demo's box on 6 x 3 cells: turned by 30 degrees it hangs over by 30 mm."""
+    planner = Planner(Tiles(Layout(6, 3)))
+    plan = planner.plan([task("a", (-0.1, 0.0, 0.0), (0.1, 0.0, 0.5236), LONG)])
+    assert np.allclose(plan.routes["a"].poses[-1], [0.1, 0.0, 0.5236])
+    # Beyond the rim of tiles, 50 mm less the clearance, nothing keeps others apart from it.
+    over_far = planner.plan([task("a", (-0.1, 0.0, 0.0), (0.1, 0.09, 0.0), LONG)])
+    assert "hang over the edge" in str(over_far.blocked["a"])
+
+
 def test_two_parcels_change_places_when_one_stands_aside(planner: Planner) -> None:
     tasks = [
         task("a", (-0.35, 0.2, 0.0), (0.35, 0.2, 0.0)),

@@ -4,70 +4,30 @@ import asyncio
 import os
 import shutil
 import signal
-import socket
-import struct
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.system.line.controller import (
+    EXAMPLES,
+    EXECUTE,
+    MDMS,
+    PATIENCE_S,
+    STOPPED,
+    SUSPENDED,
+    Table,
+)
 
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
 
 HERE = Path(__file__).parent
-EXAMPLES = HERE.parents[2] / "examples" / "line"
-MDMS = [sys.executable, "-c", "import sys; from mdms_host.entry import main; sys.exit(main())"]
-PATIENCE_S = 120
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(
     NODE is None or not (HERE / "node_modules").is_dir(),
     reason="no node, or no tests/system/line/node_modules, which .ci/run installs",
 )
-STOPPED, IDLE, SUSPENDED, EXECUTE, ABORTED = 2, 4, 5, 6, 9
-
-
-class Table:
-    """`mdms serve` of the example, in a process that may be killed and begun again."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.ports = dict(zip(("modbus", "opcua"), _free_ports(), strict=True))
-        self.process: subprocess.Popen[str] | None = None
-        self._controllers: list[Controller] = []
-
-    def start(self) -> None:
-        options = [f"--{name}={port}" for name, port in self.ports.items()]
-        command = [*MDMS, "serve", str(EXAMPLES / "table.toml"), "--state", str(self.folder)]
-        environment = os.environ | {"XDG_RUNTIME_DIR": str(self.folder)}
-        self.process = subprocess.Popen(
-            [*command, *options], stdout=subprocess.PIPE, text=True, env=environment
-        )
-        assert self.process.stdout is not None
-        lines = iter(self.process.stdout.readline, "")
-        assert any("connect with" in line for line in lines)
-
-    def controller(self) -> "Controller":
-        self._controllers.append(Controller(self.ports["modbus"]))
-        return self._controllers[-1]
-
-    def close(self) -> None:
-        for each in self._controllers:
-            each.close()
-        if self.process is not None and self.process.poll() is None:
-            assert self.stop() == 0
-
-    def kill(self) -> None:
-        assert self.process is not None
-        self.process.kill()
-        self.process.communicate()
-
-    def stop(self) -> int:
-        assert self.process is not None
-        self.process.send_signal(signal.SIGTERM)
-        self.process.communicate(timeout=PATIENCE_S)
-        return self.process.returncode
 
 
 @pytest.fixture
@@ -83,64 +43,6 @@ def table(tmp_path: Path) -> Iterator[Table]:
         yield table
     finally:
         table.close()
-
-
-class Controller:
-    """A client that speaks Modbus byte by byte."""
-
-    def __init__(self, port: int) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
-        self._beat = 0
-
-    def close(self) -> None:
-        self._socket.close()
-
-    def ask(self, pdu: bytes) -> bytes:
-        self._socket.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
-        (length,) = struct.unpack(">4xHx", self._socket.recv(7, socket.MSG_WAITALL))
-        return self._socket.recv(length - 1, socket.MSG_WAITALL)
-
-    def read(self, address: int, count: int = 1) -> tuple[int, ...]:
-        return struct.unpack(f">{count}H", self.ask(struct.pack(">BHH", 3, address, count))[2:])
-
-    def write(self, address: int, *values: int) -> None:
-        head = struct.pack(">BHHB", 16, address, len(values), 2 * len(values))
-        assert self.ask(head + struct.pack(f">{len(values)}H", *values))[0] == 16
-
-    def beat(self) -> None:
-        self._beat += 1
-        self.write(100, self._beat)
-
-    def command(self, number: int) -> bool:
-        self.write(101, number, (self.read(103)[0] + 1) & 0xFFFF)
-        return self.read(104)[0] == 0
-
-    def order(self, request: int, key: str, parcel: str = "", exit: int = 0) -> tuple[int, ...]:
-        texts = struct.unpack(
-            ">16H", key.encode().ljust(16, b"\0") + parcel.encode().ljust(16, b"\0")
-        )
-        counter = (self.read(224)[0] + 1) & 0xFFFF
-        self.write(200, counter, request, exit, 0, 0, 0, 0x8000, *texts)
-        answered, result, state = self.read(224, 3)
-        assert answered == counter
-        return result, state
-
-    def until(self, done: Callable[[], bool], *, beats: bool = True) -> None:
-        end_s = time.monotonic() + PATIENCE_S
-        while not done():
-            assert time.monotonic() < end_s, self.read(0, 20)
-            if beats:
-                self.beat()
-            time.sleep(0.1)
-
-    def until_state(self, state: int, *, beats: bool = True) -> None:
-        self.until(lambda: self.read(1)[0] == state, beats=beats)
-
-    def bring_to_execute(self) -> None:
-        assert self.command(1)
-        self.until_state(IDLE)
-        assert self.command(2)
-        self.until_state(EXECUTE)
 
 
 def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
@@ -273,11 +175,3 @@ def test_a_server_that_is_killed_ends_the_command_with_an_error(table: Table) ->
             os.kill(child, signal.SIGKILL)
     table.process.communicate(timeout=PATIENCE_S)
     assert table.process.returncode == 1
-
-
-def _free_ports() -> tuple[int, int]:
-    with (
-        socket.create_server(("127.0.0.1", 0)) as one,
-        socket.create_server(("127.0.0.1", 0)) as two,
-    ):
-        return one.getsockname()[1], two.getsockname()[1]

@@ -9,15 +9,17 @@ from functools import partial
 
 from mdms_array.array import BelievedArray, believe
 from mdms_array.extras import PAGE, RECORDING, require
-from mdms_array.host import programmed
+from mdms_array.host import layout_of, programmed
 from mdms_array.operation import bus_log_in, check_array, operate_array
 from mdms_array.recording import keep_run, lasting
 from mdms_array.run import Run
 from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
+from mdms_host.cli.kept import check_log, keeping, keeps_frames
 from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.live_array import show_array
+from mdms_host.cli.options import AGAIN
 from mdms_host.cli.streams import EventLines, kept_for_json, say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
@@ -31,19 +33,8 @@ NO_DEVICE = (Ending.NO_CELLS, Ending.DEVICE_GONE)
 
 def run(arguments: Namespace) -> int:
     """Bring the array up, run the program, turn everything off, and report how it went."""
-    if arguments.page is not None:
-        require(PAGE, "mdms run --page")
     attended = arguments.page is not None or has_line(arguments)
-    if attended and (arguments.out is not None or arguments.json):
-        raise CommandError(
-            "--page, --opcua, --modbus: a run that is started and stopped from outside is not "
-            "kept; leave --out and --json out",
-            Exit.USAGE,
-        )
-    if arguments.out is not None:
-        require(RECORDING, "mdms run --out")
-        if not arguments.force:
-            check_other_run(arguments.out, None)
+    _check_options(arguments, attended)
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     if getattr(arguments, "bitrate", None):
         overrides.append(f"wire.bitrate={arguments.bitrate}")
@@ -73,6 +64,29 @@ def run(arguments: Namespace) -> int:
     return _verdict(operation, ended)
 
 
+def _check_options(arguments: Namespace, attended: bool) -> None:
+    """Raise `CommandError` for options that do not go together, and `Error` without an extra."""
+    if arguments.page is not None:
+        require(PAGE, "mdms run --page")
+    check_log(arguments)
+    if arguments.device_gone == AGAIN and not attended:
+        raise CommandError(
+            "--device-gone again: nobody could start the program again; add --page, --opcua or "
+            "--modbus",
+            Exit.USAGE,
+        )
+    if attended and (arguments.out is not None or arguments.json):
+        raise CommandError(
+            "--page, --opcua, --modbus: a run that is started and stopped from outside is not "
+            "kept; leave --out and --json out",
+            Exit.USAGE,
+        )
+    if arguments.out is not None:
+        require(RECORDING, "mdms run --out")
+        if not arguments.force:
+            check_other_run(arguments.out, None)
+
+
 def _verdict(operation: Operation, ended: Run) -> Exit:
     """How the command ends. Raises what ended the run, if it has not ended well."""
     if operation.interrupt is not None:
@@ -87,33 +101,45 @@ def _operate(
     belief: BelievedArray, arguments: Namespace, main: Main | None
 ) -> tuple[Operation, Run]:
     """Operate the array, and keep the run in a folder if one is wanted, however it ended."""
-    events = EventLines(say)
-    operated = partial(
-        operate_array,
-        belief,
-        arguments,
-        arguments.limit,
-        main,
-        report=events.add,
-        interrupted=interrupted,
-    )
-    with ExitStack() as told:
-        told.callback(events.finish)
-        return _kept(belief, arguments, main, operated)
+    layout = layout_of(belief.scenario, belief.cells)
+    lines = EventLines(say)
+    with ExitStack() as opened:
+        kept = opened.enter_context(
+            keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array)
+        )
+        opened.callback(lines.finish)
+
+        def report(time_s: float, kind: str, text: str) -> None:
+            lines.add(time_s, text)
+            kept.event(time_s, kind, text)
+
+        operated = partial(
+            operate_array,
+            belief,
+            arguments,
+            arguments.limit,
+            main,
+            report=report,
+            interrupted=partial(interrupted, kept.on_hangup),
+            keep=kept,
+        )
+        if arguments.out is None:
+            return operated()
+        return _operate_and_keep(operated, belief, arguments, main)
 
 
-def _kept(
+def _operate_and_keep(
+    operated: Callable[..., tuple[Operation, Run]],
     belief: BelievedArray,
     arguments: Namespace,
     main: Main | None,
-    operated: Callable[..., tuple[Operation, Run]],
 ) -> tuple[Operation, Run]:
-    """Operate, and keep the run in a folder if one is wanted."""
-    if arguments.out is None:
-        return operated()
     with fresh_folder(arguments.out) as folder:
-        with bus_log_in(folder, belief) as log_frame:
-            operation, ended = operated(log_frame=log_frame)
+        if keeps_frames(arguments):
+            with bus_log_in(folder, belief) as log_frame:
+                operation, ended = operated(log_frame=log_frame)
+        else:
+            operation, ended = operated()
         ended = replace(ended, figures={**ended.figures, "run": str(arguments.out)})
         lasted = lasting(belief.scenario, ended.duration_s)
         with writing(arguments.out):

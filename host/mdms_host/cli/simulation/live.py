@@ -13,7 +13,8 @@ from mdms_array.host import (
 )
 from mdms_array.simulation import host_report_of
 from mdms_host.cli.exits import Exit, interrupted
-from mdms_host.cli.live_array import attendants
+from mdms_host.cli.kept import Kept
+from mdms_host.cli.live_array import Watched, attendants
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
@@ -23,7 +24,7 @@ from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.serve.server import Server
-from mdms_sim.simulation import Simulation, addresses_of, open_bank
+from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 
 
 def slot_of(scenario: Scenario, main: Main | None = None) -> RunSlot:
@@ -43,9 +44,13 @@ def slot_of(scenario: Scenario, main: Main | None = None) -> RunSlot:
 
 
 def table_of(
-    scenario: Scenario, slot: RunSlot, simulation: Simulation, time: RealTime
+    scenario: Scenario,
+    slot: RunSlot,
+    simulation: Simulation,
+    time: RealTime,
+    report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
 ) -> SimulatedTable:
-    """The page of a simulation: its view and its commands."""
+    """The page of a simulation: its view and its commands; `report` is told of events."""
     told = believed(scenario)
     parcels = {parcel.name: parcel for parcel in (*parcels_of(scenario), *parcels_of(told))}
     return SimulatedTable(
@@ -56,6 +61,7 @@ def table_of(
         slot=slot,
         simulation=simulation,
         time=time,
+        report=report,
     )
 
 
@@ -65,15 +71,20 @@ def attended(
     slot: RunSlot,
     server: Server,
     arguments: Namespace,
+    *,
     over: Callable[[], object],
+    kept: Kept,
 ) -> Iterator[Callable[[], object]]:
     """The page and the line of a served table; a hook in place of `over` looks after them."""
-    table = table_of(scenario, slot, server.simulation, server.time)
+    table = table_of(scenario, slot, server.simulation, server.time, kept.event)
+    watched = Watched(kept, slot, scenario)
+    kernel = server.simulation.kernel
     with attendants(table, slot, scenario, arguments) as attend:
 
         def over_or_attended() -> object:
             attend()
             table.look()
+            watched.look(kernel.now_ns / NS_PER_S, attend.line)
             return over() or attend.failure
 
         yield over_or_attended

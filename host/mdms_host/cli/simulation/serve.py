@@ -3,26 +3,34 @@
 import signal
 from argparse import Namespace
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+import numpy as np
+
 from mdms_array.extras import PAGE, require
 from mdms_array.figures import simulated_run
-from mdms_array.host import programmed
+from mdms_array.host import layout_of, programmed
 from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
+from mdms_host.can_link.bus_log import is_from_host
 from mdms_host.cli.exits import ENDS, CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
+from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames
 from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
+from mdms_model.arrays import Floats
 from mdms_model.run.folder import BUS_LOG, check_other_run, fresh_folder
 from mdms_model.run.record import MOST_SAMPLES
+from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.kept_flash import KeptFlash
+from mdms_sim.physics.plane.world import World
 from mdms_sim.serve.server import Server, ways_in
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 
@@ -42,13 +50,14 @@ def run(arguments: Namespace) -> Exit:
     """
     if arguments.page is not None:
         require(PAGE, "mdms serve --page")
+    check_log(arguments)
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     scenario, main = open_program(arguments.scenario, overrides)
     if has_line(arguments):
         check_line(arguments, scenario if main is None else programmed(scenario))
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, None)
-    kept = _kept_flash(scenario, arguments)
+    stored = _kept_flash(scenario, arguments)
     # Both end a service as Ctrl-C does, so that its sockets go.
     for number in ENDS:
         signal.signal(number, signal.default_int_handler)
@@ -57,16 +66,16 @@ def run(arguments: Namespace) -> Exit:
         slot = _slot(scenario, main) if attended else None
         # Programs from elsewhere keep their own beliefs.
         host = HostLog(scenario, lambda: slot.coordinator if slot else None)
-        if arguments.out is None:
-            _serve(scenario, slot, host, kept, arguments)
-        else:
-            _serve_and_keep(scenario, slot, host, kept, arguments)
+        told = believed(scenario)
+        with keeping(scenario, layout_of(told), arguments, main=main) as kept:
+            serve = _serve if arguments.out is None else _serve_and_keep
+            serve(scenario, slot, host, arguments, kept=kept, stored=stored)
     except KeyboardInterrupt:
         pass
     finally:
-        if kept is not None:
-            with writing(kept.path):
-                kept.keep()
+        if stored is not None:
+            with writing(stored.path):
+                stored.keep()
     return Exit.OK
 
 
@@ -87,17 +96,22 @@ def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
 
 
 class _Watch:
-    """Looks after a served simulation: tells of parcels that tip, and keeps what cells store.
+    """Looks after a served simulation: reports parcels that tip, and keeps what cells store.
 
-    `over` is asked first; it ends the service.
+    `over` tells whether the service is over.
     """
 
     def __init__(
-        self, simulation: Simulation, kept: KeptFlash | None, over: Callable[[], object]
+        self,
+        simulation: Simulation,
+        stored: KeptFlash | None,
+        over: Callable[[], object],
+        report: Callable[[str], object],
     ) -> None:
         self._simulation = simulation
-        self._kept = kept
+        self._stored = stored
         self._over = over
+        self._report = report
         self._seen = 0
         self._look_ns = 0
 
@@ -106,16 +120,16 @@ class _Watch:
         events = self._simulation.world.events
         for event in events[self._seen :]:
             if event.kind == "tip":
-                say(
+                self._report(
                     f"mdms: {event.parcel} tips at {event.time_s:.3f} s and is taken off the table:"
                     f" {event.detail}"
                 )
         self._seen = len(events)
         now_ns = self._simulation.kernel.now_ns
-        if self._kept is not None and now_ns >= self._look_ns:
+        if self._stored is not None and now_ns >= self._look_ns:
             self._look_ns = now_ns + KEEP_NS
-            with writing(self._kept.path):
-                self._kept.keep()
+            with writing(self._stored.path):
+                self._stored.keep()
         return self._over()
 
 
@@ -123,13 +137,16 @@ def _serve_and_keep(
     scenario: Scenario,
     slot: "RunSlot | None",
     host: HostLog,
-    kept: KeptFlash | None,
     arguments: Namespace,
+    *,
+    kept: Kept,
+    stored: KeptFlash | None,
 ) -> None:
     clock = MonotonicClock()
     with fresh_folder(arguments.out) as folder:
-        with (folder / BUS_LOG).open("wb") as log:
-            simulation = _serve(scenario, slot, host, kept, arguments, log=log)
+        all_frames = keeps_frames(arguments)
+        with (folder / BUS_LOG).open("wb") if all_frames else nullcontext() as log:
+            simulation = _serve(scenario, slot, host, arguments, kept=kept, stored=stored, log=log)
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
@@ -150,14 +167,15 @@ def _serve(
     scenario: Scenario,
     slot: "RunSlot | None",
     host: HostLog,
-    kept: KeptFlash | None,
     arguments: Namespace,
     *,
+    kept: Kept,
+    stored: KeptFlash | None,
     log: BinaryIO | None = None,
 ) -> Simulation:
-    """Serve to the end; recorded where there is a log, in a bounded memory."""
+    """Serve to the end; recorded where there is a run folder, in a bounded memory."""
     cells = scenario.array.columns * scenario.array.rows
-    flash = None if kept is None else kept.flash
+    flash = None if stored is None else stored.flash
     with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids, flash)) as bank:
         simulation = Simulation(
             scenario,
@@ -166,28 +184,80 @@ def _serve(
             bus_log=log,
             host_report=(lambda: host_report_of(slot.coordinator)) if slot else None,
             estimates=lambda: host.sample(simulation.kernel.now_ns / NS_PER_S),
-            recorded=log is not None,
+            recorded=arguments.out is not None,
             most_samples=MOST_SAMPLES,
             beyond_tipping=True,
         )
         name = arguments.name or _name_of(arguments.scenario)
+
+        def report(text: str) -> None:
+            say(text)
+            kept.event(simulation.kernel.now_ns / NS_PER_S, "serve", text)
+
         with ExitStack() as opened:
             server = opened.enter_context(
-                Server(simulation, name, arguments.tcp, arguments.speed, report=say)
+                Server(simulation, name, arguments.tcp, arguments.speed, report=report)
             )
-            over: Callable[[], object] = opened.enter_context(interrupted())
+            _keep_frames(simulation, kept)
+            pressed = opened.enter_context(interrupted(kept.on_hangup))
+            over: Callable[[], object] = pressed
             if slot:
                 # The page is an extra.
                 from mdms_host.cli.simulation.live import attended  # noqa: PLC0415
 
-                over = opened.enter_context(attended(scenario, slot, server, arguments, over))
+                over = opened.enter_context(
+                    attended(scenario, slot, server, arguments, over=over, kept=kept)
+                )
+            over = _kept(server, kept, over)
             buses = len(server.all_addresses)
             where = "a virtual CAN bus" if buses == 1 else f"{buses} virtual CAN buses"
             print(f"{scenario.title}: {cells} cells on {where}; connect with")
             for addresses in server.all_addresses:
                 print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
-            server.run(_Watch(simulation, kept, over))
+            server.run(_Watch(simulation, stored, over, report))
     return simulation
+
+
+def _keep_frames(simulation: Simulation, kept: Kept) -> None:
+    """Have the frames of all buses kept; those of a host are known by their identifiers."""
+    recent = kept.recent
+    if recent is None:
+        return
+
+    def observer(bus: int) -> Callable[[Frame, int], None]:
+        def on_frame(frame: Frame, now_ns: int) -> None:
+            keep = recent.on_sent if is_from_host(frame.can_id) else recent.on_received
+            keep(frame, now_ns / NS_PER_S, bus)
+
+        return on_frame
+
+    for number, bus in enumerate(simulation.buses):
+        bus.observe(observer(number))
+
+
+def _kept(server: Server, kept: Kept, over: Callable[[], object]) -> Callable[[], object]:
+    """Look after what is kept, whenever somebody asks whether it is over."""
+    kernel, world = server.simulation.kernel, server.simulation.world
+
+    def looked() -> object:
+        now_ns, recent = kernel.now_ns, kept.recent
+        now_s = now_ns / NS_PER_S
+        if recent is not None:
+            recent.on_cycle(max(0.0, server.time.sim_ns(now_ns) / NS_PER_S - now_s))
+            if recent.wants_truth(now_s):
+                recent.see(now_s, _true_poses(world))
+        kept.attend(now_s)
+        return over()
+
+    return looked
+
+
+def _true_poses(world: World) -> Floats:
+    """The poses of the parcels (P, 3), NaN for those that are not on the table."""
+    states = world.scene.state.parcels
+    there = (states["lifted"] == 0) & (states["away"] == 0)
+    poses: Floats = np.where(there[:, None], world.pose, np.nan)
+    return poses
 
 
 def _slot(scenario: Scenario, main: Main | None) -> "RunSlot":

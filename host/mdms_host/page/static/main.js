@@ -5,6 +5,7 @@ import { Events } from "./events.js";
 import { Faults } from "./faults.js";
 import { Hands } from "./hands.js";
 import { History } from "./history.js";
+import { LinePanel } from "./line.js";
 import { Plots } from "./plots.js";
 import { TablePicture } from "./table.js";
 import { View } from "./view.js";
@@ -12,7 +13,7 @@ import { Unpacker, Wire } from "./wire.js";
 import { showLegend } from "./legend.js";
 
 const $ = (id) => document.getElementById(id);
-const PANELS = ["details", "plots", "events", "faults"];
+const PANELS = ["details", "plots", "events", "line", "faults"];
 /** Text changes no more often than can be read [ms]. */
 const TEXT_MS = 100, PLOTS_MS = 250;
 /** Cells that have not reported to be off after this do not do so any more [ms]. */
@@ -33,6 +34,7 @@ class Page {
     this.history = new History();
     this.events = new Events((time_s) => this.order("seek", { time_s }));
     this.faults = new Faults(this);
+    this.line = new LinePanel();
     this.details = new Details(this);
     this.hands = new Hands(this.picture, this);
     this.plots = new Plots($("plots"), this.history, (time_s) => this.order("seek", { time_s }));
@@ -59,6 +61,7 @@ class Page {
       case "table": this.setTable(message); break;
       case "events": this.events.take(message); break;
       case "faults": this.faults.take(message); break;
+      case "line": this.line.take(message); break;
       case "objects": this.details.takeObjects(message); break;
       case "plan": this.plan = message; this.redraw(); break;
       case "control": this.control = message; this.showControl(); break;

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
-from mdms_model.compiled import compiled
+from mdms_model.compiled import compiled, inlined
 from mdms_model.run.record import Contact
 from mdms_model.symmetric3 import Symmetric, Vector, solve
 from mdms_sim.physics.motor import applied_voltage, coast
@@ -31,7 +31,7 @@ class Pushes(NamedTuple):
     """Where each wheel is, (n,): 0 rolling, +1 or -1 at that end of its friction."""
 
 
-@compiled
+@inlined
 def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float, float, float, int]:
     """The new twist about the centre of mass from the old one, and the Newton steps it took.
 
@@ -59,7 +59,7 @@ def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float,
     return at[0], at[1], at[2], NEWTON_STEPS + 1
 
 
-@compiled
+@inlined
 def objective(
     at: Vector, twist: Vector, inertia_per_s: Vector, pushes: Pushes
 ) -> tuple[float, Vector, Symmetric, bool]:
@@ -108,7 +108,7 @@ def push(line: Floats, jacobian: Floats, twist: Vector) -> float:
 # Parcels of a scene -------------------------------------------------------------------------------
 
 
-@compiled
+@inlined
 def settle_parcel(scene: Scene, p: int, step_s: float) -> None:
     """Solve for a parcel's twist after an implicit step, under what others press it with."""
     old, body, new = twist_of(scene, p), scene.model.parcels[p], scene.scratch.parcels[p]

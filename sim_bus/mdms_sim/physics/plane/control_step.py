@@ -5,7 +5,7 @@ Cells sense a parcel over each presence sensor, encoder counts, and the loads of
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mdms_model.array import Grid, reach_m
 from mdms_model.arrays import Bits, Floats, Ints, Records
-from mdms_model.compiled import compiled
+from mdms_model.compiled import compiled, for_types_of
 from mdms_model.parcel import cells_near, covers, place_of
 from mdms_model.scenario.scenario import Cell, Scenario
 from mdms_sim.physics.plane.records import Scene
@@ -74,6 +74,7 @@ class PresenceSensors:
         self._noise = cell.sensor_noise
         self._chance = np.random.default_rng([scenario.run.seed, PRESENCE_STREAM])
         self._seen: deque[tuple[float, Bits]] = deque()
+        self._find_bits: Callable[..., None] | None = None
         #: How many faults hold each sensor, as free and as covered, (2, cells, S).
         self.stuck: Ints = np.zeros(
             (2, array.columns * array.rows, len(cell.sensor_offset_m)), np.int64
@@ -85,10 +86,17 @@ class PresenceSensors:
         A reading is the newest that is as old as the delay; before that, the first one.
         """
         bits = np.zeros(self._places.grid.columns * self._places.grid.rows, dtype=np.uint8)
-        body, now = scene.model.parcels, scene.state.parcels
-        presence_bits(self._places, body, now, scene.model.edges, bits)
+        arguments = self._places, scene.model.parcels, scene.state.parcels, scene.model.edges, bits
+        if self._find_bits is None:
+            # Sorting out the types of its arguments would take longer than the function itself.
+            self._find_bits = for_types_of(presence_bits, *arguments)
+        self._find_bits(*arguments)
         # A fault is at the sensor's output, behind its delay and its noise.
-        return self._hold(self._disturb(self._late(bits, now_s)))
+        return self.misread(self._late(bits, now_s))
+
+    def misread(self, bits: Bits) -> Bits:
+        """The bits as sensors with noise and faults show them."""
+        return self._hold(self._disturb(bits))
 
     def state(self) -> SenseState:
         """The state that the next readings depend on."""

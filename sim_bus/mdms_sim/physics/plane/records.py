@@ -4,6 +4,7 @@ A step reads the model, moves the state, and writes the scratch before it reads 
 state is all that it takes to go back, or to try what would happen.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -242,12 +243,19 @@ def _records(count: int, kind: "np.dtype[np.void]") -> Records:
 
 def _at_start(parcels: tuple[Parcel, ...], stock: set[str]) -> Records:
     """Parcels at rest where the scenario puts them, but for those in stock."""
+    records = starts_of(parcels)
+    for record, parcel in zip(records, parcels, strict=True):
+        record["away"] = record["lifted"] = int(parcel.name in stock)
+    return records
+
+
+def starts_of(parcels: Sequence[Parcel]) -> Records:
+    """Parcels at rest where they start."""
     records = _records(len(parcels), PARCEL_STATE)
     for record, parcel in zip(records, parcels, strict=True):
         arm_x, arm_y = turned(*parcel.centre_of_mass_m, parcel.yaw_rad)
         record["x_m"], record["y_m"] = parcel.x_m + arm_x, parcel.y_m + arm_y
         record["yaw_rad"] = parcel.yaw_rad
-        record["away"] = record["lifted"] = int(parcel.name in stock)
     return records
 
 

@@ -1,14 +1,14 @@
 """How parcels rest on wheels: which carry each, where from its centre of mass, and how much."""
 
 from mdms_model.arrays import Floats
-from mdms_model.compiled import compiled
+from mdms_model.compiled import compiled, inlined
 from mdms_model.parcel import Place, cells_near, covers, place_of
 from mdms_model.statics.supports import press
 from mdms_model.symmetric3 import Vector
 from mdms_sim.physics.plane.records import NOBODY, STANDS, TIPS, Scene, halfway
 
 
-@compiled
+@inlined
 def rest_parcels(scene: Scene, step_s: float) -> bool:
     """Find where each parcel rests half a step ahead; True when one begins to tip.
 
@@ -56,7 +56,7 @@ def find_supports(scene: Scene, p: int, place: Place) -> int:
     return int(end - first)
 
 
-@compiled
+@inlined
 def load_supports(scene: Scene, p: int, pose: Vector) -> bool:
     """Levers and normal forces of a parcel's supports; False when it begins to tip."""
     scratch, share, state = scene.scratch, scene.scratch.parcels[p], scene.state.parcels[p]

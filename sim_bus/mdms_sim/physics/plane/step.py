@@ -5,7 +5,7 @@ strictly convex problem of `contact`; parcels then move by the mean of the old a
 """
 
 from mdms_model.arrays import Floats
-from mdms_model.compiled import compiled
+from mdms_model.compiled import compiled, inlined
 from mdms_sim.physics.plane.contact import (
     draw_ideal_lines,
     draw_voltage_lines,
@@ -18,6 +18,7 @@ from mdms_sim.physics.plane.contact import (
 )
 from mdms_sim.physics.plane.records import (
     DROPPED,
+    NOW,
     UNBALANCED,
     UNSOLVED,
     Scene,
@@ -32,7 +33,7 @@ from mdms_sim.physics.plane.touch import find_touches, press_apart
 TIPPING, TOUCHING, LIMITED = 1, 2, 4
 
 
-@compiled
+@inlined
 def step_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> int:
     """Massless wheels under the continuous proportional law (eq 9); returns the events to report.
 
@@ -51,7 +52,7 @@ def step_ideal(scene: Scene, reference_m_s: Floats, step_s: float) -> int:
     return TIPPING * tipping + TOUCHING * touching + LIMITED * limited(scene)
 
 
-@compiled
+@inlined
 def step_voltage(scene: Scene, voltage_v: Floats, step_s: float) -> int:
     """Wheels with inertia under voltages held over the step; returns the events to report.
 
@@ -71,15 +72,22 @@ def step_voltage(scene: Scene, voltage_v: Floats, step_s: float) -> int:
     return TIPPING * tipping + TOUCHING * touching + LIMITED * limited(scene)
 
 
-@compiled
+@inlined
 def settle_parcels(scene: Scene, step_s: float, share: float) -> bool:
     """Solve for the twists after a `share` of the step; True when parcels begin to touch."""
-    scene.scratch.tally[:] = 0
-    find_touches(scene, step_s)
+    tally = scene.scratch.tally
+    for counter in range(tally.size):
+        tally[counter] = 0
+    # A call that passes all arrays takes as long as the work for a few wheels.
+    if scene.model.parcels.size > 1:
+        find_touches(scene, step_s)
     for p in range(scene.model.parcels.size):
         body = scene.scratch.parcels[p]
         body.pressed_x_n, body.pressed_y_n, body.pressed_nm = 0.0, 0.0, 0.0
         settle_parcel(scene, p, share * step_s)
+    if tally[NOW] == 0:
+        scene.state.pairs[0] = 0
+        return False
     return press_apart(scene, step_s, share)
 
 

@@ -1,6 +1,6 @@
 """The plane: all wheels of the array and all parcels on it, moved step by step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,7 @@ from mdms_model.array import build_cells, build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.compiled import for_types_of
 from mdms_model.run.record import Event
-from mdms_model.scenario.scenario import Scenario
+from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_sim.physics.plane import step
 from mdms_sim.physics.plane.control_step import (
     Bridges,
@@ -35,6 +35,7 @@ from mdms_sim.physics.plane.records import (
     Scene,
     build_scene,
     read_poses,
+    starts_of,
 )
 
 #: Failures of the solver, by its counters.
@@ -212,6 +213,13 @@ class World:
         pose[away] = twist[away] = np.nan
         return pose, twist
 
+    def put_back(self, parcels: Sequence[Parcel]) -> None:
+        """Put the parcels that are on the table where these are, at rest."""
+        start, here = starts_of(parcels), self.scene.state.parcels
+        on = here["away"] == 0
+        for name in ("x_m", "y_m", "yaw_rad", "vx_m_s", "vy_m_s", "yaw_rate_rad_s"):
+            here[name][on] = start[name][on]
+
     # Wheels --------------------------------------------------------------------------------------
 
     @property
@@ -262,6 +270,10 @@ class World:
         Every call is one reading of the sensors, which the scenario may make late and noisy.
         """
         return self._presence.read(self.scene, self.time_s)
+
+    def misread(self, bits: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Presence bits as sensors with the scenario's noise, and with their faults, show them."""
+        return self._presence.misread(bits)
 
     def load_n(self) -> Floats | None:
         """One reading of the load cells (W,); None where the scenario has none."""

@@ -24,9 +24,14 @@ def on_a_bus_that_ends(monkeypatch, request):
         raise DeviceGoneError("the CAN device is gone: unplugged")
 
     monkeypatch.setattr(operation, "operate", operate)
-    return lambda *more: main(
-        ["run", "array18", "-i", "virtual", "-c", request.node.name, "--json", *more]
-    )
+
+    def run(*more):
+        # Without a run folder nothing is kept, and no report is written.
+        log = () if "--out" in more else ("--log", "none")
+        channel = ["-i", "virtual", "-c", request.node.name]
+        return main(["run", "array18", *channel, "--json", *log, *more])
+
+    return run
 
 
 def test_device_that_goes_away_is_told_as_such(on_a_bus_that_ends, capsys):

@@ -74,7 +74,7 @@ def test_served_table_keeps_the_beliefs_and_plans_of_programs_of_its_page(tmp_pa
     out, ends_s = tmp_path / "run", []
 
     @contextmanager
-    def attended(_scenario, slot, server, _arguments, over):
+    def attended(_scenario, slot, server, _arguments, *, over, kept):
         slot.start()
 
         def over_or_done():

@@ -53,7 +53,7 @@ def test_a_sync_that_one_cell_has_missed_is_handed_out_without_it_after_the_next
     sync = sorted_.take()
     assert sync is not None
     assert (sync.time_s, sorted(sync.data)) == (0.02, [0, 2])
-    assert sorted_.missed == [0, 2, 0]
+    assert (sorted_.missing(2), sorted_.missing(3)) == ([1], [])
 
 
 def test_a_cell_that_has_missed_three_is_not_waited_for() -> None:
@@ -65,7 +65,7 @@ def test_a_cell_that_has_missed_three_is_not_waited_for() -> None:
     assert sync is not None
     assert sync.time_s == 0.04
     answer(sorted_, 0.045, 1)
-    assert sorted_.missed == [0, 0, 0]
+    assert sorted_.missing(1) == []
 
 
 def test_an_older_sync_is_never_handed_out_after_a_newer_one() -> None:

@@ -1,0 +1,88 @@
+"""The table that an episode begins with: a scenario, with keys that are drawn for each episode."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mdms_array.experiments.settings import Distribution, tree_of
+from mdms_array.source import Source, open_source
+from mdms_model.errors import InputError
+from mdms_model.scenario.file import scenario_from
+from mdms_model.scenario.scenario import Goal, Parcel, Scenario
+from mdms_model.scenario.tree import plain
+
+#: Keys of a parcel that are changed without a new table.
+POSE = ("x_m", "y_m", "yaw_rad")
+GOAL = "goal"
+SEED = "run.seed"
+
+
+def open_scenario(source: Source) -> Scenario:
+    """A scenario from its name, its file, its tables, or itself. Raises `InputError`."""
+    return source if isinstance(source, Scenario) else open_source(source)[0]
+
+
+class Episodes:
+    """Draws the scenario of an episode.
+
+    `randomise` has keys of a scenario, with the distributions of a sweep or lists of values.
+    Without `run.seed` among them, the spreads of motors and friction are the same in each episode.
+    Raises `InputError`.
+    """
+
+    def __init__(self, scenario: Source, randomise: Mapping[str, Any]) -> None:
+        self.base = open_scenario(scenario)
+        self._tree = plain(self.base)
+        self._randomise = dict(randomise)
+        for key, values in self._randomise.items():
+            listed = isinstance(values, list | tuple | np.ndarray) and len(values)
+            if not isinstance(values, Distribution) and not listed:
+                raise InputError(
+                    f"randomise: {key} is {values!r}, but must be a list of values or a "
+                    "distribution, such as mdms_array.uniform(0.1, 0.3)"
+                )
+        self._names = [parcel.name for parcel in self.base.parcel]
+        self.draw(np.random.default_rng(0))
+
+    def draw(self, chance: np.random.Generator) -> Scenario:
+        """The scenario of the next episode. Raises `InputError` for a value that none may have."""
+        setting = {key: _drawn(values, chance) for key, values in self._randomise.items()}
+        seed = int(setting.pop(SEED, self.base.run.seed))
+        placed = {key: self._pose_key(key) for key in setting}
+        if seed == self.base.run.seed and all(placed.values()):
+            return self._placed([(place, setting[key]) for key, place in placed.items() if place])
+        return scenario_from(tree_of(self._tree, setting, seed))
+
+    def _pose_key(self, key: str) -> tuple[int, bool, str] | None:
+        """Parcel, whether of its goal, and name, of a key of a pose; None for any other key."""
+        head, _, rest = key.partition(".")
+        name, _, rest = rest.rpartition(".goal.") if ".goal." in rest else rest.rpartition(".")
+        if head != "parcel" or rest not in POSE:
+            return None
+        if name.isdecimal() and int(name) < len(self._names):
+            number = int(name)
+        elif name in self._names:
+            number = self._names.index(name)
+        else:
+            return None
+        return number, ".goal." in key, rest
+
+    def _placed(self, changes: list[tuple[tuple[int, bool, str], Any]]) -> Scenario:
+        parcels: list[Parcel] = [*self.base.parcel]
+        for (number, of_goal, name), value in changes:
+            parcel = parcels[number]
+            if of_goal:
+                goal = replace(parcel.goal or Goal(0.0, 0.0), **{name: float(value)})
+                parcels[number] = replace(parcel, goal=goal)
+            else:
+                changed: dict[str, Any] = {name: float(value)}
+                parcels[number] = replace(parcel, **changed)
+        return replace(self.base, parcel=tuple(parcels))
+
+
+def _drawn(values: Any, chance: np.random.Generator) -> Any:
+    if isinstance(values, Distribution):
+        return values.at(float(chance.random()))
+    return values[int(chance.integers(len(values)))]

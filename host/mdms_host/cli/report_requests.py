@@ -1,0 +1,133 @@
+"""The way to a running `run` or `serve` for `mdms report`: a socket that only its user may use.
+
+A thread waits for requests, and the driver of the table carries them out.
+"""
+
+import json
+import os
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Event, Thread
+from typing import Any
+
+_SUFFIX = ".report"
+_LONGEST = 65536
+#: A report is written within this, or something is wrong [s].
+ANSWER_S = 120.0
+#: A client that has come says what it wants within this [s].
+_ASKS_S = 2.0
+
+
+class Request:
+    """A wish for a report, into `folder` if that is not None; answer it by `done`."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self.answer: dict[str, Any] = {"error": "the command has ended"}
+        self._answered = Event()
+
+    def done(self, path: Path, error: str | None) -> None:
+        """The report is there, or is not for that reason."""
+        self.answer = {"report": str(path)} if error is None else {"error": error}
+        self._answered.set()
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for the answer."""
+        self._answered.wait(timeout_s)
+
+
+class ReportRequests:
+    """Takes requests for reports of this process; close it when done.
+
+    Where there are no such sockets (Windows), or none can be made, nobody can ask.
+    """
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._waiting: SimpleQueue[Request] = SimpleQueue()
+        self._socket: socket.socket | None = None
+        self._path = folder_of_requests() / f"{os.getpid()}{_SUFFIX}"
+        if not hasattr(socket, "AF_UNIX"):
+            return
+        with suppress(OSError):
+            self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._path.unlink(missing_ok=True)
+            listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            listener.bind(str(self._path))
+            self._path.chmod(0o600)
+            listener.listen()
+            self._socket = listener
+            Thread(target=self._listen, args=(listener,), name="reports", daemon=True).start()
+
+    def take(self) -> Iterator[Request]:
+        """The requests that have come."""
+        with suppress(Empty):
+            while True:
+                yield self._waiting.get_nowait()
+
+    def close(self) -> None:
+        """Take no more requests."""
+        if self._socket is not None:
+            with suppress(OSError):
+                # A thread that waits in `accept` is woken by this alone.
+                self._socket.shutdown(socket.SHUT_RDWR)
+            self._socket.close()
+            self._path.unlink(missing_ok=True)
+
+    def _listen(self, listener: socket.socket) -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            with connection, suppress(OSError, ValueError):
+                connection.settimeout(_ASKS_S)
+                self._answer(connection, json.loads(connection.recv(_LONGEST)))
+
+    def _answer(self, connection: socket.socket, asked: dict[str, Any]) -> None:
+        if asked.get("do") == "title":
+            answer: dict[str, Any] = {"title": self._title}
+        else:
+            request = Request(Path(asked["folder"]) if asked.get("folder") else None)
+            self._waiting.put(request)
+            request.wait(ANSWER_S)
+            answer = request.answer
+        connection.sendall(json.dumps(answer).encode())
+
+
+def folder_of_requests() -> Path:
+    """Where the sockets of this user's commands are; only the user may enter."""
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    if base and os.access(base, os.W_OK):
+        return Path(base) / "mdms"
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    return Path(tempfile.gettempdir()) / f"mdms-{user}"
+
+
+def running() -> dict[int, str]:
+    """The commands of this user that write reports: process number and title."""
+    found = {}
+    for path in sorted(folder_of_requests().glob(f"*{_SUFFIX}")):
+        process = int(path.stem) if path.stem.isdecimal() else None
+        answer = None if process is None else ask(process, {"do": "title"}, _ASKS_S)
+        if process is not None and answer is not None:
+            found[process] = str(answer["title"])
+    return found
+
+
+def ask(process: int, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
+    """The answer of a command; None where it is gone or does not answer."""
+    path = folder_of_requests() / f"{process}{_SUFFIX}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+        connection.settimeout(timeout_s)
+        try:
+            connection.connect(str(path))
+            connection.sendall(json.dumps(request).encode())
+            answer: dict[str, Any] = json.loads(connection.recv(_LONGEST))
+        except (OSError, ValueError):
+            return None
+    return answer

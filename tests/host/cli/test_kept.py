@@ -1,0 +1,103 @@
+"""`--log`: what is kept, log files that are rotated and opened again, and their refusals."""
+
+from argparse import Namespace
+from pathlib import Path
+
+import pytest
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import CommandError
+from mdms_host.cli.kept import level_of, reports_folder
+from mdms_host.cli.log_files import LogFolder, RotatingFile
+
+
+def options(**given: object) -> Namespace:
+    return Namespace(**{"log": None, "log_dir": None, "out": None} | given)
+
+
+def test_a_run_folder_has_all_frames_and_a_table_that_runs_on_the_last_minute() -> None:
+    assert level_of(options()) == "ring"
+    assert level_of(options(out=Path("x"))) == "all"
+    assert level_of(options(out=Path("x"), log="none")) == "none"
+
+
+def test_reports_lie_beside_the_log_files_else_in_the_users_own_folder(monkeypatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", "/state")
+    assert reports_folder(options()) == Path("/state/mdms-array/reports")
+    assert reports_folder(options(log_dir=Path("/var/log/mdms"))) == Path("/var/log/mdms")
+
+
+def test_a_full_file_gives_way_to_a_new_one_and_the_oldest_goes(tmp_path) -> None:
+    file = RotatingFile(tmp_path / "bus.log", 100, 3)
+    for number in range(100):
+        file.write(f"{number:09d}\n")
+    file.reopen()
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["bus.log", "bus.log.1", "bus.log.2"]
+    kept = "".join((tmp_path / name).read_text() for name in ("bus.log.2", "bus.log.1", "bus.log"))
+    assert kept == "".join(f"{number:09d}\n" for number in range(70, 100))
+
+
+def test_a_file_that_was_moved_is_opened_anew(tmp_path) -> None:
+    file = RotatingFile(tmp_path / "events.log", 1000, 3)
+    file.write("one\n")
+    file.flush()
+    (tmp_path / "events.log").rename(tmp_path / "moved")
+    file.write("two\n")
+    file.reopen()
+    file.write("three\n")
+    file.reopen()
+    assert (tmp_path / "moved").read_text() == "one\ntwo\n"
+    assert (tmp_path / "events.log").read_text() == "three\n"
+
+
+def test_a_disk_that_takes_nothing_is_said_once_and_ends_nothing(tmp_path) -> None:
+    said: list[str] = []
+    file = RotatingFile(tmp_path / "gone" / "events.log", 1000, 3, said.append)
+    for _ in range(3):
+        file.write("one\n")
+    assert len(said) == 1
+    assert "cannot be written: No such file" in said[0]
+    (tmp_path / "gone").mkdir()
+    file.write("two\n")
+    file.reopen()
+    assert (tmp_path / "gone" / "events.log").read_text() == "two\n"
+
+
+def test_events_have_the_time_of_day_and_one_line_each(tmp_path) -> None:
+    files = LogFolder(tmp_path, lambda _text: None)
+    files.event(1.5, "line", "Aborted\nby hand")
+    files.close()
+    day, run, *text = (tmp_path / "events.log").read_text().split()
+    assert day[:2] == "20"
+    assert day[10] == "T"
+    assert (run, text) == ("1.500", ["line:", "Aborted", "by", "hand"])
+
+
+def test_two_commands_do_not_share_a_folder(tmp_path) -> None:
+    files = LogFolder(tmp_path, lambda _text: None)
+    with pytest.raises(CommandError, match="another command writes there"):
+        LogFolder(tmp_path, lambda _text: None)
+    files.close()
+    LogFolder(tmp_path, lambda _text: None).close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["serve", "array18", "--log", "events"], "give --log-dir DIR"),
+        (["serve", "array18", "--log", "none", "--log-dir", "x"], "leave --log-dir out"),
+        (["run", "array18", "--log", "all"], "give --log-dir DIR"),
+    ],
+)
+def test_options_that_keep_nothing_are_refused(arguments, told, capsys) -> None:
+    assert main(arguments) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_a_report_of_nothing_says_who_writes_one(tmp_path, monkeypatch, capsys) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert main(["report"]) == 1
+    assert "no `mdms run` or `mdms serve` of yours" in capsys.readouterr().err
+    assert main(["report", "1"]) == 2
+    assert "there are: none" in capsys.readouterr().err
