@@ -3,9 +3,11 @@
 import io
 import logging
 import os
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
+from math import inf
 
 from mdms_host.cli.exits import Exit
 from mdms_model.log import LOG
@@ -34,6 +36,43 @@ class Output(io.TextIOWrapper):
                 super().flush()
         except OSError as error:
             self.failure = error
+
+
+#: Emergencies of a kind are told once in this time [s].
+ALIKE_S = 1.0
+_NUMBER = re.compile(r"(?<![\w.])\d+(\.\d+)?(?!\w)")
+
+
+class EventLines:
+    """Events as lines; emergencies that differ by their cells alone are counted after the first.
+
+    `finish` tells what has been counted last.
+    """
+
+    def __init__(self, tell: Callable[[str], object]) -> None:
+        self._tell = tell
+        #: When each kind was told, and how many more came since.
+        self._told: dict[str, tuple[float, int]] = {}
+
+    def add(self, time_s: float, text: str) -> None:
+        """Tell of an event, or count it."""
+        sender, emergency, code = text.partition(" emergency ")
+        kind = _NUMBER.sub("...", sender) + emergency + code
+        told_s, more = self._told.get(kind, (-inf, 0))
+        if emergency and time_s - told_s < ALIKE_S:
+            self._told[kind] = told_s, more + 1
+            return
+        self.finish()
+        if emergency:
+            self._told[kind] = time_s, 0
+        self._tell(f"{time_s:8.3f} s  {text}")
+
+    def finish(self) -> None:
+        """Tell how many more came of each kind."""
+        for kind, (told_s, more) in self._told.items():
+            if more:
+                self._tell(f"{told_s:8.3f} s  {more} more: {kind}")
+                self._told[kind] = told_s, 0
 
 
 class _Said(logging.Handler):

@@ -11,6 +11,7 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.streams import EventLines
 
 MDMS = str(Path(sys.executable).with_name("mdms"))
 #: A verb that imports little; refusals go the same way for all.
@@ -181,3 +182,29 @@ def test_signal_whose_exception_is_dropped_ends_the_command_all_the_same(name, e
         check=False,
     )
     assert (done.returncode, done.stderr) == (1, error + "\n")
+
+
+def test_emergencies_of_many_cells_are_one_line_and_a_count():
+    told = []
+    lines = EventLines(told.append)
+    lines.add(0.5, "running")
+    for cell in range(1, 37):
+        lines.add(1.0 + cell / 100, f"cell {cell} sends emergency 0x8250: no setpoint for 50 ms")
+    lines.add(1.4, "cell 3 sends emergency 0x8130: the host is silent")
+    lines.add(1.5, "box has arrived")
+    lines.add(1.6, "box has arrived")
+    lines.add(3.0, "cell 1 sends emergency 0x8250: no setpoint for 50 ms")
+    lines.add(3.1, "cell 2 sends emergency 0x8250: no setpoint for 50 ms")
+    lines.finish()
+    lines.finish()
+    more = "more: cell ... sends emergency 0x8250: no setpoint for 50 ms"
+    assert told == [
+        "   0.500 s  running",
+        "   1.010 s  cell 1 sends emergency 0x8250: no setpoint for 50 ms",
+        f"   1.010 s  35 {more}",
+        "   1.400 s  cell 3 sends emergency 0x8130: the host is silent",
+        "   1.500 s  box has arrived",
+        "   1.600 s  box has arrived",
+        "   3.000 s  cell 1 sends emergency 0x8250: no setpoint for 50 ms",
+        f"   3.000 s  1 {more}",
+    ]

@@ -3,6 +3,7 @@
 import json
 from argparse import Namespace
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +20,7 @@ from mdms_host.cli.kept import check_log, keeping, keeps_frames
 from mdms_host.cli.line import check_line, has_line
 from mdms_host.cli.live_array import show_array
 from mdms_host.cli.options import AGAIN
-from mdms_host.cli.streams import kept_for_json, say
+from mdms_host.cli.streams import EventLines, kept_for_json, say
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import check_other_run, fresh_folder
@@ -101,10 +102,15 @@ def _operate(
 ) -> tuple[Operation, Run]:
     """Operate the array, and keep the run in a folder if one is wanted, however it ended."""
     layout = layout_of(belief.scenario, belief.cells)
-    with keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept:
+    lines = EventLines(say)
+    with ExitStack() as opened:
+        kept = opened.enter_context(
+            keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array)
+        )
+        opened.callback(lines.finish)
 
         def report(time_s: float, kind: str, text: str) -> None:
-            say(f"{time_s:8.3f} s  {text}")
+            lines.add(time_s, text)
             kept.event(time_s, kind, text)
 
         operated = partial(
