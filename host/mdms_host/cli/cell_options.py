@@ -242,6 +242,9 @@ def _add_jog(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--reset", action="store_true", help="reset the axis's fault first; its cause is removed"
     )
+    parser.add_argument(
+        "--array", metavar="FILE", type=Path, help="an array file: its bus and its bit rate"
+    )
     add_json(parser)
 
 

@@ -249,6 +249,15 @@ def test_motor_that_runs_away_does_so_slowly_and_ends_the_jog_with_its_reason(ca
         assert speeds_m_s.max() < 5e-3
 
 
+def test_a_wheel_that_stands_is_said_to_and_is_no_success(capsys):
+    fault = f"fault=[{{kind='wheel_jammed', cells=[{CELL}], axes=[1]}}]"
+    with virtual_time(SimulatedArray(PythonBank(range(1, 19)), fault)):
+        assert main(JOG) == Exit.NODE_FAULT
+        told = capsys.readouterr()
+        assert told.out.startswith("node 5, axis 1: 0.0 mm") or "-0.0 mm" in told.out
+        assert "axis 1: the encoder does not move; is the wheel free" in told.err
+
+
 def test_cell_without_a_trial_limit_is_not_turned(array, capsys):
     objects = array.array.bank._cells[CELL - 1]._objects
 

@@ -42,6 +42,21 @@ def test_one_bus_of_a_table_says_so(table):
     assert "split.0 is one of 2 buses of the table split; the others are left alone" in err
 
 
+def test_firmware_is_listed_for_all_its_buses(table):
+    code, out, err = on(table, "flash", "--bus", "--list", "--json")
+    told = json.loads(out)
+    heard = {bus: [cell["node"] for cell in each["cells"]] for bus, each in told["buses"].items()}
+    assert heard == {"split.0": [*range(1, 10)], "split.1": [1, 2, 3, 4, 6, 7, 8, 9]}
+    assert code == Exit.OK
+    assert "nothing answers as split.1, node 5" in err
+
+
+def test_a_jog_asks_for_one_bus_of_several(table):
+    code, _, err = on(table, "jog", "--node", "1", "--axis", "1")
+    assert code == Exit.USAGE
+    assert "there are 2: split.0, split.1; name one of them with -c" in err
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_cell_that_is_missing_in_the_count_is_named(table, verb):
     code, _, err = on(table, verb, "--cells", "18")

@@ -6,12 +6,15 @@ from collections.abc import Callable
 
 from mdms_host.cli.commission.asking import LEAVE, pressed_keys
 from mdms_host.cli.configure.cells import open_commissioning, present_nodes
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.cell_settings import check_identity
+from mdms_host.commissioning.commissioner import wiring_fault
 from mdms_host.commissioning.jog import Jog
+from mdms_host.commissioning.table_cells import table_of
 from mdms_host.commissioning.wheel_turn import (
+    Direction,
     Turn,
     limit_for,
     refuse_busy,
@@ -23,13 +26,22 @@ from mdms_host.commissioning.wheel_turn import (
 KEY_S = 0.6
 #: How long a jog by keys goes on that nobody ends.
 _KEYS_S = 600.0
+#: A wheel that goes less than this share of its way stands.
+_STANDS = 0.1
 _KEYS = {"+": 1, "f": 1, "-": -1, "b": -1}
 
 
 def run(arguments: Namespace) -> Exit:
-    """Turn the wheel, and say how far it went."""
+    """Turn the wheel, and say how far it went. Raises `CommandError` where it stands."""
     node_id, axis = arguments.node, arguments.axis
-    with open_commissioning(arguments) as commissioning:
+    table = table_of(arguments)
+    if table.is_split:
+        raise CommandError(
+            f"--node: each bus has node ids of its own, and there are {len(table.buses)}: "
+            f"{', '.join(table.channels)}; name one of them with -c",
+            Exit.USAGE,
+        )
+    with open_commissioning(table.options) as commissioning:
         present_nodes(commissioning, [node_id])
         check_identity(node_id, commissioning.identity(node_id))
         refuse_busy(commissioning, [node_id])
@@ -47,6 +59,11 @@ def run(arguments: Namespace) -> Exit:
             jog.resets = arguments.reset
             turn = turn_wheel(commissioning, node_id, axis, jog)
     _report(arguments, turn)
+    if not arguments.keys:
+        way_m = abs(arguments.speed) * arguments.seconds
+        if abs(turn.distance_m) < _STANDS * way_m:
+            stands = wiring_fault(axis, Direction.STANDS)
+            raise CommandError(f"node {node_id}, {stands}", Exit.NODE_FAULT)
     return Exit.OK
 
 

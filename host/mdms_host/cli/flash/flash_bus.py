@@ -5,7 +5,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mdms_host.cli.cell_options import add_nodes, nodes_of
 from mdms_host.cli.console import bars, progress, show
@@ -28,7 +28,12 @@ def add_options(parser: ArgumentParser) -> None:
     from mdms_host.cli.options import add_bus
 
     bus = parser.add_argument_group("with --bus")
-    bus.add_argument("--array", metavar="FILE", type=Path, help="its key lies beside it (FILE.key)")
+    bus.add_argument(
+        "--array",
+        metavar="FILE",
+        type=Path,
+        help="its buses and its cells; its key lies beside it (FILE.key)",
+    )
     bus.add_argument("--key", metavar="FILE", type=Path, help="the array's key")
     bus.add_argument("--bundle", metavar="FILE", type=Path, help="send what --save has written")
     bus.add_argument("--save", metavar="FILE", type=Path, help="keep the bundle")
@@ -62,7 +67,39 @@ class Row:
 
 
 def run(arguments: Namespace) -> Exit:
-    """Ask the cells, sign bundles for them, send, start and confirm; a line for each."""
+    """Ask the cells, sign bundles for them, send, start and confirm; a line for each.
+
+    The buses of a table are served one after another. Raises `CommandError` for missing cells.
+    """
+    from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
+    from mdms_host.commissioning.table_cells import Heard, missing_cells
+
+    table = named_table(arguments)
+    if table.is_split and arguments.save is not None:
+        raise CommandError(
+            f"--save: bundles are of one bus, and there are {len(table.buses)}: "
+            f"{', '.join(table.channels)}; name one of them with -c",
+            Exit.USAGE,
+        )
+    found: dict[str, dict[str, Any]] = {}
+    heard: list[Heard] = []
+    for bus in table.buses:
+        if table.is_split and not arguments.json:
+            print(f"bus {bus.name}:", flush=True)
+        figures, present = _flash_one_bus(bus.options)
+        found[bus.name] = figures
+        heard.append(Heard(bus, present, {}))
+    missing = [] if arguments.nodes else missing_cells(heard, None)
+    if arguments.json:
+        told = {"buses": found} if table.is_split else next(iter(found.values()))
+        print(json.dumps({**told, **figures_of(missing)}))
+    refuse_missing(table.is_split, missing)
+    cells = [cell for figures in found.values() for cell in figures["cells"]]
+    return Exit.NODE_FAULT if any(cell.get("problem") for cell in cells) else Exit.OK
+
+
+def _flash_one_bus(arguments: Namespace) -> "tuple[dict[str, Any], frozenset[int]]":
+    """The figures of one bus, and the nodes that are there."""
     from mdms_host.cli.configure.cells import open_commissioning, present_nodes
     from mdms_host.commissioning.wheel_turn import refuse_busy
     from mdms_host.updating.candidates import read_candidates
@@ -76,11 +113,12 @@ def run(arguments: Namespace) -> Exit:
             cells = read_candidates(commissioning, node_ids, share)
         if not cells:
             raise CommandError("there is no MDMS cell on the bus", Exit.NODE_FAULT)
+        present = frozenset(node_ids)
         if arguments.list:
-            return _list(arguments, cells)
+            return _list(arguments, cells), present
         rows = _planned(arguments, cells)
         updater = _carried_out(arguments, commissioning, rows)
-        return _conclude(arguments, rows, updater)
+        return _conclude(arguments, rows, updater), present
 
 
 def _planned(arguments: Namespace, cells: "Sequence[Candidate]") -> list[Row]:
@@ -163,12 +201,12 @@ def _carried_out(
     return updater
 
 
-def _list(arguments: Namespace, cells: "Sequence[Candidate]") -> Exit:
+def _list(arguments: Namespace, cells: "Sequence[Candidate]") -> dict[str, Any]:
     from rich.table import Table
 
+    figures = {"cells": [_facts(cell) for cell in cells]}
     if arguments.json:
-        print(json.dumps({"cells": [_facts(cell) for cell in cells]}))
-        return Exit.OK
+        return figures
     table = Table("node", "serial", "board", "firmware", "came by", "key", "remark")
     for cell in cells:
         came = f"bus ({cell.identification:08X})" if cell.identification else "USB"
@@ -183,7 +221,7 @@ def _list(arguments: Namespace, cells: "Sequence[Candidate]") -> Exit:
             cell.refusal or "",
         )
     show(table)
-    return Exit.OK
+    return figures
 
 
 def _facts(cell: "Candidate") -> dict[str, object]:
@@ -199,8 +237,8 @@ def _facts(cell: "Candidate") -> dict[str, object]:
     }
 
 
-def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> Exit:
-    """A line for each cell, and the figures of the bus."""
+def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> dict[str, Any]:
+    """Say a line for each cell; the figures of the bus."""
     results = {each.node_id: each for each in updater.updates}
     facts = []
     for row in rows:
@@ -220,16 +258,14 @@ def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> 
         "repeated": sum(each.repeated for each in updater.updates),
         "restarted": sum(each.restarts for each in updater.updates),
     }
-    if arguments.json:
-        print(json.dumps({"cells": facts, **figures}))
-    elif results:
+    if results and not arguments.json:
         done = sum(each.finished for each in updater.updates)
         print(
             f"{done} cells in {seconds:.1f} s: {figures['frames']} frames, bus load "
             f"{updater.load(bitrate):.0%} at most, {figures['repeated']} segments repeated, "
             f"{figures['restarted']} transfers begun anew"
         )
-    return Exit.NODE_FAULT if any(row["problem"] for row in facts) else Exit.OK
+    return {"cells": facts, **figures}
 
 
 def _result(row: Row, problem: str | None, *, done: bool) -> dict[str, object]:

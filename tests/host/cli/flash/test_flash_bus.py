@@ -96,6 +96,21 @@ def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_
     assert {row["counter"] for row in told["cells"]} == {3}
 
 
+def test_a_cell_of_the_array_file_that_is_not_there_is_named(commissioned, flash, tmp_path):
+    assert commissioned()[0] == Exit.OK
+    file = tmp_path / "array.toml"
+    text = file.read_text().replace("columns = 3", "columns = 4")
+    last = text[text.rindex("[[cell]]") :]
+    file.write_text(f"{text}\n{last.replace('= 3', '= 4').replace('00000003', '00000004')}")
+    code, told, said = flash("--array", file)
+    assert code == Exit.NODE_FAULT
+    assert [row["updated"] for row in told["cells"]] == [True, True, True]
+    assert [row["node_ids"] for row in told["missing"]] == [[4]]
+    assert "node 4" in said
+    # Of the cells that are named, none is missing.
+    assert flash("--array", file, "--node", "1")[0] == Exit.OK
+
+
 def test_cells_without_the_key_or_with_another_refuse(commissioned, flash, tmp_path):
     code, _, said = flash()
     assert code == Exit.NODE_FAULT
