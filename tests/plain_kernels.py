@@ -5,6 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from mdms_sim.nodes.kernels import plain
+
 KERNEL_PACKAGES = ("mdms_cell.", "mdms_protocol.")
 
 
@@ -15,5 +17,5 @@ def plain_kernels() -> Iterator[None]:
         for module_name in [name for name in sys.modules if name.startswith(KERNEL_PACKAGES)]:
             for name, value in tuple(vars(sys.modules[module_name]).items()):
                 if hasattr(value, "py_func"):
-                    patch.setattr(sys.modules[module_name], name, value.py_func)
+                    patch.setattr(sys.modules[module_name], name, plain(value))
         yield

@@ -21,6 +21,7 @@ KERNEL_PACKAGES = ("mdms_cell.", "mdms_protocol.")
 
 _plain_find = objects.find
 _shared_find = cache(objects.find)
+_PLAIN: dict[Callable[..., Any], Callable[..., Any]] = {}
 
 
 def quicken_cells() -> None:
@@ -38,6 +39,23 @@ def quicken_cells() -> None:
                 names[name] = _shared_find
 
 
+def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of the firmware that a kernel has been compiled from; itself for any other."""
+    return _PLAIN.get(kernel, kernel)
+
+
 @cache
-def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    return function if function is speed_loop.step else compiled(function)
+def _kernel(function: FunctionType) -> Callable[..., Any]:
+    """The compiled function; it calls compiled ones, whatever its module has in their place."""
+    if function is speed_loop.step:
+        return function
+    names = dict(function.__globals__)
+    for name in function.__code__.co_names:
+        called = names.get(name)
+        if isinstance(called, FunctionType) and getattr(called, "is_kernel", False):
+            names[name] = _kernel(called)
+    own = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
+    own.__module__, own.__qualname__ = function.__module__, function.__qualname__
+    kernel = compiled(own)
+    _PLAIN[kernel] = function
+    return kernel

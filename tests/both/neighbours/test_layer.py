@@ -418,6 +418,22 @@ def test_state_of_sensors_that_no_cell_has_is_counted_and_dropped():
     assert targets_um_s(middle)[0] > 0
 
 
+def test_cell_whose_belief_jumps_again_and_again_rests():
+    middle = Middle()
+    run(middle, 10)
+    # One frame of wrong sensors draws the belief aside once.
+    state_of_one = bytes((0x33, 2, 0x33, 2, 0x1F))
+    middle.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[0], state_of_one, middle.now_ms)
+    run(middle, 2)
+    assert targets_um_s(middle)[0] > 0
+    # Sensors and neighbours draw a belief back that is far off.
+    middle.cell._layer._tracking.belief.pose[1] += 20_000
+    run(middle, 3)
+    assert targets_um_s(middle) == (0, 0)
+    run(middle, 45)
+    assert targets_um_s(middle)[0] > 0
+
+
 def test_parcel_page_without_a_speed_or_an_acceleration_leaves_every_stop_as_it_was():
     middle = Middle(SPEED_UM_S)
     run(middle, 40)

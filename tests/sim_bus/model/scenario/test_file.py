@@ -117,7 +117,7 @@ def test_override_may_mend_a_file(row):
         ("parcel.0.centre_of_mass_m=[1, 0]", "parcel.0.centre_of_mass_m is [1.0, 0.0]"),
         ("parcel.0.goal.x_m=0.1", "parcel.0.goal.y_m is missing; give it a number"),
         ("parcel.0.name=", "parcel.0.name is ''"),
-        ("parcel=[]", "parcel has 0 items, but must have 1 to"),
+        ("parcel=[]", "parcel is missing, which run.fidelity 'row' needs"),
         ("array.columns=0", "array.columns is 0, but must be at least 1"),
         ("array.columns=2.5", "array.columns is 2.5, but must be a whole number"),
         ("array=3", "array is 3, but must be a table"),
