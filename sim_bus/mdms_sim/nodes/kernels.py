@@ -56,6 +56,6 @@ def _kernel(function: FunctionType) -> Callable[..., Any]:
             names[name] = _kernel(called)
     own = FunctionType(function.__code__, names, function.__name__, function.__defaults__)
     own.__module__, own.__qualname__ = function.__module__, function.__qualname__
-    kernel = compiled(own)
+    kernel: Callable[..., Any] = compiled(own)
     _PLAIN[kernel] = function
     return kernel
