@@ -34,7 +34,7 @@ def quicken_cells() -> None:
         names = vars(sys.modules[module_name])
         for name, value in tuple(names.items()):
             if isinstance(value, FunctionType) and getattr(value, "is_kernel", False):
-                names[name] = _kernel(value)
+                names[name] = value if value is speed_loop.step else _kernel(value)
             elif value is _plain_find:
                 names[name] = _shared_find
 
@@ -47,8 +47,6 @@ def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
 @cache
 def _kernel(function: FunctionType) -> Callable[..., Any]:
     """The compiled function; it calls compiled ones, whatever its module has in their place."""
-    if function is speed_loop.step:
-        return function
     names = dict(function.__globals__)
     for name in function.__code__.co_names:
         called = names.get(name)
