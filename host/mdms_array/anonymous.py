@@ -51,7 +51,7 @@ def own_names() -> tuple[str, ...]:
 
 
 class Anonymous:
-    """Takes out of texts and frames what names a machine, a person or a board."""
+    """Removes names of machines, persons and boards from texts and frames."""
 
     def __init__(self, names: tuple[str, ...] | None = None) -> None:
         self._serials: dict[str, str] = {}

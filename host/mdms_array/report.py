@@ -96,7 +96,7 @@ class Reporter:
         self._writing: list[tuple[subprocess.Popen[bytes], Path, Done]] = []
 
     def after_fault(self, now_s: float, reason: str) -> None:
-        """Write a report when what follows a fault has been seen, too."""
+        """Write a report once the time after a fault is in it, too."""
         if self._due is None and now_s - self._faulted_s >= AGAIN_S:
             self._faulted_s = now_s
             self._due = now_s + AFTER_S, reason
@@ -139,7 +139,7 @@ class Reporter:
             done(path, f"{error.filename or path}: {error.strerror}")
 
     def close(self, now_s: float) -> None:
-        """Write what is due, and wait for all reports."""
+        """Write the reports that are due, and wait for all of them."""
         if self._due is not None:
             self.begin(now_s, self._due[1])
             self._due = None

@@ -372,8 +372,8 @@ class RightOfWay:
         """Promise the cell to the best request: no parcel stands here, and no promise is kept.
 
         The parcel that had the promise before goes last. A covered sensor that belongs to no parcel
-        keeps all others away. So does a parcel that is `here` by report. One that is UNPLACED may
-        come, but something else may cover the sensor.
+        keeps all others away. So does a parcel that is `here` by report. If it is UNPLACED, a
+        covered sensor keeps it away as well, since another thing may lie there.
         """
         registers = self.registers
         registers[WAITING] = 0

@@ -59,7 +59,7 @@ class CellsEnv(ParallelEnv[str, Floats, Floats]):  # type: ignore[misc]
         self._chance = seeding.np_random(None)[0]
 
     def observation_space(self, agent: str) -> spaces.Box:
-        """The space of what a cell sees."""
+        """The space of a cell's observation."""
         return self._own[agent][0]
 
     def action_space(self, agent: str) -> spaces.Box:

@@ -36,7 +36,7 @@ LONGEST_S = 3600.0
 
 
 class Episode:
-    """N tables with a task: what they show, and what becomes of them under actions.
+    """N tables with a task: their observations, and their steps under actions.
 
     `scenario`, `fidelity`, `action`, `most_m_s`, `randomise` and `duration_s` are those of the
     environments.
@@ -83,7 +83,7 @@ class Episode:
 
     @property
     def observation_space(self) -> spaces.Dict:
-        """The space of what one table shows."""
+        """The space of one table's observation."""
         cells = self.scenario.array.columns * self.scenario.array.rows
         wheels = (cells * len(self.scenario.cell.wheel),)
         shapes = {"wheel_speed_m_s": wheels, **self.task.sizes}
@@ -100,7 +100,7 @@ class Episode:
         self._done[k] = 0
 
     def observation(self) -> Observation:
-        """What all tables show."""
+        """The observations of all tables."""
         bits = self.tables.presence[..., None] >> self._sensors & 1
         seen: Observation = {"presence": bits.reshape(len(bits), -1).astype(np.int8)}
         seen["wheel_speed_m_s"] = self.tables.wheel_speed_m_s.astype(np.float32)

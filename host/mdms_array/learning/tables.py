@@ -70,7 +70,7 @@ class Tables(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go of what the tables hold."""
+        """Release the resources of the tables."""
         ...
 
 

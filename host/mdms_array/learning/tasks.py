@@ -1,4 +1,4 @@
-"""Tasks: what a step is worth, when an episode ends, and what more there is to see than sensors."""
+"""Tasks: the reward of a step, the end of an episode, and observations beside those of sensors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ REACHED_M, REACHED_RAD, REACHED_M_S = 0.005, 0.05, 0.03
 
 @dataclass(slots=True)
 class Judgement:
-    """What a step was worth to N tables, and whether their episodes have ended."""
+    """The rewards of a step at N tables, and whether their episodes have ended."""
 
     reward: Floats
     ended: Bools
@@ -34,7 +34,7 @@ class Task(Protocol):
 
     @property
     def sizes(self) -> Mapping[str, tuple[int, ...]]:
-        """Shapes of what it shows besides sensors."""
+        """Shapes of the task's own observations."""
         ...
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
@@ -46,7 +46,7 @@ class Task(Protocol):
         ...
 
     def seen(self, tables: Tables) -> dict[str, Floats]:
-        """What it shows of all tables, (N, ...)."""
+        """The task's own observations of all tables, (N, ...)."""
         ...
 
 

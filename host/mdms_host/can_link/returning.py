@@ -132,7 +132,7 @@ class ReturningLink:
                 self._begin_to_open()
 
     def _begin_to_open(self) -> None:
-        """Close what is left, and look for the device, in a thread that may wait."""
+        """Close the link, and look for the device in a thread that may wait."""
         gone, self._link = self._link, None
         if gone is None:
             return

@@ -1,4 +1,4 @@
-"""What `run` and `serve` keep of their table, as `--log` and `--log-dir` have it."""
+"""The last minute and the log files of `run` and `serve`, by `--log` and `--log-dir`."""
 
 import os
 from argparse import Namespace
@@ -23,7 +23,7 @@ from mdms_protocol.codecs.frame import Frame
 
 
 def level_of(arguments: Namespace) -> str:
-    """What is kept: a run folder has all frames, a table that runs on the last minute."""
+    """The level of `--log`: by default all frames with a run folder, else the last minute."""
     chosen: str | None = arguments.log
     return chosen or ("all" if arguments.out is not None else "ring")
 
