@@ -341,14 +341,21 @@ class _Table:
         meter = _Meter(len(self._names), len(jobs), self._failed(), progress)
         if not jobs:
             return
-        with closing(perform_all(jobs, workers)) as runs:
-            for job, outcome in runs:
-                work, tree = works[job.key]
-                self._refuse_other_code(outcome)
-                columns = outcome | {"git_revision": self._git_revision}
-                self._journal.add(job.key, work, self._revision, tree, columns)
-                self._found[work] = {self._revision: columns}
-                meter.count(failed=columns["failure"] is not None)
+        try:
+            with closing(perform_all(jobs, workers)) as runs:
+                for job, outcome in runs:
+                    work, tree = works[job.key]
+                    self._refuse_other_code(outcome)
+                    columns = outcome | {"git_revision": self._git_revision}
+                    self._journal.add(job.key, work, self._revision, tree, columns)
+                    self._found[work] = {self._revision: columns}
+                    meter.count(failed=columns["failure"] is not None)
+        finally:
+            # Ctrl-C may come between the journal and the lines that follow it.
+            missing = [work for work, _ in works.values() if work not in self._found]
+            self._found |= self._journal.found(missing)
+            left = sum(work not in self._found for work in missing)
+            meter.end(ended=len(jobs) - left, failed=self._failed())
 
     def _refuse_other_code(self, columns: Mapping[str, Any]) -> None:
         """Raises `Error` where a worker of a cluster runs another revision of the code."""
@@ -420,6 +427,11 @@ class _Meter:
             left_s = (self._missing - self._ended) / rate_per_s
         done = self._kept + self._ended
         self._report(Progress(self._total, done, self._failed, self._kept, rate_per_s, left_s))
+
+    def end(self, *, ended: int, failed: int) -> None:
+        """Report how many runs have ended if some were not counted."""
+        if ended != self._ended:
+            self._report(Progress(self._total, self._kept + ended, failed, self._kept))
 
 
 def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str, Any]:

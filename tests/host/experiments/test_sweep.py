@@ -10,7 +10,7 @@ import pytest
 import mdms_array as mdms
 from mdms_array.experiments import execution
 from mdms_array.experiments import sweep as sweeps
-from mdms_array.experiments.journal import WALL_CLOCK
+from mdms_array.experiments.journal import WALL_CLOCK, Journal
 from mdms_array.experiments.measures import NAMED
 from mdms_array.experiments.settings import uniform
 from mdms_model.scenario.file import read_tree
@@ -173,6 +173,22 @@ def test_an_ended_sweep_keeps_its_finished_runs(executor, tmp_path):
     seen = []
     mdms.sweep(ROW, OVER, seeds=2, executor=executor, folder=tmp_path / "s", progress=seen.append)
     assert (seen[0].kept, seen[-1].done) == (3, 8)
+
+
+def test_a_run_that_the_journal_has_is_in_the_table_if_ctrl_c_comes_between(
+    executor, tmp_path, monkeypatch
+):
+    add, seen = Journal.add, []
+
+    def add_and_end(self, *run):
+        add(self, *run)
+        if seen[-1].done == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Journal, "add", add_and_end)
+    with pytest.raises(KeyboardInterrupt):
+        mdms.sweep(ROW, OVER, seeds=2, executor=executor, folder=tmp_path, progress=seen.append)
+    assert len(pandas.read_csv(tmp_path / "table.csv")) == seen[-1].done == 3
 
 
 def test_records_are_kept_if_they_are_asked_for(executor, tmp_path):
