@@ -300,7 +300,10 @@ def _look_at_stopping(wheel: Records, now: Records, closed: bool, awake: bool, n
 
 
 class Lease(NamedTuple):
-    """A lease ends `limit_ns` after the last estimate; then the reference ramps to 0."""
+    """A lease ends `limit_ns` after the last estimate; then the parcel's twist ramps to 0.
+
+    The speed of its fastest corner changes by the acceleration. Other points change more slowly.
+    """
 
     columns: int
     limit_ns: int
@@ -309,7 +312,9 @@ class Lease(NamedTuple):
 
 
 @compiled
-def find_lapsed(watched: Watched, truths: Truths, said_ns: Ints, lease: Lease, now_ns: int) -> None:
+def find_lapsed(
+    watched: Watched, truths: Truths, shapes: Shapes, said_ns: Ints, lease: Lease, now_ns: int
+) -> None:
     """Set from when on a cell may push no more, for it has no lease of another under its parcel.
 
     `said_ns` has when each cell has sent its last estimate. A cell hears those about its believed
@@ -329,9 +334,11 @@ def find_lapsed(watched: Watched, truths: Truths, said_ns: Ints, lease: Lease, n
         if not silent:
             cell.lease_ns = NEVER
         elif cell.lease_ns == NEVER:
+            body, reach_m = shapes.bodies[truths.parcel[c]], shapes.parcels[truths.parcel[c]].radius_m
+            corner_m_s = np.hypot(np.hypot(body.vx_m_s, body.vy_m_s), body.yaw_rate_rad_s * reach_m)
             ramp_m_s = 0.0
             for axis in range(truths.first[p + 1] - truths.first[p]):
                 speed_m_s = abs(truths.state[truths.first[p] + axis].speed_m_s)
                 error_m_s = abs(watched.wheels[c, axis].applied_v) / lease.gain_vs_per_m
-                ramp_m_s = max(ramp_m_s, speed_m_s + error_m_s)
+                ramp_m_s = max(ramp_m_s, max(speed_m_s, corner_m_s) + error_m_s)
             cell.lease_ns = now_ns + int(ramp_m_s / lease.acceleration_m_s2 * 1e9)

@@ -123,10 +123,10 @@ class Wheels:
         self._said_ns = np.zeros(cells, np.int64)
         watched, voltages = (self._watched, self._truths), np.zeros((cells, 2), np.int32)
         self._look = for_types_of(watch.look_at_tick, *watched, 0, voltages)
-        lease = self._said_ns, watch.Lease(0, 0, 0.0, 0.0), 0
-        self._find_lapsed = for_types_of(watch.find_lapsed, *watched, *lease)
         model, state = world.scene.model, world.scene.state
         self._shapes = Shapes(model.parcels, state.parcels, model.edges, self._centres_m)
+        lease = self._shapes, self._said_ns, watch.Lease(0, 0, 0.0, 0.0), 0
+        self._find_lapsed = for_types_of(watch.find_lapsed, self._watched, self._truths, *lease)
         self._find_parcels = for_types_of(find_parcels, self._shapes, 0.0, self._near)
         # Views, which take a number faster than a field of a record does.
         self._setpoint_ns, self._sync_ns = self._cells["setpoint_ns"], self._cells["sync_ns"]
@@ -247,8 +247,8 @@ class Wheels:
             slowest_m_s2 = max(slowest_m_s2, wire.ACCELERATION_MM_S2 * MILLI)
             gain_vs_per_m = ENTRIES[indices.GAIN, 0].default * MILLI
             lease = watch.Lease(self._array.columns, LEASE_NS, gain_vs_per_m, slowest_m_s2)
-            watched = self._watched, self._truths
-            self._find_lapsed(*watched, self._said_ns, lease, self._now_ns)
+            watched = self._watched, self._truths, self._shapes, self._said_ns
+            self._find_lapsed(*watched, lease, self._now_ns)
 
     # What a cell is set to
 
