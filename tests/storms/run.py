@@ -222,8 +222,10 @@ class _Events:
         self._addresses: Addresses = addresses_of(scenario)
 
     def schedule(self, events: Iterable[Table]) -> None:
-        """Have each happen at its time."""
+        """Have each happen at its time. Cells that get firmware have the array's key before."""
         for event in events:
+            for cell in event["cells"] if event["kind"] == "update" else ():
+                self._bank._boards[cell - 1].slots.keep_key(KEY)
             values = {key: event[key] for key in event if key not in ("kind", "time_s")}
             action = partial(getattr(self, f"_{event['kind']}"), **values)
             self._at(event["time_s"], action)
@@ -268,9 +270,7 @@ class _Events:
                 return
 
     def _update(self, cells: list[int], duration_s: float) -> None:
-        """Firmware for cells of one bus that have the array's key already."""
-        for cell in cells:
-            self._bank._boards[cell - 1].slots.keep_key(KEY)
+        """Firmware for cells of one bus."""
         nodes = [self._addresses.node_ids[cell - 1] for cell in cells]
         updater = Updater([CellUpdate(node_id, _bundle()) for node_id in nodes], BITRATE)
         driver = self._join(updater)

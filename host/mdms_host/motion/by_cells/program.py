@@ -127,14 +127,20 @@ class CellsProgram:
         self._tries[name] = Tries()
         sending.want(None)
 
-    def lead(self, name: str, goal: Goal, legs: Sequence[Goal] = ()) -> Followed:
+    def lead(
+        self, name: str, goal: Goal, legs: Sequence[Goal] = (), *, last: bool = False
+    ) -> Followed:
         """The same, on a way that is the caller's; returns the follower of the parcel to this goal.
 
         If the cells are to go on without the host, they also get the first of the `legs` that
         follow. They go along these while the host is gone; each leg needs another call until then.
+        At the `last` goal the parcel is moved until its place is sure.
         """
         self._stages.pop(name, None)
+        self._tries.pop(name, None)
         self._followed[name] = Followed(goal, self._limits, self._footprints[name].reach_m)
+        if last:
+            self._stages[name] = self._stages_to(name, goal, led=True)
         way = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
         if name in self._sendings:
             self._sendings[name].want(way)
@@ -165,6 +171,7 @@ class CellsProgram:
         """Have the cells bring a parcel to rest, and steer it no more; they keep others away."""
         self._followed.pop(name, None)
         self._stages.pop(name, None)
+        self._tries.pop(name, None)
         if name in self._sendings:
             self._sendings[name].end()
 
@@ -228,7 +235,8 @@ class CellsProgram:
             sending.begin_again()
             self._observed[name].begin_again()
         self._stages = {
-            name: self._stages_to(name, self._followed[name].goal) for name in self._stages
+            name: self._stages_to(name, self._followed[name].goal, led=stages.led)
+            for name, stages in self._stages.items()
         }
         for followed in self._followed.values():
             followed.lose()
@@ -288,11 +296,14 @@ class CellsProgram:
 
     # Parcels on their way
 
-    def _stages_to(self, name: str, goal: Goal) -> Stages:
+    def _stages_to(self, name: str, goal: Goal, *, led: bool = False) -> Stages:
         centre_m = self._centres_of_mass_m.get(name, (0.0, 0.0))
         footholds = Footholds(self._layout, self._footprints[name], centre_m)
         return Stages(
-            goal, footholds, lambda end: has_room_to(end, name, self._poses, self._footprints)
+            goal,
+            footholds,
+            lambda end: has_room_to(end, name, self._poses, self._footprints),
+            led=led,
         )
 
     def _stands(self, name: str, belief: Belief | None, now_s: float, step_s: float) -> bool:
@@ -304,7 +315,7 @@ class CellsProgram:
 
     def _is_tried_again(self, name: str, now_s: float) -> bool:
         """Whether a parcel that stands rests, and is tried again, rather than be stopped."""
-        if name not in self._stages:
+        if name not in self._tries:
             return False
         tries, followed = self._tries[name], self._followed[name]
         again = tries.stand(followed.left_m, now_s)
@@ -345,7 +356,7 @@ class CellsProgram:
     def _may_send(self, name: str, now_s: float) -> bool:
         """Whether a parcel is not stopped, nor rests, nor its way is looked for."""
         stopped = name in self._followed and self._followed[name].stopped
-        rests = name in self._stages and self._tries[name].rests(now_s)
+        rests = name in self._tries and self._tries[name].rests(now_s)
         return not (stopped or rests) and (
             name not in self._stages or bool(self._stages[name].places)
         )

@@ -97,7 +97,8 @@ class Stages:
 
     The goal is the last of them; `felt` is whether it is moved there now to be felt. A belief has
     the move that would make it surer (`feel`) only where there is room for that. `has_room` is
-    whether a way may lead around, given the pose to go to.
+    whether a way may lead around, given the pose to go to. A parcel that is `led` is on the last
+    leg of a way of the caller's, so no way is sought.
     """
 
     def __init__(
@@ -105,8 +106,11 @@ class Stages:
         goal: Goal,
         footholds: Footholds,
         has_room: Callable[[Floats], bool] = lambda _: True,
+        *,
+        led: bool = False,
     ) -> None:
-        self.places: tuple[Goal, ...] = ()
+        self.places: tuple[Goal, ...] = (goal,) if led else ()
+        self.led = led
         self._goal = goal
         self._footholds = footholds
         self._has_room = has_room
@@ -128,7 +132,7 @@ class Stages:
         been put there, or never was where it was believed: its way is sought anew.
         """
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
-            self.places, self.felt, self._search = (), False, None
+            self.places, self.felt, self._search = (self._goal,) if self.led else (), False, None
         self._pose = belief.pose
         if not self.places:
             self._seek(belief)
@@ -137,8 +141,9 @@ class Stages:
         elif not self.final:
             if there or _away_m(self.places[0], belief) <= _CORNER_M:
                 self.places = self.places[1:]
-        elif reported and belief.feel is not None and self._may_feel(belief, belief.feel):
-            self._move(belief, belief.feel)
+        elif belief.feel is not None and self._may_feel(belief, belief.feel):
+            if reported:
+                self._move(belief, belief.feel)
         else:
             return there
         return False

@@ -2,7 +2,7 @@
 
 The host sends the order of parcels over each cell, too."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from math import inf
 
 import numpy as np
@@ -44,8 +44,8 @@ _STILL_M_S = 0.004
 _STILL_S = 0.25
 
 #: Has the cells take a parcel to a goal, and, should the host be gone by then, along the legs that
-#: follow; returns the follower to the goal.
-Send = Callable[[Goal, Sequence[Goal]], Followed]
+#: follow; whether the goal is the last; returns the follower to the goal.
+Send = Callable[[Goal, Sequence[Goal], bool], Followed]
 
 
 class Legs:
@@ -124,12 +124,22 @@ class Legs:
         The way is free up to `limit_m`.
         """
         self._look(belief, step_s)
-        if not self.stands:
+        if not self.stands and not self._is_felt:
             self._go(self._to_m(belief, limit_m))
+
+    @property
+    def _is_felt(self) -> bool:
+        """Whether it is moved away from its goal to make its place sure."""
+        followed = self._followed
+        return followed is not None and followed.place != followed.goal
 
     def _look(self, belief: Belief, step_s: float) -> None:
         """Find the parcel on its route; a corner that it has come to is behind it."""
         path = self._path
+        slow = path.distance_m(belief.twist) < _STILL_M_S
+        self._still_s = self._still_s + step_s if slow else 0.0
+        if self._is_felt:
+            return
         if self._followed is not None and self._followed.overtaken:
             # Without a host for a moment, its cells have gone on to the next corner by themselves.
             self._followed.overtaken = False
@@ -143,8 +153,6 @@ class Legs:
         if there or nearest_m - off_m >= self._sent_m - _CORNER_M:
             self._passed_m = self._sent_m
         self.progress_m = max(self._passed_m, nearest_m - off_m)
-        slow = path.distance_m(belief.twist) < _STILL_M_S
-        self._still_s = self._still_s + step_s if slow else 0.0
 
     def _to_m(self, belief: Belief, limit_m: float) -> float:
         """Up to where the cells are to take it now, and no less than where it can stop."""
@@ -176,7 +184,8 @@ class Legs:
             self._sent_m = to_m
         self._leads_on = leads_on
         legs = [*self._legs_after(self._sent_m)] if leads_on else []
-        self._followed = self._send(self._goal_at(self._sent_m), legs)
+        last = self._sent_m >= self._path.length_m
+        self._followed = self._send(self._goal_at(self._sent_m), legs, last)
 
     def _may_lead_on(self, sent_m: float) -> bool:
         """Whether cells without a host are to go on after a goal."""
@@ -310,6 +319,11 @@ class CellsTraffic(OrderedTraffic[Legs]):
         return self._still
 
     @property
+    def near(self) -> Collection[str]:
+        """See `OrderedTraffic`: parcels that may be moved to make their places sure."""
+        return self._cells.near
+
+    @property
     def speeds_m_s(self) -> Floats:
         """How fast each wheel is to run, (W,): what cells command is not known."""
         return self._still
@@ -330,8 +344,8 @@ class CellsTraffic(OrderedTraffic[Legs]):
         self._cells.set_orders(orders_over_cells(reservations, self._tiles, come_m, until_m))
 
     def _set_out(self, order: Order, route: Route) -> Legs:
-        def send(goal: Goal, legs: Sequence[Goal]) -> Followed:
-            return self._cells.lead(order.parcel, goal, legs)
+        def send(goal: Goal, legs: Sequence[Goal], last: bool) -> Followed:
+            return self._cells.lead(order.parcel, goal, legs, last=last)
 
         load = self._loads[order.parcel]
         acceleration_m_s2, goes_on = self._limits.acceleration_m_s2, self._cells.goes_on

@@ -1,6 +1,7 @@
 """Routes for parcels whose cells steer, when the host has been away for a while."""
 
 import numpy as np
+import pytest
 from tests.host.motion.believing import beliefs
 
 from mdms_host.estimation.parcel import Parcel
@@ -62,6 +63,45 @@ def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back(
     assert again
     assert all(page.x * wire.STEP_UM / 1e6 > here_m - 0.02 for page in again)
     assert again[-1].legs >= 1
+
+
+def test_an_order_is_done_only_when_a_turn_has_shown_the_place():
+    box, goal = Parcel("box", 0.36, 0.30), Goal(0.0, 0.0, 0.0)
+    layout, limits = Layout(6, 3), Limits()
+    cells = CellsProgram(layout, (box,), {}, limits)
+    loads = {"box": Load(box.footprint, uniform_mass(box.footprint))}
+    traffic = CellsTraffic(layout, VirtualExecutor(), loads, cells, limits)
+    order = Order("box", goal)
+    traffic.give(order)
+    now_s, latest, asked = 0.0, None, []
+
+    def run(duration_s, yaw_rad, **believed):
+        nonlocal now_s, latest
+        pose = np.array([0.0, 0.0, yaw_rad])
+        for _ in range(round(duration_s / STEP_S)):
+            now_s += STEP_S
+            for cell in range(1, 19):
+                x_m, y_m = pose[:2] - layout.cell_positions_m[cell - 1]
+                steps = round(x_m / 25e-5), round(y_m / 25e-5), round(yaw_rad * 2048 / np.pi)
+                sequence = latest.sequence if latest else 0
+                there = latest is not None and abs(latest.yaw - steps[2]) < 2
+                had = wire.HOLD_NONE, sequence, wire.ARRIVED * there
+                cells.on_estimate(cell, messages.Estimate(*steps, 1, wire.UNDER, 0, 9, *had), now_s)
+            asked.append("box" in traffic.near)
+            feel = believed if asked[-1] else {}
+            found = beliefs({"box": pose}, [box], **feel)
+            traffic.step(found, STEP_S)
+            for page in cells.step(found, now_s, STEP_S):
+                latest = page if isinstance(page, messages.Goal) else latest
+        return latest.yaw * np.pi / 2048
+
+    assert run(1.0, 0.0, feel=np.array([0.0, 0.0, 0.2])) == pytest.approx(0.2, abs=1e-3)
+    assert any(asked)
+    assert not order.done
+    assert run(1.0, 0.2) == pytest.approx(0.0, abs=1e-3)
+    assert not order.done
+    run(1.0, 0.0)
+    assert order.done
 
 
 def test_a_way_for_cells_has_no_more_legs_than_they_are_given():

@@ -35,7 +35,8 @@ class Road:
         order = Order("box", GOAL)
         self.legs = Legs(order, route, load, self.send, 0.4, goes_on=goes_on)
 
-    def send(self, goal, legs):
+    def send(self, goal, legs, last):
+        self.last = last
         self.sent.append((round(goal.x_m, 3), round(goal.y_m, 3)))
         self.followed_by = [(round(leg.x_m, 3), round(leg.y_m, 3)) for leg in legs]
         self.followed = Followed(goal, Limits(), BOX.reach_m)
@@ -54,7 +55,9 @@ def test_a_leg_is_sent_when_the_one_before_is_done():
     road = Road()
     assert road.at(0.0, 0.0) == [(0.3, 0.0)]
     assert road.at(0.28, 0.0, cycles=5) == []
+    assert not road.last
     assert road.at(0.297, 0.001, cycles=2) == [(0.3, 0.2)]
+    assert road.last
     assert not road.legs.has_come
     road.at(0.3, 0.198, cycles=2)
     assert road.legs.has_come
@@ -62,6 +65,19 @@ def test_a_leg_is_sent_when_the_one_before_is_done():
     road.followed.arrived = True
     assert road.legs.arrived
     assert len(road.sent) == 2
+
+
+def test_a_box_that_is_felt_beside_its_goal_has_not_left_its_way():
+    road = Road()
+    road.at(0.0, 0.0)
+    road.at(0.3, 0.0)
+    road.at(0.3, 0.2)
+    road.followed.lead(Goal(0.3, 0.26, 0.0))
+    assert road.at(0.3, 0.26, cycles=5) == []
+    assert not road.legs.off_path
+    road.followed.lead(road.followed.goal)
+    road.at(0.3, 0.26)
+    assert road.legs.off_path
 
 
 def test_no_goal_is_sent_before_the_way_is_free_and_parts_of_a_leg_as_it_becomes_so():
@@ -170,7 +186,7 @@ def test_half_a_turn_is_sent_as_two_quarters_so_that_cells_turn_as_is_planned():
     route = Route("box", turned, along_m, along_m[:1], along_m[1:], NOWHERE, BOX.reach_m)
     sent = []
 
-    def send(goal, legs):
+    def send(goal, legs, _last):
         sent.append([goal.yaw_rad, *(leg.yaw_rad for leg in legs)])
         return Followed(goal, Limits(), BOX.reach_m)
 
