@@ -49,7 +49,8 @@ RULES = {
             "After the last valid setpoint, SYNC or heartbeat, no wheel is pushed onward for "
             "longer than documented. A hung cell has the time of its watchdog (0.5 s on the "
             "slowest board). One whose watchdog is dead as well (`hang` without `duration_s`) is "
-            "the documented single point of failure: nothing is asked of it.",
+            "the documented single point of failure: nothing is asked of it. A cell whose encoder is "
+            "stuck brakes by what it expects, within 0x3004.",
         ),
         Rule(
             "one_parcel",

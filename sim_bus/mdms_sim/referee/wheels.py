@@ -497,6 +497,9 @@ class Wheels:
                 cause = f"emergency 0x{code:04X}"
                 if code == UNDERVOLTAGE:
                     self._stop(cell, axis, CUT, cause, hard=True)
+                elif code == HEARTBEAT_LOST and self._cells[cell].steers:
+                    # Its state tells whether it is a fault: an END may not have reached the cell.
+                    self._stop(cell, axis, REACTION, cause)
                 else:
                     kind = REACTION if code in (STALE_SETPOINT, HEARTBEAT_LOST) else CUT
                     self._fail(cell, axis, kind, cause)
