@@ -306,8 +306,10 @@ class Lease(NamedTuple):
     """A lease ends `limit_ns` after the last estimate; then the parcel's twist ramps to 0.
 
     The speed of its fastest corner changes by the acceleration. Other points change more slowly.
+    `said_ns` (cells,) has when each cell has sent its last estimate.
     """
 
+    said_ns: Ints
     columns: int
     limit_ns: int
     gain_vs_per_m: float
@@ -316,14 +318,13 @@ class Lease(NamedTuple):
 
 @compiled
 def find_lapsed(
-    watched: Watched, truths: Truths, shapes: Shapes, said_ns: Ints, lease: Lease, now_ns: int
+    watched: Watched, truths: Truths, shapes: Shapes, lease: Lease, now_ns: int
 ) -> None:
     """Set from when on a cell may push no more, for it has no lease of another under its parcel.
 
-    `said_ns` has when each cell has sent its last estimate. A cell hears those about its believed
-    place, even if it stands in another.
+    A cell hears those about its believed place, even if it stands in another.
     """
-    rows = said_ns.size // lease.columns
+    rows = lease.said_ns.size // lease.columns
     for c in range(watched.cells.size):
         cell, p = watched.cells[c], truths.places[c]
         silent = False
@@ -333,12 +334,13 @@ def find_lapsed(
                 for k in range(max(column - 1, 0), min(column + 2, lease.columns)):
                     q = r * lease.columns + k
                     same = q != c and truths.parcel[q] == truths.parcel[c]
-                    silent = silent or (same and now_ns - said_ns[q] > lease.limit_ns)
+                    silent = silent or (same and now_ns - lease.said_ns[q] > lease.limit_ns)
         if not silent:
             cell.lease_ns = NEVER
         elif cell.lease_ns == NEVER:
-            body, reach_m = shapes.bodies[truths.parcel[c]], shapes.parcels[truths.parcel[c]].radius_m
-            corner_m_s = np.hypot(np.hypot(body.vx_m_s, body.vy_m_s), body.yaw_rate_rad_s * reach_m)
+            body = shapes.bodies[truths.parcel[c]]
+            turn_m_s = body.yaw_rate_rad_s * shapes.parcels[truths.parcel[c]].radius_m
+            corner_m_s = np.hypot(np.hypot(body.vx_m_s, body.vy_m_s), turn_m_s)
             ramp_m_s = 0.0
             for axis in range(truths.first[p + 1] - truths.first[p]):
                 speed_m_s = abs(truths.state[truths.first[p] + axis].speed_m_s)

@@ -125,7 +125,7 @@ class Wheels:
         self._look = for_types_of(watch.look_at_tick, *watched, 0, voltages)
         model, state = world.scene.model, world.scene.state
         self._shapes = Shapes(model.parcels, state.parcels, model.edges, self._centres_m)
-        lease = self._shapes, self._said_ns, watch.Lease(0, 0, 0.0, 0.0), 0
+        lease = self._shapes, watch.Lease(self._said_ns, 0, 0, 0.0, 0.0), 0
         self._find_lapsed = for_types_of(watch.find_lapsed, self._watched, self._truths, *lease)
         self._find_parcels = for_types_of(find_parcels, self._shapes, 0.0, self._near)
         # Views, which take a number faster than a field of a record does.
@@ -246,9 +246,9 @@ class Wheels:
             slowest_m_s2 = min((each for _, each in self._programs.values()), default=0.0)
             slowest_m_s2 = max(slowest_m_s2, wire.ACCELERATION_MM_S2 * MILLI)
             gain_vs_per_m = ENTRIES[indices.GAIN, 0].default * MILLI
-            lease = watch.Lease(self._array.columns, LEASE_NS, gain_vs_per_m, slowest_m_s2)
-            watched = self._watched, self._truths, self._shapes, self._said_ns
-            self._find_lapsed(*watched, lease, self._now_ns)
+            limits = self._array.columns, LEASE_NS, gain_vs_per_m, slowest_m_s2
+            lease = watch.Lease(self._said_ns, *limits)
+            self._find_lapsed(self._watched, self._truths, self._shapes, lease, self._now_ns)
 
     # What a cell is set to
 
