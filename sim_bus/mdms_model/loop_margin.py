@@ -10,6 +10,7 @@ it and with that.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,7 @@ def observer_for(motor: WheelMotor) -> Observer:
     return replace(DEFAULT, acceleration_m_s2_per_v=min(FEED_SHARE * acceleration, largest))
 
 
+@lru_cache(maxsize=256)
 def largest_gain(
     motor: WheelMotor, observer: Observer = DEFAULT, margin_rad: float = MARGIN_RAD
 ) -> float:

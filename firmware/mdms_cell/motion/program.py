@@ -32,16 +32,20 @@ class Program:
     def __init__(self):
         self.pages = bytearray(wire.LENGTH * (2 + wire.LEGS_MAX))
         self._box = array("i", [0] * 4)  # around the way: lowest x, highest x, and so for y
-        self.clear(0)
+        self._begin(0)
 
     def clear(self, identity):
         """Begin anew, for this identity."""
+        self._begin(identity)
+        for place in range(len(self.pages)):
+            self.pages[place] = 0
+
+    def _begin(self, identity):
+        """The pages are empty, or are to be."""
         self.identity = identity
         self._boxed = False
         self.sequence = self.legs = 0
         self.complete = self.whole = False
-        for place in range(len(self.pages)):
-            self.pages[place] = 0
 
     @property
     def has_parcel(self):
