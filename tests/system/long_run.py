@@ -47,10 +47,9 @@ class LongRun:
         self._bank.close()
 
     def _look(self, time_s: float) -> None:
-        events = self.coordinator.events
-        for event_s, text in events[self._told :]:
+        events, self._told = self.coordinator.events_since(self._told)
+        for event_s, text in events:
             self.kept.event(event_s, "coordinator", text)
-        self._told = len(events)
         self.kept.attend(time_s)
 
     def pass_s(self, seconds: float) -> None:

@@ -162,6 +162,10 @@ class Coordinator:
         """See above."""
         return self._journal.events
 
+    def events_since(self, number: int) -> tuple[list[tuple[float, str]], int]:
+        """The events that came after so many, and how many came in all: old ones are dropped."""
+        return self._journal.since(number)
+
     @property
     def troubles(self) -> list[tuple[float, str]]:
         """See above."""

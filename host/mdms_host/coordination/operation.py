@@ -133,7 +133,7 @@ class _Watch:
         self._link = link
         self._clock = clock
         self._on_event = on_event
-        self._reported = [0, 0]
+        self._reported = self._incidents = 0
         self._steered = False
         self._held = False
 
@@ -143,11 +143,14 @@ class _Watch:
             self.fault = self._coordinator.fault + self._delay()
         self._steered |= self._coordinator.phase in _STEERED
         self._look_at_hold()
-        sources = (("coordinator", self._coordinator.events), ("link", self._link.incidents))
-        for number, (kind, source) in enumerate(sources):
-            for time_s, text in source[self._reported[number] :]:
-                self._reported[number] += 1
-                self._on_event(time_s, kind, text)
+        events, count = self._coordinator.events_since(self._reported)
+        self._reported = count - len(events)
+        for time_s, text in events:
+            self._reported += 1
+            self._on_event(time_s, "coordinator", text)
+        for time_s, text in self._link.incidents[self._incidents :]:
+            self._incidents += 1
+            self._on_event(time_s, "link", text)
 
     def _look_at_hold(self) -> None:
         """Report the part that was held up when all parcels begin to be held, if any."""

@@ -133,18 +133,31 @@ class Schedule:
         return True
 
 
+#: A journal has at least so many of the latest events, and twice as many at most.
+EVENTS_KEPT = 20_000
+
+
 class EventJournal:
-    """`events` has everything, `troubles` the events that need a person, as (time [s], text)."""
+    """The latest `events`, and the `troubles` that need a person, as (time [s], text)."""
 
     def __init__(self) -> None:
         self.events: list[tuple[float, str]] = []
         self.troubles: list[tuple[float, str]] = []
+        self._dropped = 0
+
+    def since(self, number: int) -> tuple[list[tuple[float, str]], int]:
+        """The events that came after so many, as far as they are kept; and how many came in all."""
+        return self.events[max(0, number - self._dropped) :], self._dropped + len(self.events)
 
     def note(self, time_s: float, text: str) -> None:
         """Something has happened."""
         self.events.append((time_s, text))
+        if len(self.events) == 2 * EVENTS_KEPT:
+            del self.events[:EVENTS_KEPT]
+            self._dropped += EVENTS_KEPT
 
     def warn(self, time_s: float, text: str) -> None:
         """Something has happened that a person should look after, though the run goes on."""
         self.troubles.append((time_s, text))
+        del self.troubles[:-EVENTS_KEPT]
         self.note(time_s, text)

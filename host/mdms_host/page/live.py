@@ -329,12 +329,12 @@ class LiveTable:
         coordinator, reader = self._slot.coordinator, self._slot.reader
         if coordinator is not None:
             last, reported = self._reported
-            reported = reported if last is coordinator else 0
-            troubles = {text for _, text in coordinator.troubles}
-            for time_s, text in coordinator.events[reported:]:
+            events, reported = coordinator.events_since(reported if last is coordinator else 0)
+            troubles = {text for _, text in coordinator.troubles} if events else set()
+            for time_s, text in events:
                 trouble = text in troubles or text.startswith("fault")
                 self.note("coordinator", text, time_s, trouble=trouble)
-            self._reported = coordinator, len(coordinator.events)
+            self._reported = coordinator, reported
         if reader is not None:
             rows = reader.take_rows()
             if rows or reader.over:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.host.coordination.arrays import BOTTOM, BOX, LAYOUT, STRICT, running, steering, still
 
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.coordination.run_state import Phase
+from mdms_host.coordination.run_state import EVENTS_KEPT, EventJournal, Phase
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import FieldProgram
@@ -172,3 +172,19 @@ def test_another_host_that_begins_at_the_same_time_stops_both(rolling_array) -> 
     array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
     assert coordinator.phase == Phase.FAILED
     assert "another host runs on this bus (a heartbeat of node 127)" in coordinator.fault
+
+
+def test_a_journal_of_weeks_keeps_the_latest_events_and_counts_all():
+    journal = EventJournal()
+    for number in range(3 * EVENTS_KEPT):
+        journal.warn(float(number), "it is late")
+    assert EVENTS_KEPT <= len(journal.events) <= 2 * EVENTS_KEPT
+    assert len(journal.troubles) == EVENTS_KEPT
+    assert journal.events[-1][0] == journal.troubles[-1][0] == 3 * EVENTS_KEPT - 1
+    latest, count = journal.since(3 * EVENTS_KEPT - 2)
+    assert ([time_s for time_s, _ in latest], count) == (
+        [3 * EVENTS_KEPT - 2, 3 * EVENTS_KEPT - 1],
+        3 * EVENTS_KEPT,
+    )
+    assert journal.since(0)[0] == journal.events
+    assert journal.since(count) == ([], count)
