@@ -56,7 +56,7 @@ class Layer:
         self._now = now
         self._wake = wake
         self._changed = changed
-        self.active = False
+        self.active = self._operational = False
         self._place = Place(objects, self._on_place)
         self._heard = Heard()
         self._footprint = Footprint(self._place)
@@ -95,6 +95,7 @@ class Layer:
     def start(self, node_id):
         """The cell is 'operational'; nothing of before counts."""
         # A cell that finds itself among its neighbours has been given another's place.
+        self._operational = True
         self.active = self.wanted and not self._place.names(node_id)
         self._rights.set_lease(self._objects.number(indices.LEASE, 1))
         self._period_ms = self._objects.number(indices.LEASE, 2)
@@ -106,7 +107,7 @@ class Layer:
 
     def stop(self):
         """The cell is not 'operational' any more."""
-        self.active = False
+        self.active = self._operational = False
         self._reset()
 
     def _reset(self):
@@ -151,9 +152,13 @@ class Layer:
         return self.active and self._pages.programs.go_on()
 
     def _on_place(self, _index=0, _sub=0):
+        """A setting has changed; a cell that is 'operational' begins anew with it."""
         self._footprint.load()
+        operational = self._operational
         self.stop()
         self._axes.led = self.wanted
+        if operational:
+            self.start(self._pages.node_id)
         self._changed()
 
     # Received frames

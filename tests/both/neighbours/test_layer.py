@@ -574,3 +574,21 @@ def test_parcel_that_stands_for_want_of_a_cell_goes_to_a_goal_that_is_before_it(
     middle.goes(100)
     assert estimates(middle)[-1][wire.FLAGS] & wire.ARRIVED
     assert abs(middle.x_um + 121_500) < 1_000
+
+
+def test_cell_whose_setting_is_written_while_it_is_operational_rests_and_begins_anew():
+    middle = Middle()
+    run(middle, 40)
+    assert targets_um_s(middle)[0] > 90_000
+    middle.board.take()
+    middle.cell.on_frame(
+        cob.SDO_REQUEST_BASE + NODE,
+        bytes((0x2F, indices.CONTROL & 0xFF, indices.CONTROL >> 8, 0, 1, 0, 0, 0)),
+        middle.now_ms,
+    )
+    assert targets_um_s(middle) == (0, 0)
+    run(middle, 20, moving=False)
+    assert estimates(middle)
+    middle._pages()
+    run(middle, 130, moving=False)
+    assert targets_um_s(middle)[0] > 90_000
