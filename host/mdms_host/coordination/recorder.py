@@ -1,5 +1,6 @@
 """The coordinator's view of a run, sampled for the record: on hardware the truth is unknown."""
 
+from collections import deque
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -14,6 +15,8 @@ from mdms_protocol.codecs.frame import Frame
 
 #: As often as the simulation samples.
 SAMPLE_S = 0.01
+#: Of a run of weeks, parcels that came and left lately.
+_MOST_EVENTS = 50_000
 
 
 class Recorder:
@@ -42,7 +45,7 @@ class Recorder:
         self._look = look
         self._recent = recent
         self._flow = flow
-        self._events: list[Event] = []
+        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self._history = History(most_samples)
         layout = coordinator.layout
         addresses = Addresses(layout.buses, layout.node_ids)
