@@ -168,6 +168,7 @@ class ThreadDriver:
             self._coordinator,
             lambda: estimates_of(self._coordinator, belief.scenario),
             look=self._look,
+            flow=program.driver.take_flow,
         )
         self._asked: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._calls: list[tuple[Task[Any], Event]] = []

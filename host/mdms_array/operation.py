@@ -102,6 +102,7 @@ def operate_array(
         log_frame,
         look=look,
         recent=None if keep is None else keep.recent,
+        flow=flow_of(coordinator),
     )
     with open_links(options, belief.channels) as (link, clock), _broken_off(keep, clock):
         if keep is not None:
@@ -142,6 +143,12 @@ def operate_array(
         "node_ids": [cell.node_id for cell in coordinator.cells],
     }
     return operation, replace(run, figures={**run.figures, **of_operation})
+
+
+def flow_of(coordinator: Coordinator) -> Callable[[], list[tuple[str, str | None]]]:
+    """The parcels that the program has seen come and leave, for a `Recorder`."""
+    program = coordinator.program
+    return program.driver.take_flow if isinstance(program, TableProgram) else list
 
 
 @contextmanager

@@ -282,10 +282,15 @@ def run_and_keep(
     progress: Callable[[float], None] | None = None,
     bus_format: str = "log",
     main: Main | None = None,
+    over: Callable[[], object] = lambda: None,
 ) -> Run:
-    """Run a scenario and keep it in a folder, which its figures name then. Raises OSError."""
+    """Run a scenario and keep it in a folder, which its figures name then. Raises OSError.
+
+    `over` is called after the run, before its pictures are drawn.
+    """
     with fresh_folder(out) as folder:
         run = run_scenario(scenario, nodes, progress, folder / BUS_LOG, main)
+        over()
         run = replace(run, figures={**run.figures, "run": str(out)})
         keep_run(folder, scenario, run.record, dict(run.figures), bus_format, main=main)
     return run

@@ -394,11 +394,11 @@ def open_bank(
 ) -> CellBank:
     """Cells with these node ids, or so many from 1, as Python objects or MicroPython processes.
 
-    Python objects start with what their `flash` has, if it is given.
+    They start with what their `flash` has, if it is given, and store there.
     """
     node_ids = range(1, cells + 1) if isinstance(cells, int) else cells
     if nodes == "micropython":
-        return MicropythonBank(node_ids)
+        return MicropythonBank(node_ids, flash)
     return PythonBank(node_ids, flash)
 
 

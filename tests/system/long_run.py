@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Self
 
 from mdms_array.host import coordinator_of, estimates_of, layout_of
+from mdms_array.operation import flow_of
 from mdms_array.simulation import host_report_of
 from mdms_host.cli.kept import Kept
 from mdms_host.coordination.coordinator import Coordinator
@@ -29,6 +30,7 @@ class LongRun:
             lambda: estimates_of(self.coordinator, self.scenario),
             look=self._look,
             recent=self.kept.recent,
+            flow=flow_of(self.coordinator),
         )
         self._bank = open_bank("cpython", addresses_of(self.scenario).node_ids)
         self.simulation = Simulation(

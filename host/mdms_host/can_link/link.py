@@ -277,10 +277,13 @@ def open_bus(options: Namespace) -> can.BusABC:
         number = _errno_of(error)
         cure = remedy(interface, problem, number)
         advice = "name one with -i and -c, or start a virtual one: mdms serve array18"
+        channel = getattr(options, "channel", None)
         if interface is None and "None" in str(error.__cause__):
             reason = "no CAN interface was named"
+            if channel is not None:
+                reason += f" for channel {channel}"
+                cure = "name one with -i; -i mdms is that of a table that mdms serve serves"
         elif cure is not None and number is not None:
-            channel = getattr(options, "channel", None)
             reason = f"{interface} {channel} cannot be opened: {os.strerror(number)}"
         else:
             reason = f"the CAN bus cannot be opened: {problem}"

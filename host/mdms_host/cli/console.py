@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
@@ -40,14 +41,24 @@ def bars(names: Iterable[str]) -> Iterator[Callable[[str, float], None]]:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[float], None]]:
-    """A bar that shows the share done, 0 to 1; nothing at all when stderr is no terminal."""
+def progress(what: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
+    """A bar that shows how much of `total` is done; nothing at all when stderr is no terminal."""
     if not sys.stderr.isatty():
         yield _ignore
         return
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """A moving line for a step without a measure; nothing at all when stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with Console(stderr=True).status(escape(what)):
+        yield
 
 
 def _ignore(_share: float) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from mdms_array.checks import MASSLESS, gain_limits, refuse_tipping
 from mdms_array.extras import COMPILER
 from mdms_array.host import command_figures
+from mdms_host.cli.console import working
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.streams import say
 from mdms_model.fields import command_of
@@ -57,7 +58,8 @@ def limits(arguments: Namespace) -> Exit:
     refuse_tipping(scenario)
     if COMPILER.missing and not all(is_paper_row(scenario, each) for each in scenario.parcel):
         say(f"mdms: without numba this takes minutes; pip install {COMPILER.requirement}")
-    bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
+    with working(f"bounds of {', '.join(parcel.name for parcel in scenario.parcel)}"):
+        bounds = [asdict(parcel_limits(scenario, parcel)) for parcel in scenario.parcel]
     gain, field = gain_limits(scenario.cell), _field(scenario)
     if arguments.json:
         print(json.dumps({"parcels": bounds} | gain | field))

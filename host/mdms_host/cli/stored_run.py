@@ -4,6 +4,7 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
+from mdms_host.cli.console import working
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.files import check_own, replacing, writing
 from mdms_model.run.folder import TABLES, export_csv, read_run
@@ -11,8 +12,9 @@ from mdms_model.run.folder import TABLES, export_csv, read_run
 
 def plot(arguments: Namespace) -> Exit:
     """Draw the run and print the path of the picture."""
-    # Tables are exported where nothing draws.
-    from mdms_sim.plots import MARK, check_name, save_picture, save_wheels  # noqa: PLC0415
+    with working("loading the plots"):
+        # Tables are exported where nothing draws.
+        from mdms_sim.plots import MARK, check_name, save_picture, save_wheels  # noqa: PLC0415
 
     name = "wheels.png" if arguments.wheels else "picture.png"
     path = arguments.out or arguments.folder / name
@@ -21,7 +23,7 @@ def plot(arguments: Namespace) -> Exit:
     save = save_wheels if arguments.wheels else save_picture
     # Pictures of a run folder are its own, whoever drew them.
     force = arguments.force or arguments.out is None
-    with replacing(path, MARK.encode(), force) as partial:
+    with working(f"drawing {path}"), replacing(path, MARK.encode(), force) as partial:
         save(partial, stored.scenario, stored.record)
     print(json.dumps({"picture": str(path)}) if arguments.json else path)
     return Exit.OK
@@ -32,7 +34,7 @@ def export(arguments: Namespace) -> Exit:
     stored = read_run(arguments.folder)
     for name, header in TABLES.items():
         check_own(arguments.csv / name, ",".join(header).encode(), arguments.force)
-    with writing(arguments.csv):
+    with working(f"writing the tables of {arguments.folder}"), writing(arguments.csv):
         paths = export_csv(arguments.csv, stored.scenario, stored.record)
     _print(paths, arguments.json)
     return Exit.OK

@@ -38,41 +38,57 @@ class Output(io.TextIOWrapper):
             self.failure = error
 
 
-#: Emergencies of a kind are told once in this time [s].
+#: Reports of a kind are told once in this time [s].
 ALIKE_S = 1.0
+#: Emergencies of cells, and cells that are back: a stop of all brings one of each cell, or two.
+_REPEATED = re.compile(r"(?P<sender>cell .*?) (?P<told>(sends |clears )?emergency .*|is back)")
+_AXIS = re.compile(r"\(axis \d+\)")
 _NUMBER = re.compile(r"(?<![\w.])\d+(\.\d+)?(?!\w)")
 
 
 class EventLines:
-    """Events as lines; emergencies that differ by their cells alone are counted after the first.
+    """Events as lines; repeated reports that differ by cell or axis alone are counted.
 
-    `finish` tells what has been counted last.
+    The first of a kind is told, and so is a second if no third comes. `finish` tells the rest.
     """
 
     def __init__(self, tell: Callable[[str], object]) -> None:
         self._tell = tell
-        #: When each kind was told, and how many more came since.
-        self._told: dict[str, tuple[float, int]] = {}
+        #: When each kind was told, how many more came since, and the last of these.
+        self._told: dict[str, tuple[float, int, str]] = {}
 
     def add(self, time_s: float, text: str) -> None:
         """Tell of an event, or count it."""
-        sender, emergency, code = text.partition(" emergency ")
-        kind = _NUMBER.sub("...", sender) + emergency + code
-        told_s, more = self._told.get(kind, (-inf, 0))
-        if emergency and time_s - told_s < ALIKE_S:
-            self._told[kind] = told_s, more + 1
-            return
-        self.finish()
-        if emergency:
-            self._told[kind] = time_s, 0
-        self._tell(f"{time_s:8.3f} s  {text}")
+        if (kind := _kind(text)) is None:
+            self.finish()
+        else:
+            told_s, more, _ = self._told.get(kind, (-inf, 0, ""))
+            if time_s - told_s < ALIKE_S:
+                self._told[kind] = told_s, more + 1, _line(time_s, text)
+                return
+            self.finish()
+            self._told[kind] = time_s, 0, ""
+        self._tell(_line(time_s, text))
 
     def finish(self) -> None:
         """Tell how many more came of each kind."""
-        for kind, (told_s, more) in self._told.items():
+        for kind, (told_s, more, last) in self._told.items():
             if more:
-                self._tell(f"{told_s:8.3f} s  {more} more: {kind}")
-                self._told[kind] = told_s, 0
+                self._tell(last if more == 1 else _line(told_s, f"{more} more: {kind}"))
+                self._told[kind] = told_s, 0, ""
+
+
+def _line(time_s: float, text: str) -> str:
+    return f"{time_s:8.3f} s  {text}"
+
+
+def _kind(text: str) -> str | None:
+    """A repeated report without its cell and axis; None for any other event."""
+    found = _REPEATED.fullmatch(text)
+    if found is None:
+        return None
+    told = _AXIS.sub("(axis ...)", found["told"])
+    return f"{_NUMBER.sub('...', found['sender'])} {told}"
 
 
 class _Said(logging.Handler):

@@ -1,5 +1,6 @@
 """The coordinator's view of a run, sampled for the record: on hardware the truth is unknown."""
 
+from collections import deque
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -9,11 +10,13 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses
 from mdms_model.run.frame_readers import CellReports, Presence, without_reports
-from mdms_model.run.record import MOST_SAMPLES, Contact, Event, History, Record
+from mdms_model.run.record import MOST_SAMPLES, Contact, Event, History, Record, leaving
 from mdms_protocol.codecs.frame import Frame
 
 #: As often as the simulation samples.
 SAMPLE_S = 0.01
+#: Of a run of weeks, parcels that came and left lately.
+_MOST_EVENTS = 50_000
 
 
 class Recorder:
@@ -21,7 +24,8 @@ class Recorder:
 
     `estimates` returns the poses that the coordinator believes the parcels to have, shape (P, 3),
     NaN where unknown. `log_frame(frame, time_s, bus)` is called for every frame, received or sent,
-    and `look(time_s)` whenever a sample is due. `recent`, if given, keeps the last minute.
+    and `look(time_s)` whenever a sample is due. `recent`, if given, keeps the last minute. `flow`
+    returns the parcels that came or left since its last call, each with its exit (None: it came).
     """
 
     def __init__(
@@ -33,12 +37,15 @@ class Recorder:
         most_samples: int = MOST_SAMPLES,
         look: Callable[[float], object] = lambda _time_s: None,
         recent: Recent | None = None,
+        flow: Callable[[], Iterable[tuple[str, str | None]]] = tuple,
     ) -> None:
         self._coordinator = coordinator
         self._estimates = estimates
         self._log_frame = log_frame
         self._look = look
         self._recent = recent
+        self._flow = flow
+        self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self._history = History(most_samples)
         layout = coordinator.layout
         addresses = Addresses(layout.buses, layout.node_ids)
@@ -72,6 +79,7 @@ class Recorder:
         if recent is not None:
             recent.on_cycle(max(0.0, now_s - self._coordinator.wake_s))
         frames = self._coordinator.poll_buses(now_s)
+        self._events += [_flow_event(now_s, *each) for each in self._flow()]
         for bus, frame in frames:
             self._log_frame(frame, now_s, bus)
             if recent is not None:
@@ -89,6 +97,7 @@ class Recorder:
         """The record so far, with the coordinator's events and the link's incidents."""
         events = [Event(time_s, "coordinator", text) for time_s, text in self._coordinator.events]
         events += [Event(time_s, "link", text) for time_s, text in incidents]
+        events += self._events
         history = self._history.copy()
         if not len(history.time_s):
             self._sample(0.0)
@@ -120,3 +129,10 @@ class Recorder:
                 presence=self._presence.bits,
                 **self._reports.sample(now_s),
             )
+
+
+def _flow_event(time_s: float, parcel: str, exit_name: str | None) -> Event:
+    """A parcel came, or left by an exit: the one that it was steered to."""
+    if exit_name is None:
+        return Event(time_s, "arrival", "came, as sensors show", parcel=parcel)
+    return leaving(time_s, parcel, exit_name, wrong=False)

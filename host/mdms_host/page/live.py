@@ -118,7 +118,8 @@ def _not_steered(coordinator: Coordinator, name: str) -> str:
     if name in coordinator.tracker.unknown:
         return f"{name} is unknown, and is not steered; give it a name first"
     if name not in coordinator.tracker.parcels:
-        return f"there is no parcel {name!r:.60}"
+        names = ", ".join(sorted(coordinator.tracker.parcels)) or "none"
+        return f"there is no parcel {name!r:.60}; there are: {names}"
     if coordinator.estimate(name) is None:
         return f"{name} has not been found yet; ask again when it has"
     return f"the program that runs does not steer {name}"

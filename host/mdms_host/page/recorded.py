@@ -1,6 +1,7 @@
 """A recorded run as the page sees it: the same signals, at a time that a person chooses."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,11 @@ class RecordedTable:
         self._arrived = _arrived(record, list(things), self._times_s)
         self.duration_s = float(self._times_s[-1])
         self._comings = [each for each in record.events if each.kind in ("arrival", "exit")]
+        if record.is_belief:
+            # A program counts from its own beginning.
+            begun = np.flatnonzero(self._phases == PHASES.index("running"))
+            since_s = float(self._times_s[begun[0]]) if len(begun) else self.duration_s
+            self._ends = replace(ends, since_s=since_s)
         self._history = b""
         self._shown_plan = planned({}, ())
         self._at_s = 0.0
@@ -154,8 +160,8 @@ class RecordedTable:
         return [named.get(name, _NO_GOAL) for name in self._things]
 
     def _flow(self, time_s: float) -> dict[str, Any]:
-        """Parcels that have come and left by a time; nothing for a record without these events."""
-        if self._run.record.is_belief:
+        """Parcels that have come and left by a time; nothing for a real table without any."""
+        if self._run.record.is_belief and not self._comings:
             return {}
         count = FlowCount(self._ends)
         count.count([event for event in self._comings if event.time_s <= time_s])

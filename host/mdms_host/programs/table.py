@@ -279,6 +279,10 @@ class Table:
         return order
 
 
+#: Parcels that came or left are kept for the record of a run, if there is one.
+_MOST_UNTAKEN = 1000
+
+
 class TableDriver:
     """Drives a table cycle by cycle: the cycle's beliefs go in, and the program goes on."""
 
@@ -287,6 +291,7 @@ class TableDriver:
         #: How many parcels have come, and how many have left, by the names of exits.
         self.came = 0
         self.left: Counter[str] = Counter()
+        self._flow: deque[tuple[str, str | None]] = deque(maxlen=_MOST_UNTAKEN)
         self._on_blocked: Callable[[str, float], object] = lambda _where, _took_s: None
 
     @property
@@ -299,6 +304,12 @@ class TableDriver:
         """Where in the program each task waits that is not done."""
         return self.table._script.waiting
 
+    def take_flow(self) -> list[tuple[str, str | None]]:
+        """Parcels that came or left since the last call, each with its exit (None: it came)."""
+        flow = [*self._flow]
+        self._flow.clear()
+        return flow
+
     def put(self, parcel: TableParcel, arrives: bool = True) -> None:
         """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
         self.table._parcels[parcel.name] = parcel
@@ -306,6 +317,7 @@ class TableDriver:
         self.table.orders.on_parcel(parcel)
         if arrives:
             self.came += 1
+            self._flow.append((parcel.name, None))
             self.table._arrived.append(parcel)
 
     def remove(self, name: str, exit: str | None = None) -> None:
@@ -314,6 +326,7 @@ class TableDriver:
         self.table.orders.on_left(parcel, exit)
         if exit is not None:
             self.left[exit] += 1
+            self._flow.append((name, exit))
         parcel.has_left = True
         parcel._carried_by(None)
         parcel._see(None)

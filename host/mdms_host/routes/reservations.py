@@ -16,9 +16,6 @@ from mdms_model.compiled import compiled
 #: A parcel that is this near to a pose of its route may have come to rest there [m].
 REST_M = 0.005
 
-#: The fields of `Wait`, with both parcels by number, the one that waits first.
-Row = tuple[int, int, float, float]
-
 
 class Visit(NamedTuple):
     """A parcel on a tile, from one path coordinate of its route to another [m]; inf: it stays."""
@@ -79,8 +76,8 @@ class Reservations:
         order = np.lexsort((leaves_s, enters_s, tile))
         visits = tile[order], owner[order], enters_m[order], leaves_m[order]
         rows = stairs(len(names), *visits)
-        for parcel, other, before_m, left_m in rows:
-            waits[names[parcel]].append(Wait(before_m, names[other], left_m))
+        for parcel, other, before_m, left_m in rows.tolist():
+            waits[names[int(parcel)]].append(Wait(before_m, names[int(other)], left_m))
         return {name: tuple(sorted(own)) for name, own in waits.items()}
 
 
@@ -95,25 +92,35 @@ def _left_m(route: Route) -> Floats:
 
 
 @compiled
-def stairs(owners: int, tile: Ints, owner: Ints, enters_m: Floats, leaves_m: Floats) -> list[Row]:
+def stairs(owners: int, tile: Ints, owner: Ints, enters_m: Floats, leaves_m: Floats) -> Floats:
     """Waits of the owners of visits, these by tile and time; a wait that follows is left out.
+
+    A row has the owner that waits, the owner before it, and where each enters and leaves [m].
 
     One wait follows from another of the same two that has an earlier `before` and a later `leaves`.
     """
-    rows: list[Row] = []
+    pairs = 0
+    for later in range(1, len(tile)):
+        first = later
+        while first > 0 and tile[first - 1] == tile[later]:
+            first -= 1
+        pairs += later - first
+    # No list: one that is returned by code from numba's cache crashes after a run of the row model.
+    rows, count = np.empty((pairs, 4)), 0
     # The last row of each two owners; -1: there is none yet.
     last = np.full((owners, owners), -1)
     for later in np.argsort(enters_m):
         former, parcel = later - 1, owner[later]
         while former >= 0 and tile[former] == tile[later]:
             other, row = owner[former], last[parcel, owner[former]]
-            if other != parcel and (row < 0 or rows[row][3] < leaves_m[former]):
-                if row < 0 or rows[row][2] < enters_m[later]:
-                    row = last[parcel, other] = len(rows)
-                    rows.append((parcel, other, 0.0, 0.0))
-                rows[row] = parcel, other, enters_m[later], leaves_m[former]
+            if other != parcel and (row < 0 or rows[row, 3] < leaves_m[former]):
+                if row < 0 or rows[row, 2] < enters_m[later]:
+                    row = last[parcel, other] = count
+                    count += 1
+                rows[row, 0], rows[row, 1] = parcel, other
+                rows[row, 2], rows[row, 3] = enters_m[later], leaves_m[former]
             former -= 1
-    return rows
+    return rows[:count]
 
 
 @dataclass(frozen=True)

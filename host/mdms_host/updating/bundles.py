@@ -38,6 +38,11 @@ def read_key(path: Path) -> bytes:
         if os.name == "posix" and path.stat().st_mode & _OTHERS:
             raise KeyFileError(f"{path}: others may read this key; chmod 600 {path}")
         key = bytes.fromhex(path.read_text(encoding="ascii").strip())
+    except FileNotFoundError:
+        raise KeyFileError(
+            f"{path}: there is no such key file; name the array's with --key, or make one and give "
+            "it to the cells: mdms commission --from ARRAY.toml --key FILE"
+        ) from None
     except OSError as error:
         raise KeyFileError(f"{path}: {error.strerror}") from None
     except ValueError:

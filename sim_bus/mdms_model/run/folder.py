@@ -106,7 +106,7 @@ def _event_rows(record: Record) -> Iterable[tuple[Any, ...]]:
 
 
 def _stream_rows(record: Record) -> Iterable[tuple[Any, ...]]:
-    """Parcels that came and left in truth."""
+    """Parcels that came and left in truth; of a real table, as its host has found."""
     for event in record.events:
         if event.kind == "arrival":
             yield event.time_s, event.parcel, "came", "", ""

@@ -14,7 +14,7 @@ from mdms_sim.bus.controller import Acceptance, Confinement
 from mdms_sim.nodes import lockstep
 from mdms_sim.nodes.bank import Conditions
 from mdms_sim.nodes.micropython_process import Blocks, MicropythonProcess, stage
-from mdms_sim.nodes.virtual_board import SUPPLY_UV
+from mdms_sim.nodes.virtual_board import SUPPLY_UV, VirtualFlash
 
 #: A process that prints is noticed after so many ticks.
 CHECK_TICKS = 100
@@ -26,9 +26,14 @@ class MicropythonBank:
     Processes work at the same time as each other and as the bus: they get a frame as soon
     as it has reached the cell, and waited for when the result is asked for. Frames
     that nothing can come of before the next tick wait for it.
+
+    Cells start with what their `flash` has, which is empty by default. `flash` follows their own
+    within some 1.1 s, and when the bank is closed.
     """
 
-    def __init__(self, node_ids: Sequence[int]) -> None:
+    def __init__(
+        self, node_ids: Sequence[int], flash: Sequence[VirtualFlash] | None = None
+    ) -> None:
         self._node_ids = list(node_ids)
         self._conditions = Conditions(len(node_ids))
         self._acceptances = [Acceptance() for _ in node_ids]
@@ -41,6 +46,9 @@ class MicropythonBank:
         #: The addition to the next request.
         self._taken = [0] * len(node_ids)
         self._processes: list[MicropythonProcess] = []
+        self._flash = flash
+        #: The file of each flash, and when it was written as it is in `flash`.
+        self._files: dict[Path, int] = {}
         with ExitStack() as stack:
             self._blocks = stack.enter_context(closing(Blocks(len(node_ids))))
             self._supply_uv = np.full(len(node_ids), SUPPLY_UV, np.int32)
@@ -49,8 +57,17 @@ class MicropythonBank:
 
     def _start(self, folder: Path, stack: ExitStack) -> None:
         stage(folder)
+        for cell, flash in enumerate(self._flash or ()):
+            path = folder / f"flash-{cell}"
+            with path.open("wb") as file:
+                flash.save(file)
+            self._files[path] = path.stat().st_mtime_ns
+        # The processes end before, and leave all that is stored.
+        stack.callback(self._read_flash)
+        files = list(self._files)
         for cell, node_id in enumerate(self._node_ids):
-            process = MicropythonProcess(cell, node_id, folder, self._blocks)
+            stored = files[cell] if files else None
+            process = MicropythonProcess(cell, node_id, folder, self._blocks, stored)
             self._processes.append(stack.enter_context(closing(process)))
         self._ask(range(len(self._node_ids)), lockstep.NOTHING)
         self._settle()
@@ -104,7 +121,16 @@ class MicropythonBank:
         conditions.ticks += 1
         return blocks.voltages_uv.copy()
 
+    def _read_flash(self) -> None:
+        for (path, read_ns), flash in zip(self._files.items(), self._flash or (), strict=True):
+            written_ns = path.stat().st_mtime_ns
+            if written_ns != read_ns:
+                with path.open("rb") as file:
+                    flash.load(file)
+                self._files[path] = written_ns
+
     def _check(self) -> None:
+        self._read_flash()
         for process in self._processes:
             process.check()
 

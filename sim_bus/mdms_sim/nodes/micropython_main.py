@@ -1,12 +1,13 @@
 """One cell as a MicroPython process, in lock step with the simulation; see `lockstep`.
 
-Started as `micropython micropython_main.py NODE_ID SERIAL READ_FD WRITE_FD ADDRESS`, with the
-address of the cell's block of memory.
+Started as `micropython micropython_main.py NODE_ID SERIAL READ_FD WRITE_FD FLASH ADDRESS`, with the
+file of the cell's flash ("-": none) and the address of the cell's block of memory.
 """
 
 # mypy: ignore-errors
 
 import gc
+import os
 import struct
 import sys
 from array import array
@@ -23,6 +24,8 @@ AXES = 2
 #: Garbage is collected after so many bytes. By itself MicroPython waits until its memory is full,
 #: and as it looks for room from the bottom on, allocations become slow long before.
 GARBAGE_MAX = 65536
+#: So often the file of the flash is written, if the flash has changed [ms].
+SAVE_MS = 1000
 
 
 class Board(VirtualBoard):
@@ -36,10 +39,32 @@ class Board(VirtualBoard):
         self.words[lockstep.BLINKING] = on
 
 
+class FiledFlash(VirtualFlash):
+    """A flash that begins with the content of a file ("-": none), and is saved there."""
+
+    def __init__(self, path):
+        super().__init__()
+        self._path = path
+        if path != "-":
+            with open(path, "rb") as file:
+                self.load(file)
+        self._saved = self.changes
+
+    def keep(self):
+        """Write the file anew if the flash has changed; it is whole at any time."""
+        if self.changes == self._saved:
+            return
+        self._saved = self.changes
+        if self._path != "-":
+            with open(self._path + ".new", "wb") as file:
+                self.save(file)
+            os.rename(self._path + ".new", self._path)
+
+
 class Node:
     """A cell and its board, over the block at `address`."""
 
-    def __init__(self, node_id, serial, address):
+    def __init__(self, node_id, serial, flash, address):
         self._node_id = node_id
         self._serial = serial
         self.words = words_at(address, lockstep.WORDS)
@@ -48,12 +73,12 @@ class Node:
         self._inbox = uctypes.bytearray_at(address + lockstep.INBOX, lockstep.INBOX_MAX)
         self._outbox = uctypes.bytearray_at(address + lockstep.OUTBOX, lockstep.OUTBOX_MAX)
         self._silent = []
-        self._flash = VirtualFlash()
+        self.flash = flash
         self.start()
 
     def start(self):
         """Begin as at power-up, with what flash has."""
-        self.board = Board(self._registers, self._serial, self._flash)
+        self.board = Board(self._registers, self._serial, self.flash)
         self.board.voltages_uv = self._voltages_uv
         self.board.words = self.words
         self.board.motors_off()
@@ -133,6 +158,8 @@ def serve(node, read, write):
             board.presence_bits = words[PRESENCE]
             cell.tick()
             cell.poll(words[NOW_MS])
+            if words[NOW_MS] % SAVE_MS == 0:
+                node.flash.keep()
             if board.restarting:
                 node.start()
                 board, cell = node.board, node.cell
@@ -144,12 +171,14 @@ def serve(node, read, write):
             turn[0] = 1
             words[lockstep.OUTBOX_SIZE] = node.report()
         write(turn)
+    node.flash.keep()
 
 
+flash = FiledFlash(sys.argv.pop(5))
 node_id, serial, read_fd, write_fd, address = [int(argument) for argument in sys.argv[1:]]
 requests = open(read_fd, "rb")  # noqa: SIM115 - open as long as the process lives
 answers = open(write_fd, "wb")  # noqa: SIM115
-node = Node(node_id, serial, address)
+node = Node(node_id, serial, flash, address)
 gc.collect()
 gc.threshold(GARBAGE_MAX)
 serve(node, requests.readinto, answers.write)

@@ -152,9 +152,14 @@ def _copy_as_bytecode(source: Path, place: Path) -> None:
 
 
 class MicropythonProcess:
-    """Cell `cell`, counted from 0, in a process of its own; ask and answer in turn."""
+    """Cell `cell`, counted from 0, in a process of its own; ask and answer in turn.
 
-    def __init__(self, cell: int, node_id: int, staging: Path, blocks: Blocks) -> None:
+    The cell begins with the flash that a file has, and keeps the file as its flash is.
+    """
+
+    def __init__(
+        self, cell: int, node_id: int, staging: Path, blocks: Blocks, flash: Path | None = None
+    ) -> None:
         self.node_id = node_id
         library = find_micropython()
         with ExitStack() as child, ExitStack() as own:
@@ -173,7 +178,7 @@ class MicropythonProcess:
                     # Without `site` it starts in a third of the time.
                     *(sys.executable, "-I", "-S", str(_LAUNCH), library),
                     *map(str, (blocks.descriptor, cell * lockstep.BLOCK, _MAIN)),
-                    *map(str, (node_id, cell + 1, child_reads, child_writes)),
+                    *map(str, (node_id, cell + 1, child_reads, child_writes, flash or "-")),
                 ],
                 env={"MICROPYPATH": str(staging)},
                 stdin=subprocess.DEVNULL,

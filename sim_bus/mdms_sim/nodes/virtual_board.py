@@ -5,6 +5,8 @@ try:
 except ImportError:
     Any = object  # type: ignore[assignment, misc]
 
+import struct
+
 from mdms_boot.slots import Slots
 from mdms_cell.drive import speed_loop
 from mdms_cell.runner import BUS_OFF
@@ -15,6 +17,9 @@ from mdms_protocol.update import codes
 TRANSMIT_QUEUE = 64
 #: An image for a slot takes no more [bytes].
 SLOT_MAX = 256 * 1024
+#: Of a bank or file in a saved flash: the bytes of its name, and its own.
+_PART = "<HI"
+_PART_SIZE = struct.calcsize(_PART)
 #: The motors' supply until somebody says otherwise [uV].
 SUPPLY_UV = 24_000_000
 
@@ -107,7 +112,29 @@ class VirtualFlash:
 
     def __init__(self) -> None:
         self._banks = [bytearray(), bytearray()]
+        self._changes = 0
         self.files = VirtualFiles()
+
+    @property
+    def changes(self) -> int:
+        """How often banks and files have been changed; files that are open count once closed."""
+        return self._changes + self.files.changes
+
+    def save(self, file: Any) -> None:
+        """Write all of it into a binary file."""
+        for bank, data in enumerate(self._banks):
+            _save_part(file, str(bank), data)
+        self.files.save(file)
+
+    def load(self, file: Any) -> None:
+        """Have the content that `save` has written."""
+        parts = {}
+        while head := file.read(_PART_SIZE):
+            name_size, size = struct.unpack(_PART, head)
+            name = file.read(name_size).decode()
+            parts[name] = file.read(size)
+        banks = [parts.pop("0"), parts.pop("1")]
+        self.restore(banks, parts)
 
     def content(self) -> "tuple[list[bytes], dict[str, bytes]]":
         """Return the bytes of the banks and of the files by their paths."""
@@ -126,12 +153,14 @@ class VirtualFlash:
 
     def erase(self, bank: int) -> None:
         """Make the bank empty."""
+        self._changes += 1
         self._banks[bank] = bytearray()
 
     def write(self, bank: int, offset: int, data: bytes) -> None:
         """Write at the end of the bank's content; raises OSError anywhere else."""
         if len(self._banks[bank]) != offset:
             raise OSError("settings are written from their beginning on")
+        self._changes += 1
         self._banks[bank] += data
 
 
@@ -140,6 +169,12 @@ class VirtualFiles:
 
     def __init__(self) -> None:
         self._files: dict[str, bytearray] = {}
+        self.changes = 0
+
+    def save(self, file: Any) -> None:
+        """Write all of them into a binary file, as `VirtualFlash.save` does."""
+        for path, data in self._files.items():
+            _save_part(file, path, data)
 
     def content(self) -> "dict[str, bytes]":
         """Return the bytes of each file by its path."""
@@ -169,21 +204,25 @@ class VirtualFiles:
     def create(self, path: str) -> "VirtualFile":
         """Return a new file, open to be written."""
         self._files[path] = bytearray()
-        return VirtualFile(self._files[path])
+        self.changes += 1
+        return VirtualFile(self, self._files[path])
 
     def replace(self, path: str, data: bytes) -> None:
         """Give a file other content."""
         self._files[path] = bytearray(data)
+        self.changes += 1
 
     def remove(self, path: str) -> None:
         """Remove a file; a missing one is no error."""
         self._files.pop(path, None)
+        self.changes += 1
 
 
 class VirtualFile:
     """A file that is open to be written."""
 
-    def __init__(self, content: bytearray) -> None:
+    def __init__(self, files: VirtualFiles, content: bytearray) -> None:
+        self._files = files
         self._content = content
 
     def write(self, data: bytes) -> None:
@@ -192,6 +231,12 @@ class VirtualFile:
 
     def close(self) -> None:
         """End it."""
+        self._files.changes += 1
+
+
+def _save_part(file: Any, name: str, data: bytearray) -> None:
+    file.write(struct.pack(_PART, len(name), len(data)) + name.encode())
+    file.write(data)
 
 
 def leave_bus(cell: object, board: VirtualBoard) -> None:

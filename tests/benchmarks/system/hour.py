@@ -2,7 +2,8 @@
 
 `python -m tests.benchmarks hour` takes an hour of virtual time; MDMS_SECONDS=120 takes less. Memory
 is that of the whole process, the simulator included. It is compared after a quarter of the time,
-when the ring and all caches are full, and at the end.
+when the ring and all caches are full, and at the end. Below 1,200 s the record of the run still
+fills meanwhile, so more is allowed; below 130 s no log file is full.
 """
 
 import os
@@ -18,8 +19,8 @@ from mdms_host.cli.log_files import EVENT_BYTES, EVENT_FILES, FRAME_BYTES, FRAME
 SECONDS = float(os.environ.get("MDMS_SECONDS", "3600"))
 #: The longest that the kept samples of a run may still grow: they are halved when they are full.
 GROWS = 1.3
-#: Samples of the record of `mdms run`, which are halved at 30,000.
-RECORD_BYTES = 250_000_000
+#: Samples of the record of `mdms run`, which are halved at 30,000: full after so long [s].
+RECORD_BYTES, RECORD_S = 250_000_000, 300.0
 
 
 def run() -> list[dict[str, Any]]:
@@ -35,6 +36,7 @@ def run() -> list[dict[str, Any]]:
             sum(b.frames for b in table.simulation.buses),
         )
     (before, objects_before), (after, objects_after) = seen[3], seen[-1]
+    fills_bytes = RECORD_BYTES if SECONDS / 4 < RECORD_S else 0
     most = EVENT_BYTES * EVENT_FILES + FRAME_BYTES * FRAME_FILES
     return [
         {
@@ -43,7 +45,7 @@ def run() -> list[dict[str, Any]]:
             "peer": before / 1e6,
             "ratio": after / before,
             "unit": "MB",
-            "failed": after > before * GROWS + RECORD_BYTES,
+            "failed": after > before * GROWS + fills_bytes,
             "objects": objects_after,
             "objects_before": objects_before,
             "took_s": took_s,

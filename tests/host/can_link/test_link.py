@@ -250,6 +250,7 @@ def test_heartbeats_of_all_cells_that_come_late_are_among_the_delays(clock) -> N
     ("arguments", "told", "way_out"),
     [
         ((), "no CAN interface was named", "mdms serve array18"),
+        (("-c", "e18"), "no CAN interface was named for channel e18", "-i mdms"),
         (("-i", "slcan", "-c", "/dev/no-such-adapter"), "No such file", "serial.tools.list_ports"),
         (("-i", "serial"), "channel", "mdms serve array18"),
     ],

@@ -3,11 +3,15 @@
 import io
 import re
 from contextlib import redirect_stderr
+from functools import partial
 
 import pytest
+from rich.progress import Progress
 
 from mdms_array.simulation import NOTICE, compiling_watched
-from mdms_host.cli.console import bars, progress
+from mdms_host.cli import main
+from mdms_host.cli.console import bars, progress, working
+from mdms_host.cli.streams import open_streams
 
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-9]")
@@ -84,7 +88,8 @@ def compile_something():
 
 @pytest.fixture
 def slow(monkeypatch):
-    """Any compiling takes long enough to be worth a line."""
+    """Any compiling takes long enough to be worth a line; lines of the log are told."""
+    open_streams()
     monkeypatch.setattr("mdms_array.simulation.REPORTED_S", 0.0)
 
 
@@ -100,3 +105,41 @@ def test_long_compiling_is_not_told_off_a_terminal(capsys, slow):
 def test_short_compiling_is_not_told(terminal, monkeypatch):
     monkeypatch.setattr("mdms_array.simulation.REPORTED_S", 1e6)
     assert shown(terminal, compile_something) == ""
+
+
+def test_a_step_without_a_measure_says_what_it_does_on_a_terminal_alone(terminal, capsys):
+    def draw():
+        with working("drawing [red]a.gif"):
+            pass
+
+    assert "drawing [red]a.gif" in COLOURS.sub("", shown(terminal, draw))
+    draw()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_run_shows_its_share_and_then_its_pictures_and_so_do_plots_and_tables(
+    terminal, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("COLUMNS", "200")
+    shares = []
+    update = Progress.update
+    monkeypatch.setattr(
+        Progress,
+        "update",
+        lambda bar, task, *, completed: (
+            update(bar, task, completed=completed),
+            shares.append(bar.tasks[0].percentage),
+        ),
+    )
+    folder, picture = tmp_path / "run", tmp_path / "a.gif"
+    lines = {
+        "and its pictures": ("simulate", "array18", "--set", "run.duration_s=2", "--out", folder),
+        "drawing": ("plot", folder, "--out", picture),
+        "writing the tables": ("export", folder, "--csv", tmp_path / "tables"),
+        "bounds of box": ("limits", "paper-fig7"),
+        "mapping the field": ("map", "paper-fig7", "--out", tmp_path / "map.png"),
+    }
+    for told, arguments in lines.items():
+        told_so_far = shown(Terminal(), partial(main, [*map(str, arguments)]))
+        assert told in COLOURS.sub("", told_so_far)
+    assert 40.0 < shares[len(shares) // 2] < 60.0

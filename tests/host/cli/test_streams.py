@@ -206,5 +206,25 @@ def test_emergencies_of_many_cells_are_one_line_and_a_count():
         "   1.500 s  box has arrived",
         "   1.600 s  box has arrived",
         "   3.000 s  cell 1 sends emergency 0x8250: no setpoint for 50 ms",
-        f"   3.000 s  1 {more}",
+        "   3.100 s  cell 2 sends emergency 0x8250: no setpoint for 50 ms",
+    ]
+
+
+def test_what_all_cells_miss_by_one_delay_is_two_lines_with_both_axes_and_their_way_back():
+    told = []
+    lines = EventLines(told.append)
+    for cell in range(1, 19):
+        for axis in (1, 2):
+            text = f"sends emergency 0x8250: no setpoint for 50 ms (axis {axis})"
+            lines.add(1.0, f"cell {cell} (node {cell}) {text}")
+    for cell in range(1, 19):
+        lines.add(1.5 + cell / 1000, f"cell {cell} (node {cell}) is back")
+    lines.add(1.6, "all cells are back after 0.56 s")
+    assert told == [
+        "   1.000 s  cell 1 (node 1) sends emergency 0x8250: no setpoint for 50 ms (axis 1)",
+        "   1.000 s  35 more: cell ... (node ...) sends emergency 0x8250: no setpoint for 50 ms "
+        "(axis ...)",
+        "   1.501 s  cell 1 (node 1) is back",
+        "   1.501 s  17 more: cell ... (node ...) is back",
+        "   1.600 s  all cells are back after 0.56 s",
     ]

@@ -66,7 +66,12 @@ def test_table_is_simulated_drawn_and_exported(run, tmp_path):
     # The box is not there yet.
     assert done.returncode == Exit.TIME_LIMIT, done.stderr
     assert json.loads(done.stdout)["bus"]["frames"] > 20
-    for more in (("plot", folder), ("export", folder, "--csv", tmp_path / "tables")):
+    for more in (
+        ("plot", folder),
+        ("export", folder, "--csv", tmp_path / "tables"),
+        ("limits", "paper-fig7"),
+        ("map", "paper-fig7", "--out", tmp_path / "map.png"),
+    ):
         drawn = run(*more)
         assert drawn.returncode == Exit.OK, drawn.stderr
     assert (tmp_path / "tables" / "cells.csv").is_file()
@@ -92,6 +97,7 @@ def test_pages_of_a_table_are_imported(run):
     [
         (("serve", "array18"), Exit.FAILURE, "Unix sockets and pseudo-terminals"),
         (("scan", "-i", "mdms", "-c", "array18"), Exit.NO_DEVICE, "which this system has not"),
+        (("report",), Exit.FAILURE, "over a Unix socket, which this system has not"),
     ],
 )
 def test_served_buses_say_what_they_lack(run, arguments, code, says):

@@ -1,20 +1,27 @@
 """A recorded run shows, at any time, the state of that time."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.host.page.bench import unpacked
 
+from mdms_array.host import coordinator_of, estimates_of
+from mdms_array.operation import flow_of
 from mdms_array.simulation import run_scenario
 from mdms_host.cli.live_page import table_of
+from mdms_host.coordination.recorder import Recorder
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import RefusedError
 from mdms_host.page.description import PARCEL_STATES, PHASES
-from mdms_model.run.folder import BUS_LOG, read_run, write_run
+from mdms_model.run.folder import BUS_LOG, export_csv, read_run, write_run
 from mdms_model.run.record import Event, Plan, Tile
 from mdms_model.scenario.file import load_scenario
+from mdms_sim.simulation import simulate
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 @pytest.fixture(scope="module")
@@ -150,3 +157,24 @@ def test_run_of_the_paper_s_model_is_shown_too(tmp_path):
     now = shown(table, 0.5)
     assert np.isnan(now["bus_load"]).all()
     assert np.isfinite(now["parcel_true"]).all()
+
+
+def test_run_of_a_real_table_counts_the_parcels_that_its_host_saw_come_and_leave(tmp_path):
+    scenario = load_scenario(str(EXAMPLES / "sort.toml"), ["run.duration_s=4"])
+    coordinator = coordinator_of(scenario)
+    recorder = Recorder(
+        coordinator, lambda: estimates_of(coordinator, scenario), flow=flow_of(coordinator)
+    )
+    simulate(scenario, [recorder])
+    write_run(tmp_path, scenario, recorder.record(), {})
+    table = table_of(read_run(tmp_path))
+    driver = coordinator.program.driver
+    assert driver.left.total() > 0
+    exits = [each["name"] for each in table.description()["exits"]]
+    now = shown(table, table.duration_s)
+    assert now["parcels_came"] == [driver.came]
+    assert list(now["parcels_left"]) == [driver.left[name] for name in exits]
+    assert now["flow_time"][0] == pytest.approx(coordinator.program.table.now_s, abs=0.05)
+    assert list(shown(table, 0.5)["parcels_left"]) == [0] * len(exits)
+    export_csv(tmp_path, scenario, read_run(tmp_path).record)
+    assert "left" in (tmp_path / "streams.csv").read_text()

@@ -115,6 +115,8 @@ def test_unknown_thing_gets_a_goal_only_once_it_has_a_name(monkeypatch):
     desk.run_until(lambda: any("unknown-1 appeared" in text for text in desk.texts), 4.0)
     with pytest.raises(RefusedError, match="unknown-1 is unknown, and is not steered"):
         desk.table.do(commands.Goal("unknown-1", 0.0, -0.1))
+    with pytest.raises(RefusedError, match="there is no parcel 'crate'; there are: box"):
+        desk.table.do(commands.Goal("crate", 0.0, -0.1))
     for name in ("unknown-7", "\x1b[2Jbox"):
         with pytest.raises(RefusedError, match="name"):
             desk.table.do(commands.Name("unknown-1", name, 0.28, 0.28))

@@ -38,5 +38,5 @@ def test_file_that_is_no_key_is_refused(tmp_path, text):
 
 def test_key_lies_beside_the_array_file(tmp_path):
     assert key_beside(tmp_path / "hall.toml") == tmp_path / "hall.key"
-    with pytest.raises(KeyFileError, match="No such file"):
+    with pytest.raises(KeyFileError, match="no such key file; name the array's with --key"):
         read_key(tmp_path / "hall.key")

@@ -1,22 +1,32 @@
 """What cells store outlives their table: the next one starts with it."""
 
+from contextlib import ExitStack, closing
+
 import pytest
 from tests.sim_bus.nodes.bench import BOOT_TICKS, CELLS, Bench
 
 from mdms_model.errors import InputError
 from mdms_protocol.codecs import cob, sdo
 from mdms_sim.nodes.kept_flash import KeptFlash
-from mdms_sim.nodes.python_bank import PythonBank
+from mdms_sim.nodes.virtual_board import VirtualFlash
+from mdms_sim.simulation import open_bank
 
 #: The heartbeat's period [ms], which a cell stores, and the order to store (CiA 301).
 PERIOD, STORE = 0x1017, 0x1010
 SAVE = b"save"
 
 
-def bench_of(kept):
-    bench = Bench(PythonBank(range(1, CELLS + 1), kept.flash))
-    bench.tick(BOOT_TICKS)
-    return bench
+@pytest.fixture
+def bench_of():
+    with ExitStack() as opened:
+
+        def bench_of(kept, nodes="cpython"):
+            bank = opened.enter_context(closing(open_bank(nodes, CELLS, kept.flash)))
+            bench = Bench(bank)
+            bench.tick(BOOT_TICKS)
+            return bench
+
+        yield bench_of
 
 
 def ask(bench, data):
@@ -33,7 +43,7 @@ def period_ms(bench):
     return int.from_bytes(ask(bench, sdo.read_request(PERIOD, 0))[4:6], "little")
 
 
-def test_next_table_starts_with_what_the_cells_have_stored(tmp_path):
+def test_next_table_starts_with_what_the_cells_have_stored(tmp_path, bench_of):
     path = tmp_path / "state" / "cells.json"
     kept = KeptFlash(path, CELLS)
     bench = bench_of(kept)
@@ -48,6 +58,37 @@ def test_next_table_starts_with_what_the_cells_have_stored(tmp_path):
     assert usual_ms != 234
     assert period_ms(again) == 234
     assert period_ms(bench_of(KeptFlash(tmp_path / "other.json", CELLS))) == usual_ms
+
+
+def test_cells_as_processes_store_for_the_next_table_of_either_kind(tmp_path, bench_of):
+    path = tmp_path / "cells.json"
+    kept = KeptFlash(path, CELLS)
+    bench = bench_of(kept, "micropython")
+    ask(bench, sdo.write_request(PERIOD, 0, (234).to_bytes(2, "little")))
+    ask(bench, sdo.write_request(STORE, 1, SAVE))
+    bench.tick(1100)
+    assert kept.keep(), "it is there a second later"
+    ask(bench, sdo.write_request(PERIOD, 0, (345).to_bytes(2, "little")))
+    ask(bench, sdo.write_request(STORE, 1, SAVE))
+    bench.bank.close()
+    assert kept.keep(), "what was stored last comes with the end"
+    for nodes in ("cpython", "micropython"):
+        assert period_ms(bench_of(KeptFlash(path, CELLS), nodes)) == 345
+
+
+def test_flash_is_the_same_once_saved_and_loaded(tmp_path):
+    flash, again = VirtualFlash(), VirtualFlash()
+    flash.write(1, 0, b"settings")
+    file = flash.files.create("slot")
+    before = flash.changes
+    file.write(bytes(range(256)))
+    file.close()
+    assert flash.changes > before
+    with (tmp_path / "flash").open("w+b") as saved:
+        flash.save(saved)
+        saved.seek(0)
+        again.load(saved)
+    assert again.content() == flash.content()
 
 
 def test_files_of_firmware_are_kept(tmp_path):

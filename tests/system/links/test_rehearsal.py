@@ -13,12 +13,14 @@ EMPTY = 'title = "Empty"\narray = { columns = 3, rows = 2 }\n'
 OFF = "fault=[{kind='push', parcel='box', start_s=0.5, impulse_n_s=[0.0, 4.0]}]"
 
 
-def test_empty_table_remembers_what_its_cells_have_stored(serve_array, tmp_path):
+@pytest.mark.parametrize("nodes", ["cpython", "micropython"])
+def test_empty_table_remembers_what_its_cells_have_stored(serve_array, tmp_path, nodes):
     scenario, state = tmp_path / "empty.toml", tmp_path / "state"
     scenario.write_text(EMPTY)
     bus = ("-i", "mdms", "-c", "empty")
     for says in ("axis2.stall_time: 0.08 -> 0.4 s", "nothing to change"):
-        table = serve_array("--state", state, scenario=str(scenario), name="empty")
+        options = ("--state", state, "--nodes", nodes)
+        table = serve_array(*options, scenario=str(scenario), name="empty")
         change = ("configure", "set", "axis2.stall_time=0.4", "--node", "6", "--save")
         done = table.run("mdms", *change, *bus)
         assert done.returncode == 0, done.stderr

@@ -12,7 +12,7 @@ import numpy as np
 from mdms_array.checks import chosen_parcel
 from mdms_array.host import references_m_s
 from mdms_array.simulation import compiling_watched
-from mdms_host.cli.console import progress
+from mdms_host.cli.console import progress, working
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
@@ -45,7 +45,7 @@ def draw_map(arguments: Namespace) -> Exit:
     path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
     form_of(path)
     reference_m_s = references_m_s(scenario)
-    with compiling_watched():
+    with compiling_watched(), working(f"mapping the field on {parcel.name}"):
         field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])
     with replacing(path, MARK.encode(), arguments.force) as partial:
         save(draw_field_map(scenario, parcel, field, reference_m_s), partial)
@@ -133,7 +133,8 @@ def plan_squeeze(arguments: Namespace) -> Exit:
     trials = _try(scenario, parcel, plan, arguments) if arguments.poses else None
     figures = _figures(scenario, parcel, plan) | _tried(plan, trials)
     if arguments.out is not None:
-        with replacing(arguments.out, MARK.encode(), arguments.force) as partial:
+        drawing = working(f"drawing {arguments.out}")
+        with drawing, replacing(arguments.out, MARK.encode(), arguments.force) as partial:
             save(draw_squeeze_plan(scenario, parcel, plan, trials), partial)
         figures["picture"] = str(arguments.out)
     if arguments.json:

@@ -80,14 +80,12 @@ def run(arguments: Namespace) -> Exit:
 
 
 def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
-    """What the cells have stored before, with `--state`. Raises `InputError` and `CommandError`."""
+    """What the cells have stored before, with `--state`; either kind of cell continues it.
+
+    Raises `InputError` and `CommandError`.
+    """
     if arguments.state is None:
         return None
-    if arguments.nodes == "micropython":
-        raise CommandError(
-            "--state: cells as MicroPython processes keep nothing; leave out --nodes micropython",
-            Exit.USAGE,
-        )
     path = Path(arguments.state) / STORED_CELLS
     try:
         return KeptFlash(path, scenario.array.columns * scenario.array.rows)

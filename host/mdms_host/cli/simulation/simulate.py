@@ -11,7 +11,7 @@ of faults that came of them.
 import json
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
 from math import degrees, hypot
@@ -25,7 +25,7 @@ from mdms_array.run import Run, RunError
 from mdms_array.simulation import run_and_keep, run_scenario, timed
 from mdms_array.source import open_program
 from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
-from mdms_host.cli.console import progress
+from mdms_host.cli.console import progress, working
 from mdms_host.cli.exits import CommandError, Exit, exit_of
 from mdms_host.cli.files import writing
 from mdms_host.cli.options import DEMO_FOLDER
@@ -103,12 +103,28 @@ def simulate_scenario(
     main: Main | None = None,
 ) -> Run:
     """Run a scenario and keep it in a folder, if any."""
-    with progress(scenario.title) if _has_bus(scenario) else nullcontext() as advance:
+    with ExitStack() as shown:
+        advance = None
+        if _has_bus(scenario):
+            advance = shown.enter_context(progress(scenario.title, scenario.run.duration_s))
+        else:
+            shown.enter_context(working(scenario.title))
         if out is None:
             return run_scenario(scenario, nodes, advance, main=main)
+
+        def over() -> None:
+            shown.close()
+            shown.enter_context(working(f"writing {out} and its pictures"))
+
         with writing(out):
             return run_and_keep(
-                scenario, out, nodes, progress=advance, bus_format=bus_format, main=main
+                scenario,
+                out,
+                nodes,
+                progress=advance,
+                bus_format=bus_format,
+                main=main,
+                over=over,
             )
 
 
@@ -152,7 +168,8 @@ def run_cells(arguments: Namespace) -> Exit:
             "cells have; replay it to a bus: -i and -c",
             Exit.USAGE,
         )
-    with TemporaryDirectory(prefix="mdms-") as temporary, progress(scenario.title) as advance:
+    bar = progress(scenario.title, scenario.run.duration_s)
+    with TemporaryDirectory(prefix="mdms-") as temporary, bar as advance:
         replayed = Path(temporary) / BUS_LOG
         ended = replay_on_nodes(scenario, frames, arguments.nodes, advance, replayed)
         answers = compare_answers(chosen(log, "cells"), chosen(read_log(replayed), "cells"))

@@ -128,7 +128,7 @@ def test_cells_without_the_key_or_with_another_refuse(commissioned, flash, tmp_p
 
 def test_key_that_is_not_there_is_made_by_commissioning_alone(commissioned, flash, tmp_path):
     code, _, said = flash(key=tmp_path / "new.key")
-    assert (code, "new.key: No such file" in said) == (Exit.USAGE, True)
+    assert (code, "new.key: there is no such key file" in said) == (Exit.USAGE, True)
     code, printed = commissioned(key=tmp_path / "new.key")
     assert code == Exit.OK
     assert "out of version control" in printed
