@@ -90,6 +90,8 @@ def attendants(
         yield attend
 
 
+#: A host that does nothing for so long was suspended: no busy machine keeps it away that long [s].
+SUSPENDED_S = 2.0
 #: How often somebody looks whether a report is due [s].
 _LOOK_S = 0.01
 
@@ -149,15 +151,19 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
         ):
             if not has_line(arguments):
                 slot.start()
-            incidents = 0
+            incidents, attended_s = 0, clock.now_s()
 
             def attended() -> None:
-                nonlocal incidents
+                nonlocal incidents, attended_s
+                away_s = clock.now_s() - attended_s
+                if away_s > SUSPENDED_S and attend.line is not None:
+                    attend.line.machine.on_suspended(away_s)
                 for time_s, text in link.incidents[incidents:]:
                     table.note("link", text, time_s, trouble=True)
                 incidents = len(link.incidents)
                 attend()
                 watched.look(clock.now_s(), attend.line)
+                attended_s = clock.now_s()
 
             def over() -> bool:
                 attended()

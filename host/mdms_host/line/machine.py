@@ -241,6 +241,11 @@ class Machine:
 
     # In the thread that drives the table ---------------------------------------------------------
 
+    def on_suspended(self, for_s: float) -> None:
+        """The host stood still for so long [s]: parcels may lie elsewhere, so a run is aborted."""
+        if self.states.state not in _WITHOUT_RUN:
+            self._on(Command.ABORT, f"the host was suspended for {for_s:.1f} s")
+
     def step(self) -> None:
         """Bring the state machine and the table together."""
         now_s = self._now_s()

@@ -35,7 +35,7 @@ from mdms_sim.simulation import Simulation, open_bank
 TABLE = str(EXAMPLES / "table.toml")
 #: Wheels without a setpoint are braked within this [s].
 RESTS_S = 1.0
-RESET, START, CLEAR = 1, 2, 9
+RESET, START, UNHOLD, CLEAR = 1, 2, 5, 9
 
 
 class Door:
