@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -163,6 +164,29 @@ def test_the_controllers_of_the_example_work(table: Table, controller: str) -> N
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].lower() == "stopped"
+
+
+def test_a_full_chute_of_the_plant_leaves_the_others_to_their_parcels() -> None:
+    code = (
+        f"import sys; sys.path.insert(0, {str(EXAMPLES)!r}); import plant; "
+        "plant.ROOM, plant.EMPTIED_S, plant.PAGE = 1, 20.0, ('--page', '0'); "
+        f"plant.main({2.0 * PATIENCE_S})"
+    )
+    full: set[str] = set()
+    while_full, lines = 0, []
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            lines.append(line)
+            if told := re.match(r"the chute (\w+) is (full|empty)", line):
+                (full.add if told[2] == "full" else full.discard)(told[1])
+            elif (left := re.match(r"P-\d+ has left by (\w+)", line)) and full - {left[1]}:
+                while_full += 1
+            if while_full >= 2 and "empty" in line:
+                process.send_signal(signal.SIGINT)
+    assert process.returncode == 0
+    assert while_full >= 2, "".join(lines)
 
 
 def test_opcua_refuses_other_users_and_connections_without_encryption(table: Table) -> None:
