@@ -348,7 +348,7 @@ class Machine:
         elif run.finished:
             self._rest(Command.COMPLETE, run, "the job is done")
         elif stalled := self._stalled(run, now_s):
-            self._rest(Command.SUSPEND, run, stalled)
+            self._rest(Command.SUSPEND, run, stalled + _in_the_way(run))
             self._passing = stalled
 
     def _rest(self, command: Command, run: Coordinator, reason: str) -> None:
@@ -468,6 +468,17 @@ def _stands(run: Coordinator) -> bool:
     """Whether no wheel is to turn, and none that reports does."""
     speeds_m_s = np.nan_to_num(run.speeds_m_s)
     return not run.references_m_s.any() and bool((abs(speeds_m_s) < _STANDS_M_S).all())
+
+
+def _in_the_way(run: Coordinator) -> str:
+    """What lies on a table without parcels, and may lie where they come, as the end of a reason."""
+    program = run.program
+    assert isinstance(program, TableProgram)
+    table = program.table
+    if table.parcels or not table.unknown:
+        return ""
+    places = [f"{name} at {x_m:.2f}, {y_m:.2f} m" for name, (x_m, y_m) in table.unknown.items()]
+    return f"; nobody knows {' and '.join(places[:3])}: take it off"
 
 
 def _alarm(states: StateMachine, run: Coordinator | None) -> dict[str, str] | None:

@@ -127,6 +127,19 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) ->
     assert line.state is State.EXECUTE
 
 
+def test_a_thing_in_the_infeed_is_named_where_no_parcel_comes(line) -> None:
+    line.bring_to_execute()
+    line.until(lambda: any(p["pose"][0] > -0.13 for p in line.machine.snapshot()["parcels"]), 10.0)
+    line.command(Command.STOP)
+    line.until_state(State.STOPPED)
+    line.bring_to_execute()
+    line.until_state(State.SUSPENDED, 40.0)
+    reason = "no parcel comes; nobody knows unknown-1 at -0.06, 0.00 m: take it off"
+    assert line.machine.states.reason == reason
+    line.take_parcels_off()
+    line.until(lambda: line.state is State.EXECUTE, 20.0)
+
+
 def test_stop_leaves_an_order_under_way_in_doubt_and_does_not_repeat_it(line) -> None:
     line.do("coming", parcel="P-1", kind="")
     line.do("order", **order("o1", "P-1", exit="north"))

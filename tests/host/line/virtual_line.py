@@ -15,6 +15,7 @@ from mdms_host.programs.table_orders import Report
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
+from mdms_sim.physics.plane.handling import take_away
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 
 TABLE = Path(__file__).parents[3] / "examples" / "line" / "table.toml"
@@ -102,6 +103,13 @@ class VirtualLine:
     def moving(self) -> bool:
         """Whether any wheel turns, by the simulator and not by a belief."""
         return bool((abs(self.simulation.world.wheel_speed_m_s) > 0.01).any())
+
+    def take_parcels_off(self) -> None:
+        """A person takes all parcels off the table, to where they come from."""
+        scene = self.simulation.world.scene
+        for number, parcel in enumerate(scene.state.parcels):
+            if not parcel["away"]:
+                take_away(scene, number)
 
     def begin(self, kind: str, **values: Any) -> Any:
         return self.simulation.faults.begin(Fault(kind, **values))
