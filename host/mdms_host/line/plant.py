@@ -173,7 +173,7 @@ class Plant:
 
     async def listen(self) -> None:
         """Take in the messages of the table, until it is gone."""
-        while line := await self._reader.readline():
+        while line := await self._line():
             message = json.loads(line)
             if "snapshot" in message:
                 self._see(message["snapshot"])
@@ -184,6 +184,13 @@ class Plant:
                     tell(report)
             elif (answer := self._waiting.pop(message["id"], None)) and not answer.done():
                 answer.set_result(message["error"])
+
+    async def _line(self) -> bytes:
+        """The next message; empty when the table is gone, also when it was killed."""
+        try:
+            return await self._reader.readline()
+        except ConnectionError:
+            return b""
 
     def _see(self, snapshot: dict[str, Any]) -> None:
         self.snapshot = snapshot
