@@ -21,11 +21,12 @@ STOPPED, IDLE, SUSPENDED, EXECUTE, ABORTED, HELD = 2, 4, 5, 6, 9, 11
 #: The way back to Execute, by state: Reset, Start, Unsuspend, Clear, Unhold. A plant asks a person.
 WAY_BACK = {STOPPED: RESET, IDLE: START, SUSPENDED: 7, ABORTED: 9, HELD: 5}
 ORDER, COMING, ASK = 0, 2, 3
-LEFT, ANY_YAW = 4, 0x8000
+UNDER_WAY, LEFT, ANY_YAW = 2, 4, 0x8000
 #: Orders that are open at a time, parcels in a chute, and seconds until it is empty again.
 AHEAD, ROOM, EMPTIED_S = 4, 4, 12.0
 EXITS = ("north", "east", "south")
 TABLE = Path(__file__).with_name("table.toml")
+PAGE = ("--page",)
 
 
 class Table:
@@ -94,9 +95,13 @@ class Plant:
             self._table.request(ORDER, key, f"P-{key}", exit)
             self._open[key] = exit
         for key, exit in list(self._open.items()):
-            if self._table.request(ASK, key) >= LEFT - 1:
+            state = self._table.request(ASK, key)
+            if state > UNDER_WAY:
                 del self._open[key]
+            if state == LEFT:
                 self._drop(exit - 1, key, now_s)
+            elif state > UNDER_WAY:
+                print(f"P-{key} has not left: its order is refused, or in doubt", flush=True)
         for chute, since_s in enumerate(self._full_since_s):
             if since_s is not None and now_s - since_s > EMPTIED_S:
                 self._inside[chute], self._full_since_s[chute] = 0, None
@@ -117,7 +122,7 @@ class Plant:
 
 def main(seconds: float) -> None:
     """Start the table, bring it to Execute, and work."""
-    mdms = [str(Path(sys.executable).with_name("mdms")), "serve", str(TABLE), "--page"]
+    mdms = [str(Path(sys.executable).with_name("mdms")), "serve", str(TABLE), *PAGE]
     with tempfile.TemporaryDirectory() as state:
         options = ["--modbus", "0", "--state", state, "--name", f"line-{Path(state).name}"]
         served = subprocess.Popen([*mdms, *options], stdout=subprocess.PIPE, text=True)

@@ -3,18 +3,29 @@
 import os
 import stat
 from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 from mdms_array.extras import OPCUA, require
+from mdms_array.host import programmed
+from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.line.attached import Line
+from mdms_host.line.machine import Recipes
+from mdms_host.line.plant import LONGEST
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.server import LOOPBACK
-from mdms_model.scenario.scenario import Scenario
+from mdms_host.programs.program import Main
+from mdms_model.scenario.motion import Motion
+from mdms_model.scenario.scenario import Run, Scenario
 
+#: A scenario, and the program in Python to run on it, if any.
+Job = tuple[Scenario, Main | None]
 CERTIFICATE, KEY, USERS = "certificate.der", "key.pem", "users.txt"
 
 
@@ -30,8 +41,10 @@ def folder_of(arguments: Namespace) -> Path:
     return Path(arguments.state) if arguments.state is not None else home / "mdms-array" / "line"
 
 
-def check_line(arguments: Namespace, scenario: Scenario) -> None:
-    """Raises `CommandError` where the table cannot be in a line as the options have it."""
+def check_line(arguments: Namespace, scenario: Scenario, main: Main | None) -> None:
+    """Raises `CommandError` where a job cannot be that of a line as the options have it."""
+    if main is not None:
+        scenario = programmed(scenario)
     if arguments.opcua is not None:
         require(OPCUA, "--opcua")
     if scenario.motion.field != "program":
@@ -47,7 +60,67 @@ def check_line(arguments: Namespace, scenario: Scenario) -> None:
         )
 
 
-def opened_line(slot: RunSlot, scenario: Scenario, arguments: Namespace, table: LiveTable) -> Line:
+def recipes_of(
+    arguments: Namespace, source: str, job: Job, overrides: Sequence[str]
+) -> Recipes[Job]:
+    """The jobs that a line may be asked for: the command's own, of `source`, and `--recipe`.
+
+    Raises `InputError`, and `CommandError` for a recipe that is not for the same table.
+    """
+    jobs = {Path(source).stem: job}
+    if arguments.recipe and not has_line(arguments):
+        raise CommandError("--recipe: is chosen by a line; add --opcua or --modbus", Exit.USAGE)
+    if has_line(arguments):
+        check_line(arguments, *job)
+    for each in arguments.recipe:
+        name, _, path = each.rpartition("=")
+        name = name or Path(path).stem
+        if name in jobs or len(name) > LONGEST or not name.isprintable():
+            raise CommandError(
+                f"--recipe {each}: {name!r:.70} is taken, or not {LONGEST} printable characters at "
+                "most; give NAME=FILE",
+                Exit.USAGE,
+            )
+        recipe = open_program(path, overrides)
+        check_line(arguments, *recipe)
+        _check_same_table(each, recipe[0], job[0])
+        jobs[name] = recipe
+    return Recipes(jobs)
+
+
+def _check_same_table(recipe: str, scenario: Scenario, own: Scenario) -> None:
+    one, other = _without_job(scenario), _without_job(own)
+    for each in fields(Scenario):
+        if getattr(one, each.name) != getattr(other, each.name):
+            raise CommandError(
+                f"--recipe {recipe}: `{each.name}` is not that of the table; a recipe has its own "
+                "`task`, `motion`, `run` and kinds of exits, and nothing else",
+                Exit.USAGE,
+            )
+
+
+def _without_job(scenario: Scenario) -> Scenario:
+    """The table of a scenario: what is left without its job."""
+    return replace(
+        scenario,
+        title="",
+        parcel=tuple(replace(each, goal=None) for each in scenario.parcel),
+        motion=Motion(),
+        run=Run(),
+        fault=(),
+        exit=tuple(replace(each, kinds=()) for each in scenario.exit),
+        task=(),
+        signal=(),
+    )
+
+
+def opened_line(
+    slot: RunSlot,
+    scenario: Scenario,
+    arguments: Namespace,
+    table: LiveTable,
+    recipes: Recipes[Any],
+) -> Line:
     """The line of a table as the options have it. Raises LineError and `CommandError`."""
     folder = folder_of(arguments)
     host = arguments.line_host or LOOPBACK
@@ -70,6 +143,7 @@ def opened_line(slot: RunSlot, scenario: Scenario, arguments: Namespace, table: 
         exits,
         MonotonicClock(),
         settings,
+        recipes=recipes,
         note=lambda text: table.note("line", text),
         show=table.show_line,
     )

@@ -4,6 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from math import inf
+from typing import Any
 
 from mdms_array.array import BelievedArray
 from mdms_array.checks import timing_of
@@ -22,6 +23,7 @@ from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.line.attached import Line, LineError
+from mdms_host.line.machine import Recipes
 from mdms_host.line.packml import State
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.flow import ends_of
@@ -66,7 +68,11 @@ def _nobody() -> None:
 
 @contextmanager
 def attendants(
-    table: LiveTable, slot: RunSlot, scenario: Scenario, arguments: Namespace
+    table: LiveTable,
+    slot: RunSlot,
+    scenario: Scenario,
+    arguments: Namespace,
+    recipes: Recipes[Any],
 ) -> Iterator[Attendants]:
     """The page and the line of a table, as the options have them. Raises PageError, LineError."""
     attend = Attendants(table)
@@ -78,10 +84,14 @@ def attendants(
 
             attend.page = opened.enter_context(opened_page(table, arguments)).attend
         if has_line(arguments):
-            attend.line = opened.enter_context(opened_line(slot, scenario, arguments, table))
+            attend.line = opened.enter_context(
+                opened_line(slot, scenario, arguments, table, recipes)
+            )
         yield attend
 
 
+#: A host that does nothing for so long was suspended: no busy machine keeps it away that long [s].
+SUSPENDED_S = 2.0
 #: How often somebody looks whether a report is due [s].
 _LOOK_S = 0.01
 
@@ -116,39 +126,44 @@ class Watched:
         kept.attend(now_s)
 
 
-def show_array(belief: BelievedArray, arguments: Namespace, main: Main | None = None) -> Exit:
-    """Run the program, and again whenever that is asked for, until Ctrl-C or the time limit.
+def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: Namespace) -> Exit:
+    """Run the program again and again, as that is asked for, until Ctrl-C or the time limit.
 
     With a line the program waits for Reset and Start. Raises NoBusError, DeviceGoneError,
     PageError, LineError, OtherHostError, and `CommandError` for a program that has ended with a
     fault.
     """
+    belief, main = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
     with (
         keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept,
         _opened(belief, arguments) as (link, clock),
     ):
         refuse_other_host(link, clock)
-        slot, table = _slot_and_table(belief, link, clock, main, kept)
+        slot, table = _slot_and_table(recipes, link, clock, kept)
         kept.counts = lambda: link.counts
         if isinstance(link, ReturningLink):
             link.on_gone, link.at_rest = slot.fail, lambda: not slot.busy
         watched = Watched(kept, slot, belief.scenario)
         with (
             interrupted(kept.on_hangup) as pressed,
-            attendants(table, slot, belief.scenario, arguments) as attend,
+            attendants(table, slot, belief.scenario, arguments, recipes) as attend,
         ):
             if not has_line(arguments):
                 slot.start()
-            incidents = 0
+            incidents, attended_s = 0, clock.now_s()
 
             def attended() -> None:
-                nonlocal incidents
+                nonlocal incidents, attended_s
+                away_s = clock.now_s() - attended_s
+                if away_s > SUSPENDED_S and attend.line is not None:
+                    attend.line.machine.on_suspended(away_s)
                 for time_s, text in link.incidents[incidents:]:
                     table.note("link", text, time_s, trouble=True)
                 incidents = len(link.incidents)
                 attend()
                 watched.look(clock.now_s(), attend.line)
+                attended_s = clock.now_s()
 
             def over() -> bool:
                 attended()
@@ -172,17 +187,19 @@ def _opened(
 
 
 def _slot_and_table(
-    belief: BelievedArray, link: AnyLink, clock: Clock, main: Main | None, kept: Kept
+    recipes: Recipes[tuple[BelievedArray, Main | None]], link: AnyLink, clock: Clock, kept: Kept
 ) -> tuple[RunSlot, LiveTable]:
     """The host's place, and its part of a page."""
 
     def make() -> Coordinator:
+        chosen, main = recipes.job
         coordinator = coordinator_of(
-            belief.scenario, belief.cells, main=main, executor=ThreadExecutor()
+            chosen.scenario, chosen.cells, main=main, executor=ThreadExecutor()
         )
         watch_program(coordinator, link, clock)
         return coordinator
 
+    belief, _ = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)
     watch = BusWatch(layout, timing.silence_s)

@@ -175,6 +175,14 @@ def add_line(parser: ArgumentParser, state: str = _LINE_STATE) -> None:
         action="store_true",
         help="let OPC UA clients of this machine read without a user and unencrypted",
     )
+    parser.add_argument(
+        "--recipe",
+        metavar="[NAME=]FILE",
+        action="append",
+        default=[],
+        help="another job for the same table, which clients of the line may choose; may be "
+        "repeated (default: the program of the command alone)",
+    )
     add_state(parser, state)
 
 

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from mdms_host.clock import Clock
 from mdms_host.line.channel import ServersGoneError, ServersProcess
-from mdms_host.line.machine import Machine
+from mdms_host.line.machine import Machine, Recipes
 from mdms_host.line.packml import CommandRefusedError
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.table_orders import Report
@@ -29,8 +29,8 @@ class Line:
     """A table's place in a line; close it when done.
 
     The driver of the table calls `attend` as often as it can. Nothing of it waits. `settings` are
-    those of the servers. `note(text)` is told what happens, and `show` what a page shows. Raises
-    `LineError`.
+    those of the servers. The slot makes its runs by the chosen one of `recipes`. `note(text)` is
+    told what happens, and `show` what a page shows. Raises `LineError`.
     """
 
     def __init__(
@@ -40,6 +40,7 @@ class Line:
         clock: Clock,
         settings: dict[str, Any],
         *,
+        recipes: Recipes[Any],
         note: Callable[[str], object],
         show: Callable[[dict[str, Any]], object] = lambda _shown: None,
     ) -> None:
@@ -49,8 +50,9 @@ class Line:
         self._show_due_s = 0.0
         self._due_s = 0.0
         self._changes = -1
-        self.machine = Machine(slot, exits, clock.now_s, self._report)
-        self._servers = ServersProcess({**settings, "exits": exits})
+        self._recipe = recipes.chosen
+        self.machine = Machine(slot, exits, clock.now_s, self._report, recipes)
+        self._servers = ServersProcess({**settings, "exits": exits, "recipes": recipes.names})
         try:
             self.addresses: list[str] = self._await_open()
         except BaseException:
@@ -85,6 +87,9 @@ class Line:
             self._answer(message)
         self.machine.step()
         states, now_s = self.machine.states, self._clock.now_s()
+        if self._recipe != self.machine.recipes.chosen:
+            self._recipe = self.machine.recipes.chosen
+            self._note(f"line: recipe {self._recipe}")
         if states.changes != self._changes:
             self._changes = states.changes
             self._note(f"line: {states.state.name.capitalize()} {states.reason}".rstrip())

@@ -4,10 +4,11 @@
 Execute. A run of the table begins with Reset and ends with Stop, Abort or a fault.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from math import inf
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from mdms_host.commissioning.doctor.findings import KINDS
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import TROUBLED, Phase
 from mdms_host.line.packml import (
+    CHOOSES,
     DONE,
     MOVES,
     TRANSITIONS,
@@ -30,6 +32,7 @@ from mdms_host.programs.program import TableProgram
 from mdms_host.programs.table_orders import Report, TableOrders, order_of
 from mdms_host.programs.table_parcel import ProgramError
 
+Job = TypeVar("Job")
 #: Without a heartbeat of the client that started it for so long, the machine is suspended [s].
 HEARTBEAT_LIMIT_S = 1.0
 #: No parcel gets on for so long behind a full exit, or none comes for so long [s].
@@ -51,6 +54,33 @@ _WITHOUT_RUN = (State.STOPPED, State.COMPLETED, State.ABORTED, *_ENDS)
 #: Reasons of Suspended that pass by themselves.
 _BLOCKED = "no parcel can go on: the exit {exits} is full"
 _STARVED = "no parcel comes"
+
+
+class Recipes(Generic[Job]):
+    """The recipes of a line: jobs with their parameters, by name. The first is `chosen` at first.
+
+    Every run that begins takes the chosen one.
+    """
+
+    def __init__(self, jobs: Mapping[str, Job]) -> None:
+        self.jobs = jobs
+        self.names = tuple(jobs)
+        self.chosen = self.names[0]
+
+    @property
+    def first(self) -> Job:
+        """The job of the first recipe."""
+        return self.jobs[self.names[0]]
+
+    @property
+    def job(self) -> Job:
+        """The chosen job. Raises `RefusedError` if it was chosen before, and is not allowed now."""
+        if self.chosen not in self.jobs:
+            raise RefusedError(
+                f"the recipe {self.chosen!r:.40} was chosen before, but is not allowed now; "
+                f"choose one of: {', '.join(self.names)}"
+            )
+        return self.jobs[self.chosen]
 
 
 @dataclass(slots=True)
@@ -100,7 +130,8 @@ def effectiveness(
 class Machine:
     """A table in a line; `now_s` is the machine's time. `slot` is the host's place at the table.
 
-    `on_report` gets every report on a parcel. `exits` are the table's exits by name.
+    `on_report` gets every report on a parcel. `exits` are the table's exits by name. The slot
+    makes its runs by the chosen one of `recipes`.
     """
 
     def __init__(
@@ -109,8 +140,10 @@ class Machine:
         exits: tuple[str, ...],
         now_s: Callable[[], float],
         on_report: Callable[[Report], object],
+        recipes: Recipes[Any],
     ) -> None:
         self.exits = exits
+        self.recipes = recipes
         self.orders = TableOrders()
         self.figures = Figures()
         self.ideal_per_hour = 0.0
@@ -124,6 +157,9 @@ class Machine:
         self._stalled_s: dict[str, float] = {}
         self._passing = ""
         self._run: Coordinator | None = None
+        #: The recipe of the run, and the slot's count of stops since the run is replaced.
+        self._recipe = ""
+        self._stops: int | None = None
 
     # From outside --------------------------------------------------------------------------------
 
@@ -155,19 +191,16 @@ class Machine:
                 self.command(Command(values["command"]), values["by"])
             case "mode":
                 self.states.change_mode(Mode(values["mode"]))
-            case "order":
-                self.orders.give(order_of(values["order"]))
-            case "in_doubt":
-                order = order_of(values["order"])
-                self.orders.in_doubt[order.key] = order
-            case "cancel":
-                doubtful = self.orders.in_doubt.pop(values["key"], None)
-                if doubtful is None and not self.orders.cancel(values["key"]):
-                    raise ProgramError(f"order {values['key']} is under way, or over: hold or stop")
+            case "order" | "in_doubt" | "cancel":
+                self._do_with_order(name, values)
             case "coming":
                 self.orders.expect(values["parcel"], values.get("kind", ""))
             case "exit":
                 self._set_exit(values["exit"], values["full"])
+            case "recipe":
+                self._choose(values["recipe"])
+            case "chosen":
+                self.recipes.chosen = values["recipe"]
             case "ideal":
                 self.ideal_per_hour = values["per_hour"]
             case "restore":
@@ -178,13 +211,40 @@ class Machine:
             case _:
                 raise CommandRefusedError(f"there is no request {name!r:.40}")
 
+    def _do_with_order(self, name: str, values: dict[str, Any]) -> None:
+        if name == "order":
+            self.orders.give(order_of(values["order"]))
+        elif name == "in_doubt":
+            order = order_of(values["order"])
+            self.orders.in_doubt[order.key] = order
+        else:
+            doubtful = self.orders.in_doubt.pop(values["key"], None)
+            if doubtful is None and not self.orders.cancel(values["key"]):
+                raise ProgramError(f"order {values['key']} is under way, or over: hold or stop")
+
     def _set_exit(self, name: str, full: bool) -> None:
         if name not in self.exits:
             there = ", ".join(self.exits) or "none"
             raise CommandRefusedError(f"no exit {name!r:.40}; there are: {there}")
         (self.orders.full.add if full else self.orders.full.discard)(name)
 
+    def _choose(self, name: str) -> None:
+        """The next run is by this recipe; the run of Idle is replaced when it is started."""
+        if name not in self.recipes.names:
+            there = ", ".join(self.recipes.names)
+            raise CommandRefusedError(f"no recipe {name!r:.40}; there are: {there}")
+        if self.states.state not in CHOOSES:
+            possible = ", ".join(each.name.capitalize() for each in CHOOSES)
+            state = self.states.state.name.capitalize()
+            raise CommandRefusedError(f"a recipe is not chosen in {state}, but in: {possible}")
+        self.recipes.chosen = name
+
     # In the thread that drives the table ---------------------------------------------------------
+
+    def on_suspended(self, for_s: float) -> None:
+        """The host stood still for so long [s]: parcels may lie elsewhere, so a run is aborted."""
+        if self.states.state not in _WITHOUT_RUN:
+            self._on(Command.ABORT, f"the host was suspended for {for_s:.1f} s")
 
     def step(self) -> None:
         """Bring the state machine and the table together."""
@@ -197,7 +257,11 @@ class Machine:
         run = self._run
         if state in _WITHOUT_RUN:
             self._end_run(state)
-        elif run is None or not self._slot.busy or self._fault(run, now_s):
+        elif run is None or self._fault(run, now_s):
+            self._on(*self._ended(run, now_s))
+        elif state is State.STARTING and self._recipe != self.recipes.chosen:
+            self._change_run()
+        elif not self._slot.busy:
             self._on(*self._ended(run, now_s))
         else:
             run.keep(state is not State.EXECUTE and state not in _GOES_ON)
@@ -209,22 +273,39 @@ class Machine:
         if run is self._run or run is None or not self._slot.busy:
             return
         self._run = run
+        self._recipe, self._stops = self.recipes.chosen, None
         run.keep(True)
         program = run.program
         assert isinstance(program, TableProgram)
         self.orders.end_run()
         program.table.orders = self.orders
+        program.table.recipe = self._recipe
         program.serve_orders()
         if self.states.state is State.STOPPED:
             self._on(Command.RESET, "started by hand")
 
     def _end_run(self, state: State) -> None:
         """Turn the motors off."""
+        self._stops = None
         if self._slot.busy:
             self._slot.stop()
         elif state in _ENDS:
             self.orders.end_run()
             self.states.on(DONE, self._now_s())
+
+    def _change_run(self) -> None:
+        """End the run of another recipe, which has moved nothing, and begin one of the chosen."""
+        if self._stops is None and self._slot.busy:
+            self._slot.stop()
+            self._stops = self._slot.stops
+        elif self._stops != self._slot.stops:
+            self._on(Command.STOP, "stopped by hand")
+        elif not self._slot.busy:
+            if self._run is not None and isinstance(self._run.program, TableProgram):
+                self.orders.begin_again(self._run.program.table.parcels)
+            # A refusal leads to Stopping, with its reason.
+            with suppress(CommandRefusedError):
+                self._reset()
 
     def _fault(self, run: Coordinator, now_s: float) -> str | None:
         if run.fault is not None or run.stuck is not None:
@@ -267,7 +348,7 @@ class Machine:
         elif run.finished:
             self._rest(Command.COMPLETE, run, "the job is done")
         elif stalled := self._stalled(run, now_s):
-            self._rest(Command.SUSPEND, run, stalled)
+            self._rest(Command.SUSPEND, run, stalled + _in_the_way(run))
             self._passing = stalled
 
     def _rest(self, command: Command, run: Coordinator, reason: str) -> None:
@@ -311,7 +392,7 @@ class Machine:
         if command is Command.RESET:
             self._reset()
         elif self._run is not None and self._slot.busy:
-            self._run.keep(command not in MOVES)
+            self._run.keep(command not in MOVES or self._recipe != self.recipes.chosen)
             if command in (Command.STOP, Command.ABORT):
                 self._slot.stop()
 
@@ -334,6 +415,7 @@ class Machine:
             "state": int(states.state),
             "mode": int(states.mode),
             "reason": states.reason,
+            "recipe": self.recipes.chosen,
             "since_s": now_s - states.since_s,
             "changes": states.changes,
             "spent_s": {int(each): states.in_state_s(each, now_s) for each in State},
@@ -354,6 +436,7 @@ class Machine:
         states, figures = self.states, self.figures
         effective = effectiveness(states, figures, self._now_s(), self.ideal_per_hour)
         counters: list[tuple[str, str]] = [
+            ("recipe", self.recipes.chosen),
             ("parcels in", str(figures.parcels_in)),
             *((f"out by {name}", str(figures.out.get(name, 0))) for name in self.exits),
             ("lost", str(figures.parcels_lost)),
@@ -385,6 +468,17 @@ def _stands(run: Coordinator) -> bool:
     """Whether no wheel is to turn, and none that reports does."""
     speeds_m_s = np.nan_to_num(run.speeds_m_s)
     return not run.references_m_s.any() and bool((abs(speeds_m_s) < _STANDS_M_S).all())
+
+
+def _in_the_way(run: Coordinator) -> str:
+    """What lies on a table without parcels, and may lie where they come, as the end of a reason."""
+    program = run.program
+    assert isinstance(program, TableProgram)
+    table = program.table
+    if table.parcels or not table.unknown:
+        return ""
+    places = [f"{name} at {x_m:.2f}, {y_m:.2f} m" for name, (x_m, y_m) in table.unknown.items()]
+    return f"; nobody knows {' and '.join(places[:3])}: take it off"
 
 
 def _alarm(states: StateMachine, run: Coordinator | None) -> dict[str, str] | None:

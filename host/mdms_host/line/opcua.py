@@ -82,6 +82,7 @@ SHOWN = (
     Shown("State", _V.Int32, "number of the state, as in ISA-TR88.00.02", _plain("state")),
     Shown("StateName", _V.String, "the state", lambda p: _name(State(p.snapshot["state"]))),
     Shown("Reason", _V.String, "why the machine is in it", _plain("reason")),
+    Shown("Recipe", _V.String, "the recipe of the next run, or of this one", _plain("recipe")),
     Shown("TableHeartbeat", _V.UInt32, "counts on while the table lives", lambda p: p.beats),
     Shown("ParcelsIn", _V.UInt32, "parcels that have come", _figure("parcels_in")),
     Shown(
@@ -141,6 +142,12 @@ LINE_METHODS = (
         "ParcelComing", (("Parcel", _TEXT), ("Kind", _TEXT)), (), "identity and kind by the scanner"
     ),
     LineMethod("SetExitFull", (("Exit", _TEXT), ("Full", _V.Boolean)), (), "full, or free again"),
+    LineMethod(
+        "ChooseRecipe",
+        (("Recipe", _TEXT),),
+        (),
+        "take one of `Recipes` for the next run, in Stopped, Idle or Completed",
+    ),
     LineMethod(
         "SetIdealRate", (("PerHour", _NUMBER),), (), "the rate that counts as performance 1"
     ),
@@ -257,6 +264,7 @@ class OpcUaServer:
         await self._heartbeat.set_writable()
         self._full = await line.add_variable(index, "ExitsFull", [False], _V.Boolean)
         await line.add_variable(index, "Exits", list(self._plant.exits), _V.String)
+        await line.add_variable(index, "Recipes", list(self._plant.recipes), _V.String)
         self._folder = await line.add_object(index, "Parcels")
         cells_folder = await line.add_object(index, "Cells")
         self._cells = []
@@ -343,6 +351,12 @@ class OpcUaServer:
         self, _parent: ua.NodeId, exit: str, full: bool
     ) -> list[ua.Variant]:
         await self._plant.set_exit(exit, full)
+        return []
+
+    async def _ChooseRecipe(  # noqa: N802
+        self, _parent: ua.NodeId, recipe: str
+    ) -> list[ua.Variant]:
+        await self._plant.choose(recipe)
         return []
 
     async def _SetIdealRate(  # noqa: N802

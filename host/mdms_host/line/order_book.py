@@ -30,6 +30,7 @@ _FIELDS = ("key", "parcel", "exit", "x_m", "y_m", "yaw_rad", "priority")
 KEPT_S = 7 * 86400.0
 #: How an event of a parcel changes its order.
 _STATES = {
+    "accepted": OrderState.ACCEPTED,
     "under way": OrderState.UNDER_WAY,
     "arrived": OrderState.ARRIVED,
     "left": OrderState.LEFT,

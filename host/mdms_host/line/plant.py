@@ -26,6 +26,7 @@ NOTHING: dict[str, Any] = {
     "state": int(State.STOPPED),
     "mode": int(Mode.PRODUCTION),
     "reason": "",
+    "recipe": "",
     "since_s": 0.0,
     "changes": 0,
     "spent_s": {},
@@ -50,17 +51,19 @@ class RequestRefusedError(Exception):
 
 
 class Plant:
-    """The table as the servers see it. `exits` are its exits by name."""
+    """The table as the servers see it, with its `exits` and its allowed `recipes` by name."""
 
     def __init__(
         self,
         book: OrderBook,
         exits: tuple[str, ...],
+        recipes: tuple[str, ...],
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
         self.book = book
         self.exits = exits
+        self.recipes = recipes
         self.snapshot = NOTHING
         #: How many snapshots have come, for clients that watch whether the table lives.
         self.beats = 0
@@ -132,6 +135,14 @@ class Plant:
             raise RequestRefusedError(self._no_exit(exit))
         await self._ask("exit", exit=exit, full=full)
 
+    async def choose(self, recipe: str) -> None:
+        """Have the next run follow a recipe, also after the host was killed.
+
+        Raises `RequestRefusedError`.
+        """
+        await self._ask("recipe", recipe=recipe)
+        self.book.keep("recipe", recipe)
+
     async def set_ideal(self, per_hour: float) -> None:
         """The rate that counts as performance 1. Raises `RequestRefusedError`."""
         if not 0.0 <= per_hour <= 1e6:
@@ -144,10 +155,13 @@ class Plant:
     # The table -----------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Give the table the orders and figures of before."""
+        """Give the table the orders, figures and recipe of before."""
         kept = self.book.kept("machine")
         if kept is not None:
             self._tell("restore", **kept)
+        recipe = self.book.kept("recipe")
+        if recipe is not None:
+            self._tell("chosen", recipe=recipe)
         for order in self.book.in_state(OrderState.ACCEPTED):
             self._tell("order", order=asdict(order))
         for order in self.book.in_state(OrderState.IN_DOUBT):
@@ -159,7 +173,7 @@ class Plant:
 
     async def listen(self) -> None:
         """Take in the messages of the table, until it is gone."""
-        while line := await self._reader.readline():
+        while line := await self._line():
             message = json.loads(line)
             if "snapshot" in message:
                 self._see(message["snapshot"])
@@ -170,6 +184,13 @@ class Plant:
                     tell(report)
             elif (answer := self._waiting.pop(message["id"], None)) and not answer.done():
                 answer.set_result(message["error"])
+
+    async def _line(self) -> bytes:
+        """The next message; empty when the table is gone, also when it was killed."""
+        try:
+            return await self._reader.readline()
+        except ConnectionError:
+            return b""
 
     def _see(self, snapshot: dict[str, Any]) -> None:
         self.snapshot = snapshot

@@ -14,7 +14,7 @@ from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
 #: Raised with every change of the map that a client would notice.
-MAP_VERSION = 1
+MAP_VERSION = 2
 #: Registers of a text, and its characters.
 TEXT_WORDS = 8
 #: Who writes registers, for the machine.
@@ -55,6 +55,11 @@ def _full(plant: Plant) -> int:
     return sum(full << number for number, full in enumerate(plant.snapshot["exits_full"]))
 
 
+def _recipe(plant: Plant) -> int:
+    chosen = plant.snapshot["recipe"]
+    return plant.recipes.index(chosen) + 1 if chosen in plant.recipes else 0
+
+
 def _in_doubt(plant: Plant) -> int:
     return plant.book.counts().get(OrderState.IN_DOUBT, 0)
 
@@ -79,6 +84,7 @@ MAP = (
     Register(6, "exits_full", "Exits that are full, exit 1 in bit 0.", _full),
     Register(7, "orders_open", "Orders that wait or are under way.", _figure("orders_open")),
     Register(8, "orders_in_doubt", "Orders in doubt.", _in_doubt),
+    Register(9, "recipe", "Recipe that is chosen, from 1; 0: none that is allowed.", _recipe),
     Register(10, "parcels_in", "Parcels that have come.", _count("parcels_in"), 2),
     Register(12, "parcels_out", "Parcels that have left by an exit.", _out, 2),
     Register(14, "parcels_lost", "Parcels that were lost.", _count("parcels_lost"), 2),
@@ -91,6 +97,7 @@ MAP = (
     Register(102, "command_counter", "Write another value to give the command."),
     Register(105, "exits_full_set", "Write all full exits, exit 1 in bit 0."),
     Register(106, "mode_set", "Write a mode, in Stopped."),
+    Register(107, "recipe_set", "Write a recipe, from 1, in Stopped, Idle or Completed."),
     Register(200, "request_counter", "Write another value to send the request below."),
     Register(
         201,
@@ -163,6 +170,8 @@ class PlantRegisters:
                 await self._set_exits(mask)
             if _AT["mode_set"] in changed:
                 await self._plant.change_mode(self._value("mode_set"))
+            if _AT["recipe_set"] in changed:
+                await self._choose(self._value("recipe_set"))
         except RequestRefusedError:
             raise ModbusError(ILLEGAL_VALUE) from None
         if changed.get(_AT["command_counter"]):
@@ -188,6 +197,12 @@ class PlantRegisters:
     async def _set_exits(self, mask: int) -> None:
         for number, exit in enumerate(self._plant.exits[:MOST_EXITS]):
             await self._plant.set_exit(exit, bool(mask >> number & 1))
+
+    async def _choose(self, number: int) -> None:
+        recipes = self._plant.recipes
+        if not 1 <= number <= len(recipes):
+            raise RequestRefusedError(f"recipe {number} is not 1 to {len(recipes)}")
+        await self._plant.choose(recipes[number - 1])
 
     async def _command(self) -> None:
         try:

@@ -35,7 +35,7 @@ async def serve(descriptor: int) -> None:
     except (OrderBookError, OSError) as error:
         return await _fail(writer, str(error))
     with book:
-        plant = Plant(book, tuple(settings["exits"]), reader, writer)
+        plant = Plant(book, tuple(settings["exits"]), tuple(settings["recipes"]), reader, writer)
         plant.begin()
         tasks = [asyncio.create_task(plant.listen())]
         modbus = ModbusServer(PlantRegisters(plant))

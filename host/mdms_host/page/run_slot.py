@@ -51,6 +51,8 @@ class RunSlot:
         self.on_cycle: Callable[[float], object] = lambda _late_s: None
         self.coordinator: Coordinator | None = None
         self.reader: ObjectReader | None = None
+        #: How often somebody has asked for an end.
+        self.stops = 0
         self._make = make
         self._buses = buses
         self._watch = watch
@@ -92,6 +94,7 @@ class RunSlot:
         """End the program in order. Raises `RefusedError` where none runs."""
         if self.coordinator is None or not self.busy:
             raise RefusedError("no program runs")
+        self.stops += 1
         self.coordinator.stop()
 
     def fail(self, text: str) -> None:
@@ -105,7 +108,7 @@ class RunSlot:
         A program brakes the wheels before it turns their drives off.
         """
         if self.coordinator is not None and self.busy:
-            self.coordinator.stop()
+            self.stop()
         else:
             self._all_off = _REPEATS
 

@@ -66,6 +66,8 @@ class Table:
         self.newcomers: Newcomers | None = None
         #: Kinds of parcels, each with an exit that was asked for by its name.
         self.asked_exits: set[tuple[str, str]] = set()
+        #: The recipe that the plant around the table has chosen; empty without a plant.
+        self.recipe = ""
         #: The orders of the plant around the table, and the exits that are full.
         self.orders = TableOrders()
         self._orders = orders

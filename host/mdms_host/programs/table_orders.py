@@ -4,8 +4,8 @@ An order names a parcel by its identity, which a scanner may have announced. It 
 the program's own order for that parcel. Everything runs in the cycle of the program.
 """
 
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from math import hypot, pi, radians, remainder
@@ -143,9 +143,25 @@ class TableOrders:
             self._reports.append(Report("in doubt", order.parcel, order.key))
         self._under_way.clear()
         self.identities.clear()
-        self._waiting.clear()
+        # Tasks of the run that are dropped later clean up their own set.
+        self._waiting = set()
         self._arrived.clear()
         self._serves = False
+
+    def begin_again(self, parcels: Sequence[TableParcel]) -> None:
+        """The run has ended without having moved any of its parcels, and another one follows.
+
+        Its orders are to be carried out by that. Of each kind one parcel keeps its identity; more
+        of them could be mixed up.
+        """
+        for order, _ in self._under_way.values():
+            self._reports.append(Report("accepted", order.parcel, order.key))
+        self._under_way.clear()
+        kinds = Counter(parcel.kind for parcel in parcels)
+        for parcel in parcels:
+            if parcel.name in self.identities and kinds[parcel.kind] == 1:
+                self._expected.appendleft((self.identities[parcel.name], parcel.kind))
+        self.end_run()
 
     # What a program may ask ----------------------------------------------------------------------
 
@@ -260,9 +276,10 @@ class TableOrders:
             elif order.exit is None:
                 self._arrived[parcel.name] = parcel
                 self._reports.append(Report("arrived", identity, order.key))
-        finally:
-            self.open.pop(order.key, None)
-            self._under_way.pop(parcel.name, None)
+        # Not in `finally`: an order of a program that is broken off stays under way, until the run
+        # ends and puts it in doubt.
+        self.open.pop(order.key, None)
+        self._under_way.pop(parcel.name, None)
 
     async def leave(
         self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]
@@ -288,12 +305,12 @@ class TableOrders:
 
         A parcel that has no way there waits where it is.
         """
-        order = give(_before(parcel, gate))
-        self._waiting.add(parcel.name)
+        order, waiting = give(_before(parcel, gate)), self._waiting
+        waiting.add(parcel.name)
         try:
             await until(lambda: gate.name not in self.full or order.replaced or parcel.has_left)
         finally:
-            self._waiting.discard(parcel.name)
+            waiting.discard(parcel.name)
         return order
 
     def _must_wait(self, parcel: TableParcel, gate: Gate) -> bool:

@@ -30,6 +30,16 @@ def ended(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int
         (["serve", TABLE, "--modbus", "70000"], "70000 is not 0 to 65535"),
         (["run", TABLE, "--modbus", "0", "--out", "x"], "leave --out and --json out"),
         (["run", TABLE, "--opcua", "0", "--json"], "leave --out and --json out"),
+        (["serve", TABLE, "--recipe", TABLE], "is chosen by a line; add --opcua or --modbus"),
+        (["serve", TABLE, "--modbus", "0", "--recipe", TABLE], "'table' is taken"),
+        (
+            ["serve", TABLE, "--modbus", "0", "--recipe", "sort54"],
+            "--recipe sort54: `array` is not that of the table",
+        ),
+        (
+            ["run", TABLE, "--modbus", "0", "--recipe", "array18"],
+            "a line needs a program, but motion.field is 'goal'",
+        ),
         (["line", "certificate", "--days", "0"], "0 is not 1 to 36500"),
     ],
 )

@@ -6,11 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.host.line.virtual_line import VirtualLine
+from tests.host.line.virtual_line import TABLE, VirtualLine
 
 from mdms_host.line.machine import _stands as machine_stands
 from mdms_host.line.packml import Command, CommandRefusedError, State
+from mdms_host.programs.table import Table
 from mdms_host.programs.table_parcel import ProgramError
+from mdms_model.scenario.file import load_scenario
 
 pytestmark = pytest.mark.slow
 
@@ -125,6 +127,19 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) ->
     assert line.state is State.EXECUTE
 
 
+def test_a_thing_in_the_infeed_is_named_where_no_parcel_comes(line) -> None:
+    line.bring_to_execute()
+    line.until(lambda: any(p["pose"][0] > -0.13 for p in line.machine.snapshot()["parcels"]), 10.0)
+    line.command(Command.STOP)
+    line.until_state(State.STOPPED)
+    line.bring_to_execute()
+    line.until_state(State.SUSPENDED, 40.0)
+    reason = "no parcel comes; nobody knows unknown-1 at -0.06, 0.00 m: take it off"
+    assert line.machine.states.reason == reason
+    line.take_parcels_off()
+    line.until(lambda: line.state is State.EXECUTE, 20.0)
+
+
 def test_stop_leaves_an_order_under_way_in_doubt_and_does_not_repeat_it(line) -> None:
     line.do("coming", parcel="P-1", kind="")
     line.do("order", **order("o1", "P-1", exit="north"))
@@ -205,6 +220,105 @@ def test_wheels_stand_beside_the_noise_of_their_encoders(reference_m_s, speed_m_
     wheels = np.zeros(108)
     run = SimpleNamespace(references_m_s=wheels + reference_m_s, speeds_m_s=wheels - speed_m_s)
     assert machine_stands(run) is rests
+
+
+@pytest.fixture
+def told() -> list[str]:
+    """The recipes that programs were begun with."""
+    return []
+
+
+@pytest.fixture
+def choosing(told) -> Iterator[VirtualLine]:
+    """A line with the recipe `slow` beside its own: no parcel of it moves."""
+
+    async def main(table: Table) -> None:
+        told.append(table.recipe)
+        await table.sleep(math.inf)
+
+    scenario = load_scenario(str(TABLE), ["run.fidelity=firmware", "motion.speed_m_s=0.2"])
+    with VirtualLine(recipes={"slow": (scenario, main)}) as line:
+        yield line
+
+
+def test_a_recipe_chosen_in_idle_is_that_of_the_next_start(choosing, told) -> None:
+    choosing.command(Command.RESET)
+    choosing.until_state(State.IDLE)
+    choosing.do("recipe", recipe="slow")
+    assert choosing.machine.snapshot()["recipe"] == "slow"
+    choosing.pass_s(1.0)
+    assert (choosing.state, told) == (State.IDLE, [])
+    choosing.command(Command.START)
+    choosing.until_state(State.EXECUTE)
+    choosing.pass_s(3.0)
+    assert told == ["slow"]
+    assert choosing.slot.coordinator.program.table.recipe == "slow"
+    assert not choosing.moving()
+    with pytest.raises(CommandRefusedError, match="in Execute, but in: Stopped, Idle, Completed"):
+        choosing.do("recipe", recipe="table")
+    choosing.command(Command.STOP)
+    choosing.until_state(State.STOPPED)
+    choosing.do("recipe", recipe="table")
+    choosing.bring_to_execute()
+    choosing.until(lambda: choosing.machine.figures.parcels_out == 1, 20.0)
+    assert dict(choosing.machine.shown()["counters"])["recipe"] == "table"
+
+
+def test_a_recipe_chosen_in_idle_keeps_the_order_of_the_scanned_parcel(choosing) -> None:
+    choosing.do("recipe", recipe="slow")
+    choosing.do("coming", parcel="P-1", kind="")
+    choosing.do("order", **order("o1", "P-1", exit="north"))
+    choosing.command(Command.RESET)
+    choosing.until(lambda: "under way" in choosing.of_order("o1"), 10.0)
+    choosing.do("recipe", recipe="table")
+    choosing.command(Command.START)
+    choosing.until(lambda: "left" in choosing.of_order("o1"), 20.0)
+    assert choosing.of_order("o1") == ["under way", "accepted", "under way", "left"]
+    assert choosing.machine.figures.out["north"] == 1
+
+
+def test_an_order_under_way_when_the_program_fails_is_in_doubt() -> None:
+    async def main(table: Table) -> None:
+        await table.arrival()
+        await table.sleep(0.5)
+        raise RuntimeError
+
+    scenario = load_scenario(str(TABLE), ["run.fidelity=firmware"])
+    with VirtualLine(recipes={"wrong": (scenario, main)}) as line:
+        line.do("recipe", recipe="wrong")
+        line.do("coming", parcel="P-1", kind="")
+        line.do("order", **order("o1", "P-1", exit="north"))
+        line.command(Command.RESET)
+        line.until_state(State.IDLE)
+        line.command(Command.START)
+        line.until_state(State.ABORTED, 30.0)
+        line.pass_s(0.1)
+        assert line.of_order("o1") == ["under way", "in doubt"]
+        assert "RuntimeError" in line.machine.states.reason
+
+
+def test_a_stop_by_hand_while_the_recipe_changes_moves_nothing(choosing, told) -> None:
+    choosing.command(Command.RESET)
+    choosing.until_state(State.IDLE)
+    choosing.do("recipe", recipe="slow")
+    choosing.command(Command.START)
+    choosing.pass_s(0.004)
+    assert choosing.state is State.STARTING
+    choosing.slot.stop_all()
+    choosing.until_state(State.STOPPED)
+    choosing.pass_s(2.0)
+    assert (choosing.state, choosing.slot.busy, told) == (State.STOPPED, False, [])
+
+
+def test_a_recipe_of_before_that_is_not_allowed_now_refuses_reset(choosing) -> None:
+    with pytest.raises(CommandRefusedError, match="no recipe 'gone'; there are: table, slow"):
+        choosing.do("recipe", recipe="gone")
+    choosing.do("chosen", recipe="gone")
+    with pytest.raises(CommandRefusedError, match="'gone' was chosen before"):
+        choosing.command(Command.RESET)
+    choosing.until_state(State.STOPPED)
+    choosing.do("recipe", recipe="table")
+    choosing.bring_to_execute()
 
 
 def test_a_person_sees_state_counters_and_orders_those_under_way_first(line) -> None:

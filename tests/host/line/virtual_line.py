@@ -6,12 +6,16 @@ from typing import Any, Self
 
 from mdms_array.host import coordinator_of
 from mdms_host.can_link.recent import Recent
-from mdms_host.line.machine import Machine
+from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.line.machine import Machine, Recipes
 from mdms_host.line.packml import Command, State
 from mdms_host.page.run_slot import RunSlot
+from mdms_host.programs.program import Main
 from mdms_host.programs.table_orders import Report
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import Scenario
+from mdms_sim.physics.plane.handling import take_away
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 
 TABLE = Path(__file__).parents[3] / "examples" / "line" / "table.toml"
@@ -28,16 +32,24 @@ class VirtualLine:
         recent: Recent | None = None,
         *,
         source: str = str(TABLE),
+        recipes: dict[str, tuple[Scenario, Main | None]] | None = None,
     ) -> None:
         scenario = load_scenario(source, ["run.fidelity=firmware", *overrides])
         addresses = addresses_of(scenario)
         self.reports: list[Report] = []
         self.beats = True
-        self.slot = RunSlot(lambda: coordinator_of(scenario), addresses.bus_count, recent=recent)
+        jobs = {TABLE.stem: (scenario, None), **(recipes or {})}
+        self.recipes: Recipes[tuple[Scenario, Main | None]] = Recipes(jobs)
+
+        def make() -> Coordinator:
+            chosen, main = self.recipes.job
+            return coordinator_of(chosen, main=main)
+
+        self.slot = RunSlot(make, addresses.bus_count, recent=recent)
         self._bank = open_bank("cpython", addresses.node_ids)
         self.simulation = Simulation(scenario, self._bank, [self.slot], recorded=False)
         exits = tuple(each.name for each in scenario.exit)
-        self.machine = Machine(self.slot, exits, self.now_s, self.reports.append)
+        self.machine = Machine(self.slot, exits, self.now_s, self.reports.append, self.recipes)
 
     def __enter__(self) -> Self:
         return self
@@ -91,6 +103,13 @@ class VirtualLine:
     def moving(self) -> bool:
         """Whether any wheel turns, by the simulator and not by a belief."""
         return bool((abs(self.simulation.world.wheel_speed_m_s) > 0.01).any())
+
+    def take_parcels_off(self) -> None:
+        """A person takes all parcels off the table, to where they come from."""
+        scene = self.simulation.world.scene
+        for number, parcel in enumerate(scene.state.parcels):
+            if not parcel["away"]:
+                take_away(scene, number)
 
     def begin(self, kind: str, **values: Any) -> Any:
         return self.simulation.faults.begin(Fault(kind, **values))

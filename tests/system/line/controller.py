@@ -85,6 +85,7 @@ class Table:
 
     def start(self) -> None:
         options = [f"--{name}={port}" for name, port in self.ports.items()]
+        options.append(f"--recipe={EXAMPLES / 'gentle.toml'}")
         command = [*MDMS, "serve", str(EXAMPLES / "table.toml"), "--state", str(self.folder)]
         environment = os.environ | {"XDG_RUNTIME_DIR": str(self.folder)}
         self.process = subprocess.Popen(

@@ -52,6 +52,8 @@ async function main() {
   const [, again] = await request(0, 1);
   console.log(`order ${first}, again ${again}`);
   await command(1, "Idle");
+  await client.writeRegister(107, 2);
+  await until("recipe 2", async () => (await read(9))[0] === 2);
   await command(2, "Execute");
   await until("left", async () => (await request(3, 0))[2] === 4);
   await command(3, "Stopped");

@@ -67,6 +67,9 @@ async function main() {
   const priority = { dataType: DataType.Int32, value: 0 };
   const give = () =>
     call(`${table}/${line}:Line`, `${line}:GiveOrderToExit`, ...texts(key, parcel, "north"), priority);
+  const choose = (name) => call(`${table}/${line}:Line`, `${line}:ChooseRecipe`, ...texts(name));
+  await choose("gentle");
+  await until("recipe gentle", async () => (await read("Recipe")) === "gentle");
   console.log(`order ${(await give())[1]}, again ${(await give())[1]}`);
   await call(execute, `${packml}:Reset`);
   await state("Idle");
@@ -74,6 +77,7 @@ async function main() {
   await new Promise((resolve) => setTimeout(resolve, 300));
   await call(execute, `${packml}:Start`);
   await state("Execute");
+  await choose("table").catch((error) => console.log(`in Execute: ${error.message.split(": ")[1]}`));
   const order = () => call(`${table}/${line}:Line`, `${line}:GetOrder`, ...texts(key));
   await until("left", async () => (await order())[0] === "left");
   await call(machine, `${packml}:Stop`);

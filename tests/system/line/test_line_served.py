@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 from tests.system.line.controller import (
     EXAMPLES,
     EXECUTE,
+    IDLE,
     MDMS,
     PATIENCE_S,
     STOPPED,
@@ -82,6 +84,26 @@ def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -
     controller.until_state(STOPPED)
 
 
+def test_a_recipe_is_chosen_in_idle_alone_and_survives_a_kill(table: Table) -> None:
+    controller = table.controller()
+    controller.until(lambda: controller.read(9) == (1,))
+    assert controller.command(1)
+    controller.until_state(IDLE)
+    controller.write(107, 2)
+    controller.until(lambda: controller.read(9) == (2,))
+    assert controller.command(2)
+    controller.until_state(EXECUTE)
+    assert controller.ask(bytes([6, 0, 107, 0, 1])) == bytes([0x86, 3])
+    table.kill()
+    table.start()
+    controller = table.controller()
+    controller.until(lambda: controller.read(9) == (2,))
+    assert controller.ask(bytes([6, 0, 107, 0, 3])) == bytes([0x86, 3])
+    controller.bring_to_execute()
+    assert controller.command(3)
+    controller.until_state(STOPPED)
+
+
 @needs_node
 def test_modbus_serial_brings_a_parcel_to_its_exit(table: Table) -> None:
     command = [str(NODE), str(HERE / "modbus_client.js"), str(table.ports["modbus"])]
@@ -92,7 +114,9 @@ def test_modbus_serial_brings_a_parcel_to_its_exit(table: Table) -> None:
         timeout=4 * PATIENCE_S,
         check=False,
     )
-    assert done.stdout.splitlines() == ["order 0, again 1", "Idle", "Execute", "left", "Stopped"]
+    assert done.stdout.splitlines() == [
+        *("order 0, again 1", "Idle", "recipe 2", "Execute", "left", "Stopped")
+    ]
     assert done.returncode == 0
 
 
@@ -107,6 +131,8 @@ def test_node_opcua_brings_a_parcel_to_its_exit(table: Table, tmp_path: Path) ->
     assert done.returncode == 0, done.stderr
     assert lines[-4:] == ["beat", "Execute", "left", "Stopped"]
     assert "order true, again false" in done.stdout
+    assert lines[0] == "recipe gentle"
+    assert "in Execute: BadInvalidState" in done.stdout
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="no mbpoll, which .ci/run installs")
@@ -116,7 +142,7 @@ def test_mbpoll_reads_the_map(table: Table) -> None:
         ["mbpoll", *options, "127.0.0.1"], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0
-    assert "[1]: \t1\n[2]: \t2\n" in done.stdout
+    assert "[1]: \t2\n[2]: \t2\n" in done.stdout
 
 
 @pytest.mark.parametrize("controller", ["modbus", "opcua"])
@@ -138,6 +164,29 @@ def test_the_controllers_of_the_example_work(table: Table, controller: str) -> N
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].lower() == "stopped"
+
+
+def test_a_full_chute_of_the_plant_leaves_the_others_to_their_parcels() -> None:
+    code = (
+        f"import sys; sys.path.insert(0, {str(EXAMPLES)!r}); import plant; "
+        "plant.ROOM, plant.EMPTIED_S, plant.PAGE = 1, 20.0, ('--page', '0'); "
+        f"plant.main({2.0 * PATIENCE_S})"
+    )
+    full: set[str] = set()
+    while_full, lines = 0, []
+    command = [sys.executable, "-c", code]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            lines.append(line)
+            if told := re.match(r"the chute (\w+) is (full|empty)", line):
+                (full.add if told[2] == "full" else full.discard)(told[1])
+            elif (left := re.match(r"P-\d+ has left by (\w+)", line)) and full - {left[1]}:
+                while_full += 1
+            if while_full >= 2 and "empty" in line:
+                process.send_signal(signal.SIGINT)
+    assert process.returncode == 0
+    assert while_full >= 2, "".join(lines)
 
 
 def test_opcua_refuses_other_users_and_connections_without_encryption(table: Table) -> None:

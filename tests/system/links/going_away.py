@@ -35,7 +35,7 @@ from mdms_sim.simulation import Simulation, open_bank
 TABLE = str(EXAMPLES / "table.toml")
 #: Wheels without a setpoint are braked within this [s].
 RESTS_S = 1.0
-RESET, START, CLEAR = 1, 2, 9
+RESET, START, UNHOLD, CLEAR = 1, 2, 5, 9
 
 
 class Door:
@@ -130,15 +130,24 @@ class Plant:
         self.door.open()
         self._opened.callback(self.door.cut)
         self.said: list[str] = []
-        self.host = self._begin_host(folder, interface, options)
-        self.controller = self._controller()
-        self._opened.callback(self.controller.close)
+        self._way = folder, interface, options
+        self.begin_host_again()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_error: object) -> None:
         self._opened.close()
+
+    def begin_host_again(self) -> None:
+        """Begin the host, and have a controller speak to it; an earlier one has ended."""
+        self.host = self._begin_host(*self._way)
+        self.controller = self._controller()
+        self._opened.callback(self.controller.close)
+
+    def give(self, key: str) -> int:
+        """Order a parcel of that name to the second exit; the result of the request."""
+        return self.controller.order(0, key, f"P{key}", exit=2)[0]
 
     def _begin_host(
         self, folder: Path, interface: str, more: tuple[str, ...]

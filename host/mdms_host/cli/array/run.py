@@ -9,7 +9,7 @@ from functools import partial
 
 from mdms_array.array import BelievedArray, believe
 from mdms_array.extras import PAGE, RECORDING, require
-from mdms_array.host import layout_of, programmed
+from mdms_array.host import layout_of
 from mdms_array.operation import bus_log_in, check_array, operate_array
 from mdms_array.recording import keep_run, lasting
 from mdms_array.run import Run
@@ -17,11 +17,12 @@ from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
 from mdms_host.cli.kept import check_log, keeping, keeps_frames
-from mdms_host.cli.line import check_line, has_line
+from mdms_host.cli.line import Job, has_line, recipes_of
 from mdms_host.cli.live_array import show_array
 from mdms_host.cli.options import AGAIN
 from mdms_host.cli.streams import EventLines, kept_for_json, say
 from mdms_host.coordination.operation import Ending, Operation
+from mdms_host.line.machine import Recipes
 from mdms_host.programs.program import Main
 from mdms_model.run.folder import check_other_run, fresh_folder
 
@@ -40,17 +41,16 @@ def run(arguments: Namespace) -> int:
         overrides.append(f"wire.bitrate={arguments.bitrate}")
     with kept_for_json(arguments.json):
         scenario, main = open_program(arguments.program, overrides)
-    belief = believe(scenario, arguments.array, arguments)
-    check_array(belief, arguments, arguments.array)
+    belief, _ = _believed((scenario, main), arguments)
     if arguments.array is not None and belief.scenario.stop is None:
         say(
             f"mdms: {arguments.array} does not say which parcels the emergency stop holds; add "
             "[stop] with form, mass_kg and speed_m_s"
         )
-    if has_line(arguments):
-        check_line(arguments, belief.scenario if main is None else programmed(belief.scenario))
+    recipes = recipes_of(arguments, arguments.program, (scenario, main), overrides)
     if attended:
-        return show_array(belief, arguments, main)
+        jobs = {name: _believed(recipes.jobs[name], arguments) for name in recipes.names}
+        return show_array(Recipes(jobs), arguments)
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     with kept_for_json(arguments.json):
@@ -62,6 +62,14 @@ def run(arguments: Namespace) -> int:
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
     return _verdict(operation, ended)
+
+
+def _believed(job: Job, arguments: Namespace) -> tuple[BelievedArray, Main | None]:
+    """A job on the array of the options. Raises `InputError`."""
+    scenario, main = job
+    belief = believe(scenario, arguments.array, arguments)
+    check_array(belief, arguments, arguments.array)
+    return belief, main
 
 
 def _check_options(arguments: Namespace, attended: bool) -> None:

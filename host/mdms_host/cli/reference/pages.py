@@ -208,8 +208,9 @@ reason.
 _LINE_NODES_HEAD = """
 Its object `Line` (namespace `urn:mdms-array:line`) has what PackML has no place for. A client
 writes another number into `ClientHeartbeat` at least twice a second. `Exits`, `ExitsFull`,
-`Parcels` (with `X`, `Y`, `Yaw`, `Kind`) and `Cells` (with `Enabled`) show the table. Events of the
-type `ParcelEvent` report parcels that are found, under way, arrived, left, refused or lost.
+`Recipes`, `Parcels` (with `X`, `Y`, `Yaw`, `Kind`) and `Cells` (with `Enabled`) show the table.
+Events of the type `ParcelEvent` report parcels that are found, under way, arrived, left, refused or
+lost.
 
 | variable | type | meaning |
 | --- | --- | --- |

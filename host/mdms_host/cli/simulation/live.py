@@ -3,7 +3,6 @@
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from functools import partial
 from time import sleep
 
 from mdms_array.host import (
@@ -14,8 +13,10 @@ from mdms_array.host import (
 from mdms_array.simulation import host_report_of
 from mdms_host.cli.exits import Exit, interrupted
 from mdms_host.cli.kept import Kept
+from mdms_host.cli.line import Job
 from mdms_host.cli.live_array import Watched, attendants
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.line.machine import Recipes
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
 from mdms_host.programs.program import Main
@@ -27,20 +28,28 @@ from mdms_sim.serve.server import Server
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
 
 
-def slot_of(scenario: Scenario, main: Main | None = None) -> RunSlot:
+def slot_of(
+    scenario: Scenario, main: Main | None = None, recipes: Recipes[Job] | None = None
+) -> RunSlot:
     """The host's place at a simulated table, where nobody sits yet. Raises `CommandError`.
 
-    Every start begins `main`, or the scenario's own program, anew.
+    Every start begins `main`, or the scenario's own program, anew; with `recipes` the chosen one.
     """
+    recipes = recipes or Recipes({"": (scenario, main)})
     # A scenario that does not fit the firmware is refused now, and not when somebody presses a
     # button; and all preparations for plans are made while nobody waits.
-    new = partial(coordinator_of, scenario, main=main)
-    first = [new(executor=ThreadExecutor())]
+    ready = {name: _coordinator_of(job) for name, job in recipes.jobs.items()}
 
     def make() -> Coordinator:
-        return first.pop() if first else new(executor=ThreadExecutor())
+        job = recipes.job
+        return ready.pop(recipes.chosen, None) or _coordinator_of(job)
 
     return RunSlot(make, addresses_of(scenario).bus_count)
+
+
+def _coordinator_of(job: Job) -> Coordinator:
+    scenario, main = job
+    return coordinator_of(scenario, main=main, executor=ThreadExecutor())
 
 
 def table_of(
@@ -72,6 +81,7 @@ def attended(
     server: Server,
     arguments: Namespace,
     *,
+    recipes: Recipes[Job],
     over: Callable[[], object],
     kept: Kept,
 ) -> Iterator[Callable[[], object]]:
@@ -79,7 +89,7 @@ def attended(
     table = table_of(scenario, slot, server.simulation, server.time, kept.event)
     watched = Watched(kept, slot, scenario)
     kernel = server.simulation.kernel
-    with attendants(table, slot, scenario, arguments) as attend:
+    with attendants(table, slot, scenario, arguments, recipes) as attend:
 
         def over_or_attended() -> object:
             attend()

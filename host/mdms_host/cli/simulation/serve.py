@@ -11,7 +11,7 @@ import numpy as np
 
 from mdms_array.extras import PAGE, require
 from mdms_array.figures import simulated_run
-from mdms_array.host import layout_of, programmed
+from mdms_array.host import layout_of
 from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
@@ -19,10 +19,10 @@ from mdms_host.can_link.bus_log import is_from_host
 from mdms_host.cli.exits import ENDS, CommandError, Exit, interrupted
 from mdms_host.cli.files import writing
 from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames
-from mdms_host.cli.line import check_line, has_line
+from mdms_host.cli.line import Job, has_line, recipes_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
-from mdms_host.programs.program import Main
+from mdms_host.line.machine import Recipes
 from mdms_model.arrays import Floats
 from mdms_model.run.folder import BUS_LOG, check_other_run, fresh_folder
 from mdms_model.run.record import MOST_SAMPLES
@@ -53,8 +53,7 @@ def run(arguments: Namespace) -> Exit:
     check_log(arguments)
     overrides = [*arguments.overrides, "run.fidelity=firmware"]
     scenario, main = open_program(arguments.scenario, overrides)
-    if has_line(arguments):
-        check_line(arguments, scenario if main is None else programmed(scenario))
+    recipes = recipes_of(arguments, arguments.scenario, (scenario, main), overrides)
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, None)
     stored = _kept_flash(scenario, arguments)
@@ -63,13 +62,13 @@ def run(arguments: Namespace) -> Exit:
         signal.signal(number, signal.default_int_handler)
     try:
         attended = arguments.page is not None or has_line(arguments)
-        slot = _slot(scenario, main) if attended else None
+        slot = _slot(recipes) if attended else None
         # Programs from elsewhere keep their own beliefs.
         host = HostLog(scenario, lambda: slot.coordinator if slot else None)
         told = believed(scenario)
         with keeping(scenario, layout_of(told), arguments, main=main) as kept:
             serve = _serve if arguments.out is None else _serve_and_keep
-            serve(scenario, slot, host, arguments, kept=kept, stored=stored)
+            serve(recipes, slot, host, arguments, kept=kept, stored=stored)
     except KeyboardInterrupt:
         pass
     finally:
@@ -132,7 +131,7 @@ class _Watch:
 
 
 def _serve_and_keep(
-    scenario: Scenario,
+    recipes: Recipes[Job],
     slot: "RunSlot | None",
     host: HostLog,
     arguments: Namespace,
@@ -140,11 +139,11 @@ def _serve_and_keep(
     kept: Kept,
     stored: KeptFlash | None,
 ) -> None:
-    clock = MonotonicClock()
+    clock, (scenario, _) = MonotonicClock(), recipes.first
     with fresh_folder(arguments.out) as folder:
         all_frames = keeps_frames(arguments)
         with (folder / BUS_LOG).open("wb") if all_frames else nullcontext() as log:
-            simulation = _serve(scenario, slot, host, arguments, kept=kept, stored=stored, log=log)
+            simulation = _serve(recipes, slot, host, arguments, kept=kept, stored=stored, log=log)
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
@@ -162,7 +161,7 @@ def _serve_and_keep(
 
 
 def _serve(
-    scenario: Scenario,
+    recipes: Recipes[Job],
     slot: "RunSlot | None",
     host: HostLog,
     arguments: Namespace,
@@ -172,6 +171,7 @@ def _serve(
     log: BinaryIO | None = None,
 ) -> Simulation:
     """Serve to the end; recorded where there is a run folder, in a bounded memory."""
+    scenario, _ = recipes.first
     cells = scenario.array.columns * scenario.array.rows
     flash = None if stored is None else stored.flash
     with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids, flash)) as bank:
@@ -204,7 +204,9 @@ def _serve(
                 from mdms_host.cli.simulation.live import attended  # noqa: PLC0415
 
                 over = opened.enter_context(
-                    attended(scenario, slot, server, arguments, over=over, kept=kept)
+                    attended(
+                        scenario, slot, server, arguments, recipes=recipes, over=over, kept=kept
+                    )
                 )
             over = _kept(server, kept, over)
             buses = len(server.all_addresses)
@@ -258,10 +260,10 @@ def _true_poses(world: World) -> Floats:
     return poses
 
 
-def _slot(scenario: Scenario, main: Main | None) -> "RunSlot":
+def _slot(recipes: Recipes[Job]) -> "RunSlot":
     from mdms_host.cli.simulation.live import slot_of  # noqa: PLC0415
 
-    return slot_of(scenario, main)
+    return slot_of(*recipes.first, recipes)
 
 
 def _name_of(scenario: str) -> str:

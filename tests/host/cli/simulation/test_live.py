@@ -61,7 +61,7 @@ def test_demo_without_a_page_begins_it_too(program, tmp_path, capsys):
 def test_the_place_at_a_served_table_has_the_main_of_a_file(program, monkeypatch):
     given = []
 
-    def slot_of(scenario, main):
+    def slot_of(scenario, main, _recipes):
         given.append((scenario.title, main.__name__))
         raise KeyboardInterrupt
 
@@ -74,7 +74,7 @@ def test_served_table_keeps_the_beliefs_and_plans_of_programs_of_its_page(tmp_pa
     out, ends_s = tmp_path / "run", []
 
     @contextmanager
-    def attended(_scenario, slot, server, _arguments, *, over, kept):
+    def attended(_scenario, slot, server, _arguments, *, recipes, over, kept):
         slot.start()
 
         def over_or_done():
