@@ -471,7 +471,7 @@ def _stands(run: Coordinator) -> bool:
 
 
 def _in_the_way(run: Coordinator) -> str:
-    """What lies on a table without parcels, and may lie where they come, as the end of a reason."""
+    """The unknown things on a table without parcels, as the end of a reason; one may bar an infeed."""
     program = run.program
     assert isinstance(program, TableProgram)
     table = program.table

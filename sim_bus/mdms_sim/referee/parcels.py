@@ -253,25 +253,10 @@ class Parcels:
             late = now_ns - estimate.time_ns > FRESH_NS
             if place not in driven or late or estimate.state != wire.UNDER or served is None:
                 continue
-            if place != node and served in self._over(node) and not self._told(node, now_ns):
-                continue
             over = self._over(place)
             if over and served not in over and not self._handled.keys() & {*over, served}:
                 name = self._truth.scenario.parcel[served].name
                 yield node, (over[0], f"cell {node + 1} drives for {name} under")
-
-    def _told(self, node: int, now_ns: int) -> bool:
-        """Whether a neighbour tells a pose of the parcel that a cell (from 0) drives for."""
-        estimates, pitch_m = self._word.estimates, self._truth.scenario.array.pitch_m
-        away_m = abs(self._centres_m - self._centres_m[node]).max(axis=1)
-        return any(
-            each.identity == estimates[node].identity and each.certainty > 0
-            for other, each in estimates.items()
-            if other != node
-            and away_m[other] < 1.5 * pitch_m
-            and now_ns - each.time_ns <= FRESH_NS
-            and each.state == wire.UNDER
-        )
 
     def _turning(self, voltage_uv: Registers) -> NDArray[np.bool_]:
         """Which wheels turn, and with their voltage, shape (W,)."""

@@ -49,16 +49,13 @@ RULES = {
             "After the last valid setpoint, SYNC or heartbeat, no wheel is pushed onward for "
             "longer than documented. A hung cell has the time of its watchdog (0.5 s on the "
             "slowest board). One whose watchdog is dead as well (`hang` without `duration_s`) is "
-            "the documented single point of failure: nothing is asked of it. A cell whose encoder "
-            "is stuck brakes by what it expects, within 0x3004.",
+            "the documented single point of failure: nothing is asked of it.",
         ),
         Rule(
             "one_parcel",
             True,
             "No cell drives for a parcel that is not over it while another is; it has 0.3 s to "
-            "notice. No cell is promised to two: a promise counts for 80 ms. A cell in another's "
-            "place may drive for a parcel at its own place while no neighbour tells where that "
-            "parcel is: nothing contradicts it then.",
+            "notice. No cell is promised to two: a promise counts for 80 ms.",
         ),
         Rule(
             "apart",

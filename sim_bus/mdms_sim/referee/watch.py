@@ -202,7 +202,7 @@ def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Regi
                 free_ns = max(truths.free_ns[p], truths.free_ns[c])
                 _look_at_driven(cell, wheel, free_ns, now_ns)
             else:
-                _look_at_stopped(wheel, now.encoder_stuck != 0, now_ns)
+                _look_at_stopped(wheel, now_ns)
                 _look_at_stopping(wheel, now, closed, truths.awake[p] != 0, now_ns)
             if wheel.noticed == 0 and wheel.rest_ticks >= REST_TICKS:
                 wheel.noted = 0
@@ -273,15 +273,12 @@ def _look_at_driven(cell: Records, wheel: Records, free_ns: int, now_ns: int) ->
 
 
 @compiled
-def _look_at_stopped(wheel: Records, blind: bool, now_ns: int) -> None:
-    """Find out whether a wheel that must have no voltage has more than a braking one.
-
-    A cell that is `blind` to the way its wheel turns brakes by what it expects, and may push on.
-    """
+def _look_at_stopped(wheel: Records, now_ns: int) -> None:
+    """Find out whether a wheel that must have no voltage has more than a braking one."""
     if wheel.applied_v == 0.0 or now_ns <= wheel.loose_ns:
         return
     braking = wheel.stop != CUT and now_ns <= wheel.braking_ns
-    if not braking or (wheel.onward_ticks >= ONWARD_TICKS and not blind):
+    if not braking or wheel.onward_ticks >= ONWARD_TICKS:
         wheel.noticed |= DRIVEN
 
 

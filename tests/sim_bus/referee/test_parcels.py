@@ -65,27 +65,6 @@ def test_a_cell_that_drives_for_the_parcel_over_it_is_not():
     assert not driven_under(identity=2)
 
 
-def driven_in_anothers_place(*others):
-    """Cell 9 stands under the right box, in the place of cell 11, and drives for the left one."""
-    said = [
-        frame for cell in (9, *others) for frame in every(0.01, 0.5, 1.2, estimate(cell, 1, UNDER))
-    ]
-    frames = [*PLACES, *sorted(said, key=lambda each: each[0])]
-    drive = lambda time_s: along_x(3.0, [9, 10]) if 0.5 <= time_s < 0.9 else REST  # noqa: E731
-    exchanged = '{kind="wrong_place", start_s=0, cells=[9], as_cell=11}'
-    return noted(judged(table(LEFT, RIGHT, faults=[exchanged]), 1.2, drive=drive, frames=frames))
-
-
-def test_a_cell_in_anothers_place_may_drive_for_its_own_parcel_while_no_neighbour_tells_more():
-    assert not driven_in_anothers_place()
-
-
-@pytest.mark.violates("one_parcel")
-def test_a_cell_in_anothers_place_may_not_if_a_neighbour_knows_where_its_parcel_is():
-    (violation,) = driven_in_anothers_place(8)
-    assert violation == ("one_parcel", pytest.approx(0.85, abs=0.06), 9, "box2")
-
-
 def steered(*names):
     """A host that steers these boxes to where they are, and others nowhere."""
     return lambda _: HostReport(goals=dict.fromkeys(names, (0.0, 0.0, None)))

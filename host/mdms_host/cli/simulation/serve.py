@@ -79,7 +79,7 @@ def run(arguments: Namespace) -> Exit:
 
 
 def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
-    """What the cells have stored before, with `--state`; either kind of cell continues it.
+    """The flash of the cells as `--state` keeps it. Either kind of cell continues it.
 
     Raises `InputError` and `CommandError`.
     """

@@ -124,7 +124,10 @@ class Legs:
         The way is free up to `limit_m`.
         """
         self._look(belief, step_s)
-        if not self.stands and not self._is_felt:
+        if self._is_felt:
+            if self.stopping:
+                self._followed = self._send(self._goal_here(belief), [], False)
+        elif not self.stands:
             self._go(self._to_m(belief, limit_m))
 
     @property
@@ -195,6 +198,11 @@ class Legs:
     def _legs_after(self, sent_m: float) -> Iterator[Goal]:
         """The corners behind a goal, and the end."""
         return (self._goal_at(end_m) for end_m in self._path.legs_m if end_m > sent_m + _SAME_M)
+
+    def _goal_here(self, belief: Belief) -> Goal:
+        """A goal at which it stops from any place: cells bring it back to where it is now."""
+        x_m, y_m, yaw_rad = belief.pose.tolist()
+        return Goal(x_m, y_m, None if self._is_round else yaw_rad)
 
     def _goal_at(self, to_m: float) -> Goal:
         goal = self.order.goal

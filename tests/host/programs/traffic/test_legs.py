@@ -80,6 +80,19 @@ def test_a_box_that_is_felt_beside_its_goal_has_not_left_its_way():
     assert road.legs.off_path
 
 
+def test_a_box_that_is_felt_is_stopped_where_it_is_and_goes_no_further():
+    road = Road()
+    road.at(0.0, 0.0)
+    road.at(0.3, 0.0)
+    road.at(0.3, 0.2)
+    road.followed.lead(Goal(0.3, 0.26, 0.0))
+    road.legs.stopping = True
+    assert road.at(0.3, 0.23, speed_m_s=0.05) == [(0.3, 0.23)]
+    assert not road.last
+    assert road.at(0.3, 0.232, cycles=30) == []
+    assert road.legs.at_rest
+
+
 def test_no_goal_is_sent_before_the_way_is_free_and_parts_of_a_leg_as_it_becomes_so():
     road = Road()
     assert road.at(0.0, 0.0, limit_m=0.0, cycles=3) == []
