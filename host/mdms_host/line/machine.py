@@ -471,7 +471,7 @@ def _stands(run: Coordinator) -> bool:
 
 
 def _in_the_way(run: Coordinator) -> str:
-    """The unknown things on a table without parcels, as the end of a reason; one may bar an infeed."""
+    """The unknown things on a table without parcels, for the end of a reason."""
     program = run.program
     assert isinstance(program, TableProgram)
     table = program.table
