@@ -54,7 +54,8 @@ class Planner:
     parcels, `step` how many tiles lattice places are apart. `tries` is how many orders of the
     parcels are tried if the first fails. `efforts` are weights of the search (`search`), and after
     how many moves the next effort is made. A route with more than `legs` straight ones gets as few
-    as possible past the others (`straightening`).
+    as possible past the others (`straightening`). Where it `hangs`, ways may hang over the edge of
+    the table as far as the rim of tiles, else no farther than their own ends.
     """
 
     def __init__(
@@ -68,13 +69,14 @@ class Planner:
         tries: int = 6,
         efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, MANY)),
         legs: int = MANY,
+        hangs: bool = False,
     ) -> None:
         if tiles.per_pitch % step:
             raise ValueError(
                 f"places must come alike in every cell: a step of {step} tiles does not divide the "
                 f"{tiles.per_pitch} of a cell"
             )
-        self._ground = Ground(tiles, pace or TrapezoidPace(), clearance_m)
+        self._ground = Ground(tiles, pace or TrapezoidPace(), clearance_m, hangs)
         self._step = step
         self._gap_s = gap_s
         self._tries = tries

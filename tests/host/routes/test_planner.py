@@ -66,6 +66,23 @@ def test_a_goal_at_which_a_corner_hangs_over_the_edge_is_reached_if_it_stands_th
     assert "hang over the edge" in str(over_far.blocked["a"])
 
 
+def test_ways_hang_over_the_edge_as_far_as_the_rim_of_tiles_where_they_may() -> None:
+    layout = Layout(6, 3)
+    wide, usual = Planner(Tiles(layout, rim_m=0.15), hangs=True), Planner(Tiles(layout))
+    # At the goal by 50 mm; in the middle of half a turn whose ends are on the table, by 60 mm.
+    ways = [((-0.1, 0.0, 0.0), (0.1, 0.09, 0.0)), ((0.0, 0.0, 0.0), (0.0, 0.0, 3.1))]
+    for way in ways:
+        task_ = task("a", *way, LONG)
+        assert "hang over the edge" in str(usual.plan([task_]).blocked["a"])
+        plan = wide.plan([task_])
+        assert np.allclose(plan.routes["a"].poses[-1], way[1])
+        # The tiles under all of it are the parcel's own.
+        under = wide.stand(task_.shape, plan.routes["a"].poses[-1])
+        assert set(under) <= set(plan.routes["a"].visits.tile)
+    beyond = wide.plan([task("a", (-0.1, 0.0, 0.0), (0.1, 0.2, 0.0), LONG)])
+    assert "hang over the edge" in str(beyond.blocked["a"])
+
+
 def test_two_parcels_change_places_when_one_stands_aside(planner: Planner) -> None:
     tasks = [
         task("a", (-0.35, 0.2, 0.0), (0.35, 0.2, 0.0)),
