@@ -1,6 +1,5 @@
 """Closed-loop steering of one parcel to a goal pose, as fast as its wheels still roll."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, inf
 
@@ -10,14 +9,12 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower
 from mdms_host.motion.trajectory.grip import Grip
-from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
+from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
-#: A parcel is about to be at its goal within so many tolerances.
-_NEAR = 5.0
 #: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then.
 _MOVES = 3
 #: A target that differs by less is the same.
@@ -67,32 +64,24 @@ class GoalController:
     """Takes one parcel to a goal, straight where it can; `arrived` once it is there.
 
     Translation and rotation are one motion, so that both end together. A parcel that has arrived is
-    held until a sensor shows it outside twice the tolerance. A parcel that is `stopped` is brought
-    to rest and not steered any more. A parcel that is `paused` is brought to rest meanwhile. A
-    parcel that has left its way comes to rest, and takes another from there.
+    held until a sensor shows it outside twice the tolerance. A parcel that is `paused` is brought
+    to rest meanwhile. A parcel that has left its way comes to rest, and takes another from there.
 
     A place is not sure enough while a move by `feel` would show it better. A parcel there moves so
     first, three times at most, and back. `leg` counts these ways, and each time that the parcel has
     been put elsewhere. If it might tip on the straight way, it stands until another has been found.
-    `has_room` is whether one may lead around, given the pose to go to.
     """
 
-    def __init__(
-        self,
-        goal: Goal,
-        traction: Traction,
-        mass: Mass,
-        has_room: Callable[[Floats], bool] = lambda _: True,
-    ) -> None:
+    def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
         self.goal = goal
         self.arrived = False
-        self.stopped = False
         self.paused = False
         self.feel: Floats | None = None
         self.grip = Grip()
         self._traction = traction
         self._mass = mass
-        self._has_room = has_room
+        #: Whether it has moved away to be felt, and is not back yet.
+        self.feels = False
         self._felt: Floats | None = None
         self._moves = 0
         self.leg = 0
@@ -102,25 +91,14 @@ class GoalController:
         self._within_s = 0.0
         self._pose: Floats | None = None
 
-    def go_over_from(self, other: "GoalController") -> None:
-        """Begin with the motion that another controller has commanded last."""
-        self._follower, self.grip, self.paused = other._follower, other.grip, other.paused
-
-    @property
-    def follower(self) -> Follower | None:
-        """The follower of the parcel's way, for records and pictures; None where it is to stand."""
-        follower = self._follower
-        return None if follower is None or follower.finished else follower
+    def go_on_with(self, follower: Follower) -> None:
+        """Begin with the motion that this follower of the parcel has commanded last."""
+        self._follower, self.grip = follower, follower.grip
 
     @property
     def left_m(self) -> float:
         """The way left at the last step, a corner's way included [m]; inf before it."""
         return self._left_m
-
-    @property
-    def near(self) -> bool:
-        """Whether the parcel is at its goal, or about to be."""
-        return self._left_m <= _NEAR * self.goal.tolerance_m or self._felt is not None
 
     @property
     def settling(self) -> bool:
@@ -139,24 +117,8 @@ class GoalController:
         return STIFFNESS_PER_S * min(self._left_m, _CREEP_M)
 
     @property
-    def stopping_s(self) -> float:
-        """How long it takes to come to rest from the commanded speed [s]."""
-        return 0.0 if self._follower is None else self._follower.stopping_s
-
-    @property
     def _still(self) -> bool:
-        return self.stopped or self.paused or self.arrived
-
-    def stop(self) -> None:
-        """Bring the parcel to rest, and do not steer it any more."""
-        self.stopped = True
-
-    def lose(self) -> None:
-        """Where the parcel is is not known: it is not steered, and begins anew from rest."""
-        self.arrived, self._within_s, self._left_m = False, 0.0, inf
-        self._follower = None
-        self._felt, self._moves = None, 0
-        self._put_elsewhere()
+        return self.paused or self.arrived
 
     def _put_elsewhere(self) -> None:
         """Forget the slip, which may have been the parcel's leaving; its way begins anew."""
@@ -179,18 +141,10 @@ class GoalController:
         follower.paused = self._still or self._leads_elsewhere(follower, belief.pose)
         return follower.step(belief, step_s)
 
-    def way_from(self, belief: Belief) -> Path:
-        """The rest of the way; straight to the goal as long as none has been found."""
-        ends, follower = [self._target(belief.pose)], self.follower
-        if follower is not None:
-            pieces = [one for one in follower.path.pieces if one.end_s_m > follower.s_m]
-            ends = [one.pose_at(one.end_s_m) for one in pieces]
-        return Path(np.array([belief.pose, *ends]), belief.outline.reach_m)
-
     def _left_along_m(self, off: Floats, belief: Belief) -> float:
         """The way left straight to the target, or on a way with corners along that."""
-        follower = self.follower
-        if follower is None or len(follower.path.pieces) < 2:
+        follower = self._follower
+        if follower is None or follower.finished or len(follower.path.pieces) < 2:
             return hypot(off[0], off[1], off[2] * belief.outline.reach_m)
         path, s_m = follower.path, follower.s_m
         return path.length_m - s_m + path.distance_m(path.off(belief.pose, s_m))
@@ -213,8 +167,7 @@ class GoalController:
         """The follower of the way from here; None while a way is sought."""
         if self._search is None:
             footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-            target = self._target(belief.pose)
-            self._search = WaySearch(footholds, belief, target, room=self._has_room(target))
+            self._search = WaySearch(footholds, belief, self._target(belief.pose), room=False)
         path = self._search.step()
         if path is None:
             return None
@@ -257,6 +210,7 @@ class GoalController:
         self._within_s = self._within_s + step_s if within else 0.0
         self._feel(belief, settled=self._within_s >= self.goal.settle_s)
         within &= self._felt is None
+        self.feels &= self._felt is not None or self._within_s == 0.0
         self.arrived = within and (self.arrived or self._within_s >= self.goal.settle_s)
 
     def _feel(self, belief: Belief, *, settled: bool) -> None:
@@ -274,6 +228,7 @@ class GoalController:
             x_m, y_m, turn_rad = move.tolist()
             end = self.goal.x_m + x_m, self.goal.y_m + y_m, float(belief.pose[2]) + turn_rad
             self._felt, self._within_s = np.array(end), 0.0
+            self.feels = True
             self._moves += 1
             self.leg += 1
 

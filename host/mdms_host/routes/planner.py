@@ -7,7 +7,7 @@ all: at worst it waits until those before it have come to their goals.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from random import Random
 
@@ -45,6 +45,8 @@ class Plan:
     """The parcels with routes, in the order in which they were planned."""
     reservations: Reservations
     authority: Authority
+    beside: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict)
+    """By parcel the places of those, no part of it, beside which its route begins or ends."""
 
 
 class Planner:

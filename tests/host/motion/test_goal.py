@@ -10,7 +10,8 @@ from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.trajectory.follower import Carried
+from mdms_host.motion.trajectory.follower import Carried, Follower
+from mdms_host.motion.trajectory.path import straight
 
 REACH_M = BOX.footprint.reach_m
 POSE = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.03, 0.03), st.floats(-3, 3)).map(np.array)
@@ -104,18 +105,6 @@ def test_a_parcel_that_has_arrived_is_held_until_a_sensor_contradicts() -> None:
     assert not controller.arrived
 
 
-def test_a_parcel_that_is_stopped_brakes_and_is_not_steered_any_more() -> None:
-    controller, table = controller_of(Goal(0.2, 0.0)), Table(np.array([-0.1, 0.0, 0.0]))
-    drive(controller, table, 0.5)
-    assert table.twist[0] > 0.08
-    x_m = table.pose[0]
-    controller.stop()
-    drive(controller, table, 0.5)
-    assert abs(table.twist).max() < 1e-4
-    assert 0.004 < table.pose[0] - x_m < 0.012
-    assert not step(controller, (0.0, 0.0, 0.0)).any()
-
-
 def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is_turned() -> None:
     controller, table = controller_of(Goal(0.0, 0.0, None)), Table(np.array([0.05, 0.02, 1.3]))
     drive(controller, table, 4.0)
@@ -192,17 +181,19 @@ def test_a_parcel_that_is_set_down_beside_its_way_stops_and_takes_another_from_t
     np.testing.assert_allclose(elsewhere.pose, (0.15, 0.0, 0.0), atol=0.003)
 
 
-def test_a_goal_that_is_changed_on_the_way_is_gone_to_from_rest_without_slip() -> None:
+def test_a_parcel_goes_on_with_the_motion_that_it_has() -> None:
+    traction = traction_of(speed_m_s=0.5)
+    start, end = np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0])
+    profile = traction.profile(straight(start, end, REACH_M), BOX.footprint, mass_of(BOX))
+    follower, table = Follower(traction, profile), Table(start)
+    while table.pose[0] < 0.1:
+        table.step(follower.step)
     controller = controller_of(Goal(0.15, 0.0), speed_m_s=0.5)
-    table = Table(np.array([-0.15, 0.0, 0.0]))
-    drive(controller, table, 0.4)
-    assert table.pose[0] < 0.1
-    before, controller = controller, controller_of(Goal(-0.1, 0.02, 0.2), speed_m_s=0.5)
-    controller.go_over_from(before)
-    drive(controller, table, 4.0)
+    controller.go_on_with(follower)
+    speeds_m_s = drive(controller, table, 1.0)[:, 0]
     assert controller.arrived
-    assert table.pose == pytest.approx((-0.1, 0.02, 0.2), abs=0.003)
-    assert table.most_slip_m_s < 0.005
+    assert speeds_m_s[0] > 0.2
+    assert table.pose == pytest.approx(end, abs=0.002)
 
 
 def test_a_box_that_would_tip_on_the_straight_way_goes_around_and_gets_on_all_the_time() -> None:
