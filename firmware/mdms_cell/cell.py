@@ -48,7 +48,7 @@ _WATCHED = (
     indices.PRESENCE_DEBOUNCE,
 )
 #: A register that is read in every turn; a constant of another module would be looked up.
-_ATTENTION = const(110)
+_ATTENTION = const(112)
 assert _ATTENTION == speed_loop.ATTENTION
 #: A difference of two instants is negative from here on, within a turn of the clock; see `ticks`.
 _BEFORE = const(1 << 29)

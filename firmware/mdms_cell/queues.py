@@ -26,7 +26,7 @@ _LAYOUTS = tuple("<Hx%ds%dxBBB" % (length, _DATA_MAX - length) for length in ran
 #: bytes on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
 _RECV_MAX = const(64)
 # Constants of other modules would be looked up.
-_TICKS = const(102)
+_TICKS = const(104)
 _BOX_BITS = const(5)
 _NO_BOX = const(31)
 _STAMP = const(0)

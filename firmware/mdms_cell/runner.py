@@ -11,8 +11,8 @@ from mdms_protocol.compat import const, micropython
 
 # Registers that are read in every turn; constants of another module would be looked up.
 _FAULTS = const(34)
-_OTHER_FAULTS = const(85)
-_TICKS = const(102)
+_OTHER_FAULTS = const(86)
+_TICKS = const(104)
 assert (_FAULTS, _TICKS) == (speed_loop.FAULTS, speed_loop.TICKS)
 assert _OTHER_FAULTS == speed_loop.AXIS + speed_loop.FAULTS
 BUS_OFF = 0x8140
