@@ -99,6 +99,11 @@ def tracker_gate(gate: Gate) -> TrackerGate:
 class NamingRegister(Register, Protocol):
     """Where parcels are announced, named and taken off: the tracker."""
 
+    @property
+    def parcels(self) -> Mapping[str, Parcel]:
+        """The parcels that there are, found or not, as they were given, by name."""
+        ...
+
     def name(self, unknown: str, parcel: Parcel) -> None:
         """Take an unknown thing for a parcel. Raises KeyError, ValueError."""
         ...

@@ -237,10 +237,17 @@ class TableProgram:
                 self._notices.append(f"{name} is not taken to the given place: {order.refused}")
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
-        """Parcels that have left are no more on the table, though they may still be believed."""
+        """Parcels that have left are no more on the table, though they may still be believed.
+
+        One that sensors lose as it leaves is gone for the tracker too, which may seek it still.
+        """
         for name in self._traffic.take_left():
-            self.driver.remove(name, self._exits.pop(name, None))
+            exit = self._exits.pop(name, None)
+            self.driver.remove(name, exit)
             self._left.add(name)
+            lost = exit is not None and name not in beliefs
+            if lost and self._register is not None and name in self._register.parcels:
+                self._register.depart(name)
         self._left &= beliefs.keys()
 
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:
