@@ -1,11 +1,11 @@
 """`mdms run` with both servers, on a served table: protocols, order book and the truth agree."""
 
 import asyncio
-import subprocess
 from pathlib import Path
 
 import pytest
-from tests.system.line.controller import MDMS, PATIENCE_S, STOPPED
+from tests.system.line.controller import PATIENCE_S, STOPPED, admit_user
+from tests.system.line.opcua import opcua_client
 from tests.system.links.going_away import Plant
 
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
@@ -13,13 +13,8 @@ pytest.importorskip("asyncua")
 
 
 def test_both_servers_and_the_table_agree_about_an_order(tmp_path: Path) -> None:
-    made = [*MDMS, "line", "certificate", "--state", str(tmp_path)]
-    assert subprocess.run(made, check=False, capture_output=True).returncode == 0
-    (tmp_path / "users.txt").write_text("plc:secret\n")
-    (tmp_path / "users.txt").chmod(0o600)
+    admit_user(tmp_path)
     with Plant(tmp_path, "mdms", "--opcua", "0") as plant:
-        assert plant.host.stdout is not None
-        address = plant.host.stdout.readline().strip()
         controller = plant.controller
         assert controller.order(2, "", "P-1")[0] == 0
         assert controller.order(0, "o1", "P-1", exit=2) == (0, 1)
@@ -27,7 +22,7 @@ def test_both_servers_and_the_table_agree_about_an_order(tmp_path: Path) -> None
         plant.until_with_beats(lambda: controller.order(3, "o1")[1] == 4, PATIENCE_S)
         assert controller.command(3)
         controller.until_state(STOPPED)
-        shown = asyncio.run(_shown(address, tmp_path))
+        shown = asyncio.run(_shown(plant.opcua, tmp_path))
         assert (shown["State"], shown["StateName"]) == (STOPPED, "Stopped")
         assert shown["order"][0] == "left"
         assert (0, shown["ParcelsOut"]) == controller.read(12, 2)
@@ -40,16 +35,7 @@ def test_both_servers_and_the_table_agree_about_an_order(tmp_path: Path) -> None
 
 async def _shown(address: str, folder: Path) -> dict[str, object]:
     """The variables of `Line`, and the order, as an OPC UA client of a user reads them."""
-    from asyncua import Client
-    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
-
-    client = Client(address)
-    client.set_user("plc")
-    client.set_password("secret")
-    client.application_uri = "urn:mdms-array:table"
-    certificate, key = folder / "certificate.der", folder / "key.pem"
-    await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
-    async with client:
+    async with await opcua_client(address, folder) as client:
         index = await client.get_namespace_index("urn:mdms-array:line")
         line = await client.nodes.objects.get_child([f"{index}:Table", f"{index}:Line"])
         names = ("State", "StateName", "ParcelsOut")

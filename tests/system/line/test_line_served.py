@@ -15,30 +15,26 @@ from tests.system.line.controller import (
     EXAMPLES,
     EXECUTE,
     IDLE,
-    MDMS,
     PATIENCE_S,
     STOPPED,
     SUSPENDED,
     Table,
+    admit_user,
 )
+from tests.system.line.node_client import HERE, IS_THERE, NODE
+from tests.system.line.opcua import opcua_client
 
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
 
-HERE = Path(__file__).parent
-NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(
-    NODE is None or not (HERE / "node_modules").is_dir(),
+    not IS_THERE,
     reason="no node, or no tests/system/line/node_modules, which .ci/run installs",
 )
 
 
 @pytest.fixture
 def table(tmp_path: Path) -> Iterator[Table]:
-    made = subprocess.run([*MDMS, "line", "certificate", "--state", str(tmp_path)], check=False)
-    assert made.returncode == 0
-    assert (tmp_path / "key.pem").stat().st_mode & 0o777 == 0o600
-    (tmp_path / "users.txt").write_text("plc:secret\n")
-    (tmp_path / "users.txt").chmod(0o600)
+    admit_user(tmp_path)
     table = Table(tmp_path)
     table.start()
     try:
@@ -190,18 +186,11 @@ def test_a_full_chute_of_the_plant_leaves_the_others_to_their_parcels() -> None:
 
 
 def test_opcua_refuses_other_users_and_connections_without_encryption(table: Table) -> None:
-    from asyncua import Client, ua
-    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+    from asyncua import ua
 
     async def connect(user: str, password: str, *, secure: bool) -> None:
-        client = Client(f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/")
-        client.set_user(user)
-        client.set_password(password)
-        if secure:
-            client.application_uri = "urn:mdms-array:table"
-            certificate, key = table.folder / "certificate.der", table.folder / "key.pem"
-            await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
-        async with client:
+        url = f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/"
+        async with await opcua_client(url, table.folder, user, password, secure=secure):
             pass
 
     asyncio.run(connect("plc", "secret", secure=True))
