@@ -66,20 +66,25 @@ class Recipes(Generic[Job]):
         self.jobs = jobs
         self.names = tuple(jobs)
         self.chosen = self.names[0]
+        #: The recipe of the present run, or of the last one.
+        self.running = self.names[0]
 
     @property
     def first(self) -> Job:
         """The job of the first recipe."""
         return self.jobs[self.names[0]]
 
-    @property
-    def job(self) -> Job:
-        """The chosen job. Raises `RefusedError` if it was chosen before, and is not allowed now."""
+    def begin(self) -> Job:
+        """The chosen job, for the run that begins.
+
+        Raises `RefusedError` if it was chosen before, and is not allowed now.
+        """
         if self.chosen not in self.jobs:
             raise RefusedError(
                 f"the recipe {self.chosen!r:.40} was chosen before, but is not allowed now; "
                 f"choose one of: {', '.join(self.names)}"
             )
+        self.running = self.chosen
         return self.jobs[self.chosen]
 
 
@@ -157,8 +162,7 @@ class Machine:
         self._stalled_s: dict[str, float] = {}
         self._passing = ""
         self._run: Coordinator | None = None
-        #: The recipe of the run, and the slot's count of stops since the run is replaced.
-        self._recipe = ""
+        #: The slot's count of stops since the run is replaced.
         self._stops: int | None = None
 
     # From outside --------------------------------------------------------------------------------
@@ -259,7 +263,7 @@ class Machine:
             self._end_run(state)
         elif run is None or self._fault(run, now_s):
             self._on(*self._ended(run, now_s))
-        elif state is State.STARTING and self._recipe != self.recipes.chosen:
+        elif state is State.STARTING and self.recipes.running != self.recipes.chosen:
             self._change_run()
         elif not self._slot.busy:
             self._on(*self._ended(run, now_s))
@@ -273,13 +277,13 @@ class Machine:
         if run is self._run or run is None or not self._slot.busy:
             return
         self._run = run
-        self._recipe, self._stops = self.recipes.chosen, None
+        self._stops = None
         run.keep(True)
         program = run.program
         assert isinstance(program, TableProgram)
         self.orders.end_run()
         program.table.orders = self.orders
-        program.table.recipe = self._recipe
+        program.table.recipe = self.recipes.running
         program.serve_orders()
         if self.states.state is State.STOPPED:
             self._on(Command.RESET, "started by hand")
@@ -392,7 +396,7 @@ class Machine:
         if command is Command.RESET:
             self._reset()
         elif self._run is not None and self._slot.busy:
-            self._run.keep(command not in MOVES or self._recipe != self.recipes.chosen)
+            self._run.keep(command not in MOVES or self.recipes.running != self.recipes.chosen)
             if command in (Command.STOP, Command.ABORT):
                 self._slot.stop()
 

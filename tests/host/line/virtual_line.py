@@ -42,7 +42,7 @@ class VirtualLine:
         self.recipes: Recipes[tuple[Scenario, Main | None]] = Recipes(jobs)
 
         def make() -> Coordinator:
-            chosen, main = self.recipes.job
+            chosen, main = self.recipes.begin()
             return coordinator_of(chosen, main=main)
 
         self.slot = RunSlot(make, addresses.bus_count, recent=recent)

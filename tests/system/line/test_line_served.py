@@ -24,6 +24,8 @@ from tests.system.line.controller import (
 from tests.system.line.node_client import HERE, IS_THERE, NODE
 from tests.system.line.opcua import opcua_client
 
+from mdms_model.scenario.file import load_scenario
+
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
 
 needs_node = pytest.mark.skipif(
@@ -90,6 +92,9 @@ def test_a_recipe_is_chosen_in_idle_alone_and_survives_a_kill(table: Table) -> N
     assert controller.command(2)
     controller.until_state(EXECUTE)
     assert controller.ask(bytes([6, 0, 107, 0, 1])) == bytes([0x86, 3])
+    report = table.folder / "report"
+    table.report(report)
+    assert load_scenario(str(report)).motion.speed_m_s == 0.25
     table.kill()
     table.start()
     controller = table.controller()
