@@ -106,6 +106,8 @@ class Figures:
         match report.event:
             case "found":
                 self.parcels_in += 1
+            case "withdrawn":
+                self.parcels_in -= 1
             case "lost":
                 self.parcels_lost += 1
             case "left":
@@ -164,6 +166,8 @@ class Machine:
         self._run: Coordinator | None = None
         #: The slot's count of stops since the run is replaced.
         self._stops: int | None = None
+        #: Identities that go over from that run to the one in its place.
+        self._passed_on: dict[str, str] | None = None
 
     # From outside --------------------------------------------------------------------------------
 
@@ -199,6 +203,8 @@ class Machine:
                 self._do_with_order(name, values)
             case "coming":
                 self.orders.expect(values["parcel"], values.get("kind", ""))
+            case "not_coming":
+                self.orders.expect_no_more(values["parcel"])
             case "exit":
                 self._set_exit(values["exit"], values["full"])
             case "recipe":
@@ -212,6 +218,8 @@ class Machine:
                 spent = values["spent_s"].items()
                 self.states.spent_s = {State(int(state)): spent_s for state, spent_s in spent}
                 self.states.reason = values["reason"]
+                # Nobody looked while there was no host.
+                self.orders.was_clear = False
             case _:
                 raise CommandRefusedError(f"there is no request {name!r:.40}")
 
@@ -276,12 +284,13 @@ class Machine:
         run = self._slot.coordinator
         if run is self._run or run is None or not self._slot.busy:
             return
+        self._end_orders()
         self._run = run
         self._stops = None
         run.keep(True)
         program = run.program
         assert isinstance(program, TableProgram)
-        self.orders.end_run()
+        self.orders.begin_run(self._passed_on)
         program.table.orders = self.orders
         program.table.recipe = self.recipes.running
         program.serve_orders()
@@ -294,8 +303,17 @@ class Machine:
         if self._slot.busy:
             self._slot.stop()
         elif state in _ENDS:
-            self.orders.end_run()
+            self._end_orders()
             self.states.on(DONE, self._now_s())
+
+    def _end_orders(self) -> None:
+        """The run has ended, if there was one; what is known of its parcels is not kept."""
+        self.orders.end_run(self._sees_clear())
+
+    def _sees_clear(self) -> bool | None:
+        """Whether nothing lies on the table, as the present or the last run sees it."""
+        program = None if self._run is None else self._run.program
+        return program.is_clear if isinstance(program, TableProgram) else None
 
     def _change_run(self) -> None:
         """End the run of another recipe, which has moved nothing, and begin one of the chosen."""
@@ -306,10 +324,12 @@ class Machine:
             self._on(Command.STOP, "stopped by hand")
         elif not self._slot.busy:
             if self._run is not None and isinstance(self._run.program, TableProgram):
-                self.orders.begin_again(self._run.program.table.parcels)
+                parcels = self._run.program.table.parcels
+                self._passed_on = self.orders.begin_again(parcels, self._sees_clear())
             # A refusal leads to Stopping, with its reason.
             with suppress(CommandRefusedError):
                 self._reset()
+            self._passed_on = None
 
     def _fault(self, run: Coordinator, now_s: float) -> str | None:
         if run.fault is not None or run.stuck is not None:

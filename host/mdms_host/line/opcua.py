@@ -141,6 +141,9 @@ LINE_METHODS = (
     LineMethod(
         "ParcelComing", (("Parcel", _TEXT), ("Kind", _TEXT)), (), "identity and kind by the scanner"
     ),
+    LineMethod(
+        "ParcelNotComing", (("Parcel", _TEXT),), (), "an announced parcel does not come after all"
+    ),
     LineMethod("SetExitFull", (("Exit", _TEXT), ("Full", _V.Boolean)), (), "full, or free again"),
     LineMethod(
         "ChooseRecipe",
@@ -345,6 +348,12 @@ class OpcUaServer:
         self, _parent: ua.NodeId, parcel: str, kind: str
     ) -> list[ua.Variant]:
         await self._plant.coming(parcel, kind)
+        return []
+
+    async def _ParcelNotComing(  # noqa: N802
+        self, _parent: ua.NodeId, parcel: str
+    ) -> list[ua.Variant]:
+        await self._plant.not_coming(parcel)
         return []
 
     async def _SetExitFull(  # noqa: N802

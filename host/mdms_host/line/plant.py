@@ -129,6 +129,10 @@ class Plant:
             raise RequestRefusedError("a parcel that comes needs an identity")
         await self._ask("coming", parcel=parcel, kind=kind)
 
+    async def not_coming(self, parcel: str) -> None:
+        """A parcel that was announced does not come after all. Raises `RequestRefusedError`."""
+        await self._ask("not_coming", parcel=parcel)
+
     async def set_exit(self, exit: str, full: bool) -> None:
         """An exit is full, or free again. Raises `RequestRefusedError`."""
         if exit not in self.exits:

@@ -14,7 +14,7 @@ from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
 #: Raised with every change of the map that a client would notice.
-MAP_VERSION = 2
+MAP_VERSION = 3
 #: Registers of a text, and its characters.
 TEXT_WORDS = 8
 #: Who writes registers, for the machine.
@@ -70,7 +70,7 @@ _STATES = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in State)
 ORDER_STATES = tuple(OrderState)
 _ORDER_STATES = ", ".join(f"{number} {each}" for number, each in enumerate(ORDER_STATES, 1))
 ACCEPTED, KNOWN, REFUSED = 0, 1, 2
-ORDER, CANCEL, COMING, ASK = 0, 1, 2, 3
+ORDER, CANCEL, COMING, ASK, NOT_COMING = range(5)
 
 MAP = (
     Register(0, "map_version", "Version of this map.", lambda _plant: MAP_VERSION),
@@ -102,7 +102,8 @@ MAP = (
     Register(
         201,
         "request",
-        "0 order, 1 cancel the key, 2 the parcel of this kind (in `key`) comes, 3 ask the state.",
+        "0 order, 1 cancel the key, 2 the parcel of this kind (in `key`) comes, 3 ask the state, "
+        "4 the parcel does not come after all.",
     ),
     Register(202, "exit", "Exit, from 1; 0: a pose."),
     Register(203, "priority", "Priority; the highest is first."),
@@ -235,6 +236,8 @@ class PlantRegisters:
             case 3:
                 if self._plant.book.state(self._text("key")) is None:
                     raise RequestRefusedError("there is no such order")
+            case 4:
+                await self._plant.not_coming(self._text("parcel"))
             case _:
                 raise RequestRefusedError(f"there is no request {request}")
         return ACCEPTED

@@ -43,4 +43,6 @@ async def _shown(address: str, folder: Path) -> dict[str, object]:
             name: await (await line.get_child(f"{index}:{name}")).read_value() for name in names
         }
         order = await line.call_method(f"{index}:GetOrder", "o1")
+        await line.call_method(f"{index}:ParcelComing", "P-2", "")
+        await line.call_method(f"{index}:ParcelNotComing", "P-2")
     return {**values, "order": list(order)}

@@ -24,6 +24,7 @@ from tests.system.line.controller import (
 from tests.system.line.node_client import HERE, IS_THERE, NODE
 from tests.system.line.opcua import opcua_client
 
+from mdms_host.line.registers import MAP_VERSION
 from mdms_model.scenario.file import load_scenario
 
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
@@ -61,6 +62,9 @@ def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -
     controller = table.controller()
     for number in range(200):
         assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (0, 1)
+    assert controller.order(2, "", "P-0")[0] == 0
+    assert controller.order(4, "", "P-0")[0] == 0
+    assert controller.order(4, "", "P-0")[0] == 2
     assert controller.order(2, "", "P-0")[0] == 0
     controller.bring_to_execute()
     controller.until(lambda: controller.order(3, "k0") == (0, 2))
@@ -143,7 +147,7 @@ def test_mbpoll_reads_the_map(table: Table) -> None:
         ["mbpoll", *options, "127.0.0.1"], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0
-    assert "[1]: \t2\n[2]: \t2\n" in done.stdout
+    assert f"[1]: \t{MAP_VERSION}\n[2]: \t{STOPPED}\n" in done.stdout
 
 
 @pytest.mark.parametrize("controller", ["modbus", "opcua"])
