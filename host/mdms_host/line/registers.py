@@ -4,7 +4,7 @@ The page `docs/line-registers.md` is made of the table. Numbers of two registers
 first. Texts are ASCII, two characters a register, filled up with 0.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,6 +51,13 @@ def _out(plant: Plant) -> int:
     return sum(plant.snapshot["figures"]["out"].values())
 
 
+def _in_a_row(values: Iterable[float], count: int) -> int:
+    """So many values as one, each of two registers."""
+    words = [round(value) & 0xFFFFFFFF for value in values][:count]
+    words += [0] * (count - len(words))
+    return int.from_bytes(b"".join(word.to_bytes(4, "big") for word in words), "big")
+
+
 def _full(plant: Plant) -> int:
     return sum(full << number for number, full in enumerate(plant.snapshot["exits_full"]))
 
@@ -92,6 +99,20 @@ MAP = (
     Register(17, "availability", "OEE availability [0.1 %].", _figure("availability", 1000)),
     Register(18, "performance", "OEE performance [0.1 %].", _figure("performance", 1000)),
     Register(19, "quality", "OEE quality [0.1 %].", _figure("quality", 1000)),
+    Register(
+        20,
+        "parcels_out_by_exit",
+        "Parcels that have left by each exit, exit 1 first; two registers each.",
+        lambda plant: _in_a_row(plant.out_by_exit, MOST_EXITS),
+        2 * MOST_EXITS,
+    ),
+    Register(
+        52,
+        "state_times",
+        "Time in each state [s], state 1 first; two registers each.",
+        lambda plant: _in_a_row(plant.state_times_s, len(State)),
+        2 * len(State),
+    ),
     Register(100, "heartbeat", "Write another value at least every 0.5 s."),
     Register(101, "command", f"Command: {_COMMANDS}."),
     Register(102, "command_counter", "Write another value to give the command."),

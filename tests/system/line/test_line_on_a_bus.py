@@ -2,9 +2,10 @@
 
 import asyncio
 from pathlib import Path
+from typing import Any
 
 import pytest
-from tests.system.line.controller import PATIENCE_S, STOPPED, admit_user
+from tests.system.line.controller import EXECUTE, PATIENCE_S, STOPPED, admit_user
 from tests.system.line.opcua import opcua_client
 from tests.system.links.going_away import Plant
 
@@ -26,6 +27,13 @@ def test_both_servers_and_the_table_agree_about_an_order(tmp_path: Path) -> None
         assert (shown["State"], shown["StateName"]) == (STOPPED, "Stopped")
         assert shown["order"][0] == "left"
         assert (0, shown["ParcelsOut"]) == controller.read(12, 2)
+        by_exit = shown["ParcelsOutByExit"]
+        assert by_exit[1] >= 1
+        assert sum(by_exit) == shown["ParcelsOut"]
+        assert controller.read(20, 6) == (0, by_exit[0], 0, by_exit[1], 0, by_exit[2])
+        execute_s = shown["StateTimes"][EXECUTE - 1]
+        assert execute_s > 0.5
+        assert controller.read(52 + 2 * (EXECUTE - 1), 2) == (0, round(execute_s))
     left = [event for event in plant.simulation.world.events if event.kind == "exit"]
     assert left[0].parcel == "box 1"
     exits = [each.name for each in plant.scenario.exit]
@@ -33,12 +41,12 @@ def test_both_servers_and_the_table_agree_about_an_order(tmp_path: Path) -> None
     assert any("order o1: P-1 left" in line for line in plant.said)
 
 
-async def _shown(address: str, folder: Path) -> dict[str, object]:
+async def _shown(address: str, folder: Path) -> dict[str, Any]:
     """The variables of `Line`, and the order, as an OPC UA client of a user reads them."""
     async with await opcua_client(address, folder) as client:
         index = await client.get_namespace_index("urn:mdms-array:line")
         line = await client.nodes.objects.get_child([f"{index}:Table", f"{index}:Line"])
-        names = ("State", "StateName", "ParcelsOut")
+        names = ("State", "StateName", "ParcelsOut", "ParcelsOutByExit", "StateTimes")
         values = {
             name: await (await line.get_child(f"{index}:{name}")).read_value() for name in names
         }
