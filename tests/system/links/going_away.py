@@ -56,7 +56,13 @@ class Door:
         self._over.clear()
         self._opened = ExitStack()
         run = self._terminal if self.interface == "slcan" else self._socket
-        self._thread = threading.Thread(target=run())
+        carry = run()
+
+        def carry_first() -> None:
+            with first_in_line():
+                carry()
+
+        self._thread = threading.Thread(target=carry_first)
         self._thread.start()
 
     def cut(self) -> None:
