@@ -60,10 +60,10 @@ async def main() -> None:
 
         key = f"{time.time():.0f}"
         priority = ua.Variant(0, ua.VariantType.Int32)
-        await line.call_method(f"{own}:ParcelComing", f"P-{key}", "box")
         await line.call_method(f"{own}:GiveOrderToExit", key, f"P-{key}", "north", priority)
         await execute.call_method(f"{packml}:Reset")
         await reached("Idle")
+        await line.call_method(f"{own}:ParcelComing", f"P-{key}", "box")
         await execute.call_method(f"{packml}:Start")
         await reached("Execute")
 

@@ -142,6 +142,8 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
         refuse_other_host(link, clock)
         slot, table = _slot_and_table(recipes, link, clock, kept)
         kept.counts = lambda: link.counts
+        jobs = {name: (job.scenario, own) for name, (job, own) in recipes.jobs.items()}
+        kept.run_by(jobs, lambda: recipes.running)
         if isinstance(link, ReturningLink):
             link.on_gone, link.at_rest = slot.fail, lambda: not slot.busy
         watched = Watched(kept, slot, belief.scenario)
@@ -192,7 +194,7 @@ def _slot_and_table(
     """The host's place, and its part of a page."""
 
     def make() -> Coordinator:
-        chosen, main = recipes.job
+        chosen, main = recipes.begin()
         coordinator = coordinator_of(
             chosen.scenario, chosen.cells, main=main, executor=ThreadExecutor()
         )

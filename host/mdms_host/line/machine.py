@@ -66,20 +66,25 @@ class Recipes(Generic[Job]):
         self.jobs = jobs
         self.names = tuple(jobs)
         self.chosen = self.names[0]
+        #: The recipe of the present run, or of the last one.
+        self.running = self.names[0]
 
     @property
     def first(self) -> Job:
         """The job of the first recipe."""
         return self.jobs[self.names[0]]
 
-    @property
-    def job(self) -> Job:
-        """The chosen job. Raises `RefusedError` if it was chosen before, and is not allowed now."""
+    def begin(self) -> Job:
+        """The chosen job, for the run that begins.
+
+        Raises `RefusedError` if it was chosen before, and is not allowed now.
+        """
         if self.chosen not in self.jobs:
             raise RefusedError(
                 f"the recipe {self.chosen!r:.40} was chosen before, but is not allowed now; "
                 f"choose one of: {', '.join(self.names)}"
             )
+        self.running = self.chosen
         return self.jobs[self.chosen]
 
 
@@ -101,6 +106,8 @@ class Figures:
         match report.event:
             case "found":
                 self.parcels_in += 1
+            case "withdrawn":
+                self.parcels_in -= 1
             case "lost":
                 self.parcels_lost += 1
             case "left":
@@ -157,9 +164,10 @@ class Machine:
         self._stalled_s: dict[str, float] = {}
         self._passing = ""
         self._run: Coordinator | None = None
-        #: The recipe of the run, and the slot's count of stops since the run is replaced.
-        self._recipe = ""
+        #: The slot's count of stops since the run is replaced.
         self._stops: int | None = None
+        #: Identities that go over from that run to the one in its place.
+        self._passed_on: dict[str, str] | None = None
 
     # From outside --------------------------------------------------------------------------------
 
@@ -195,6 +203,8 @@ class Machine:
                 self._do_with_order(name, values)
             case "coming":
                 self.orders.expect(values["parcel"], values.get("kind", ""))
+            case "not_coming":
+                self.orders.expect_no_more(values["parcel"])
             case "exit":
                 self._set_exit(values["exit"], values["full"])
             case "recipe":
@@ -208,6 +218,8 @@ class Machine:
                 spent = values["spent_s"].items()
                 self.states.spent_s = {State(int(state)): spent_s for state, spent_s in spent}
                 self.states.reason = values["reason"]
+                # Nobody looked while there was no host.
+                self.orders.was_clear = False
             case _:
                 raise CommandRefusedError(f"there is no request {name!r:.40}")
 
@@ -259,7 +271,7 @@ class Machine:
             self._end_run(state)
         elif run is None or self._fault(run, now_s):
             self._on(*self._ended(run, now_s))
-        elif state is State.STARTING and self._recipe != self.recipes.chosen:
+        elif state is State.STARTING and self.recipes.running != self.recipes.chosen:
             self._change_run()
         elif not self._slot.busy:
             self._on(*self._ended(run, now_s))
@@ -272,14 +284,15 @@ class Machine:
         run = self._slot.coordinator
         if run is self._run or run is None or not self._slot.busy:
             return
+        self._end_orders()
         self._run = run
-        self._recipe, self._stops = self.recipes.chosen, None
+        self._stops = None
         run.keep(True)
         program = run.program
         assert isinstance(program, TableProgram)
-        self.orders.end_run()
+        self.orders.begin_run(self._passed_on)
         program.table.orders = self.orders
-        program.table.recipe = self._recipe
+        program.table.recipe = self.recipes.running
         program.serve_orders()
         if self.states.state is State.STOPPED:
             self._on(Command.RESET, "started by hand")
@@ -290,8 +303,17 @@ class Machine:
         if self._slot.busy:
             self._slot.stop()
         elif state in _ENDS:
-            self.orders.end_run()
+            self._end_orders()
             self.states.on(DONE, self._now_s())
+
+    def _end_orders(self) -> None:
+        """The run has ended, if there was one; what is known of its parcels is not kept."""
+        self.orders.end_run(self._sees_clear())
+
+    def _sees_clear(self) -> bool | None:
+        """Whether nothing lies on the table, as the present or the last run sees it."""
+        program = None if self._run is None else self._run.program
+        return program.is_clear if isinstance(program, TableProgram) else None
 
     def _change_run(self) -> None:
         """End the run of another recipe, which has moved nothing, and begin one of the chosen."""
@@ -302,10 +324,12 @@ class Machine:
             self._on(Command.STOP, "stopped by hand")
         elif not self._slot.busy:
             if self._run is not None and isinstance(self._run.program, TableProgram):
-                self.orders.begin_again(self._run.program.table.parcels)
+                parcels = self._run.program.table.parcels
+                self._passed_on = self.orders.begin_again(parcels, self._sees_clear())
             # A refusal leads to Stopping, with its reason.
             with suppress(CommandRefusedError):
                 self._reset()
+            self._passed_on = None
 
     def _fault(self, run: Coordinator, now_s: float) -> str | None:
         if run.fault is not None or run.stuck is not None:
@@ -392,7 +416,7 @@ class Machine:
         if command is Command.RESET:
             self._reset()
         elif self._run is not None and self._slot.busy:
-            self._run.keep(command not in MOVES or self._recipe != self.recipes.chosen)
+            self._run.keep(command not in MOVES or self.recipes.running != self.recipes.chosen)
             if command in (Command.STOP, Command.ABORT):
                 self._slot.stop()
 

@@ -91,11 +91,23 @@ SHOWN = (
         "parcels that have left by an exit",
         lambda p: sum(p.snapshot["figures"]["out"].values()),
     ),
+    Shown(
+        "ParcelsOutByExit",
+        _V.UInt32,
+        "the same by each of `Exits`, an array",
+        lambda p: p.out_by_exit or [0],
+    ),
     Shown("ParcelsLost", _V.UInt32, "parcels that were lost", _figure("parcels_lost")),
     Shown("ParcelsPerHour", _V.Double, "rate in Execute", _plain("parcels_per_hour")),
     Shown("Availability", _V.Double, "factor of OEE, 0 to 1", _plain("availability")),
     Shown("Performance", _V.Double, "factor of OEE", _plain("performance")),
     Shown("Quality", _V.Double, "factor of OEE, 0 to 1", _plain("quality")),
+    Shown(
+        "StateTimes",
+        _V.Double,
+        "time in each state [s], by its number from 1, an array",
+        lambda p: p.state_times_s,
+    ),
     Shown("OrdersOpen", _V.UInt32, "orders that wait or are under way", _plain("orders_open")),
     Shown(
         "OrdersInDoubt",
@@ -140,6 +152,9 @@ LINE_METHODS = (
     LineMethod("CancelOrder", (("Key", _TEXT),), (), "drop an order not begun, or in doubt"),
     LineMethod(
         "ParcelComing", (("Parcel", _TEXT), ("Kind", _TEXT)), (), "identity and kind by the scanner"
+    ),
+    LineMethod(
+        "ParcelNotComing", (("Parcel", _TEXT),), (), "an announced parcel does not come after all"
     ),
     LineMethod("SetExitFull", (("Exit", _TEXT), ("Full", _V.Boolean)), (), "full, or free again"),
     LineMethod(
@@ -345,6 +360,12 @@ class OpcUaServer:
         self, _parent: ua.NodeId, parcel: str, kind: str
     ) -> list[ua.Variant]:
         await self._plant.coming(parcel, kind)
+        return []
+
+    async def _ParcelNotComing(  # noqa: N802
+        self, _parent: ua.NodeId, parcel: str
+    ) -> list[ua.Variant]:
+        await self._plant.not_coming(parcel)
         return []
 
     async def _SetExitFull(  # noqa: N802

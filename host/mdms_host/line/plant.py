@@ -75,6 +75,18 @@ class Plant:
         self._number = 0
         self._kept_s = 0.0
 
+    @property
+    def out_by_exit(self) -> list[int]:
+        """How many parcels have left by each exit."""
+        out = self.snapshot["figures"]["out"]
+        return [out.get(exit, 0) for exit in self.exits]
+
+    @property
+    def state_times_s(self) -> list[float]:
+        """The time in each state, by its number from 1 [s]."""
+        spent_s = {int(state): float(each) for state, each in self.snapshot["spent_s"].items()}
+        return [spent_s.get(int(state), 0.0) for state in State]
+
     # Requests of clients -------------------------------------------------------------------------
 
     async def command(self, command: Command, by: str) -> None:
@@ -128,6 +140,10 @@ class Plant:
         if not parcel:
             raise RequestRefusedError("a parcel that comes needs an identity")
         await self._ask("coming", parcel=parcel, kind=kind)
+
+    async def not_coming(self, parcel: str) -> None:
+        """A parcel that was announced does not come after all. Raises `RequestRefusedError`."""
+        await self._ask("not_coming", parcel=parcel)
 
     async def set_exit(self, exit: str, full: bool) -> None:
         """An exit is full, or free again. Raises `RequestRefusedError`."""

@@ -66,6 +66,8 @@ class TableProgram:
         self.driver = TableDriver(self.table)
         self.table.expects = any(not member.lies for member in members)
         self._left: set[str] = set()
+        #: Parcels that have not come after all, and are on the table until they are taken out.
+        self._withdrawn: set[str] = set()
         #: The exit that each parcel has set out to.
         self._exits: dict[str, str] = {}
         self._serves_orders = False
@@ -85,6 +87,11 @@ class TableProgram:
     def serve_orders(self) -> None:
         """Carry out the orders of `table.orders` beside the program, from its beginning on."""
         self._serves_orders = True
+
+    @property
+    def is_clear(self) -> bool | None:
+        """Whether nothing lies on the table; None where sensors have not shown all of it."""
+        return None if self._register is None else self._register.is_clear
 
     def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
         """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
@@ -224,6 +231,7 @@ class TableProgram:
         for parcel, region in self._register.take_withdrawn():
             if any(parcel.name == each.name for each in self.table.parcels):
                 self._exits.pop(parcel.name, None)
+                self._withdrawn.add(parcel.name)
                 self._traffic.withdraw(parcel.name)
             if self._comings is None or not self._comings.brings(parcel.name):
                 self._register.announce(parcel, region)
@@ -243,7 +251,8 @@ class TableProgram:
         """
         for name in self._traffic.take_left():
             exit = self._exits.pop(name, None)
-            self.driver.remove(name, exit)
+            self.driver.remove(name, exit, withdrawn=name in self._withdrawn)
+            self._withdrawn.discard(name)
             self._left.add(name)
             lost = exit is not None and name not in beliefs
             if lost and self._register is not None and name in self._register.parcels:
@@ -257,7 +266,8 @@ class TableProgram:
             if member is not None and name not in there:
                 size = member.length_m, member.width_m, member.shape
                 parcel = TableParcel(name, member.kind, *size)
-                self.driver.put(parcel, arrives=not member.lies)
+                lay_there = self._register is not None and self._register.lay_there(name)
+                self.driver.put(parcel, arrives=not member.lies, lay_there=lay_there)
         self.driver.see(beliefs)
 
     def _go_on(self, step_s: float) -> None:

@@ -312,20 +312,26 @@ class TableDriver:
         self._flow.clear()
         return flow
 
-    def put(self, parcel: TableParcel, arrives: bool = True) -> None:
-        """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
+    def put(self, parcel: TableParcel, arrives: bool = True, *, lay_there: bool = False) -> None:
+        """A parcel is on the table from now on; one that `arrives` is returned by `arrival`.
+
+        It `lay_there` if it has not come within this run.
+        """
         self.table._parcels[parcel.name] = parcel
         parcel._carried_by((self.table._move_by_program, self.table._leave_by_program))
-        self.table.orders.on_parcel(parcel)
+        self.table.orders.on_parcel(parcel, lay_there=lay_there)
         if arrives:
             self.came += 1
             self._flow.append((parcel.name, None))
             self.table._arrived.append(parcel)
 
-    def remove(self, name: str, exit: str | None = None) -> None:
-        """A parcel has left, by an exit unless it was lost or taken away."""
+    def remove(self, name: str, exit: str | None = None, *, withdrawn: bool = False) -> None:
+        """A parcel has left, by an exit unless it was lost, taken away, or never there."""
         parcel = self.table._parcels.pop(name)
-        self.table.orders.on_left(parcel, exit)
+        if withdrawn:
+            self.table.orders.on_withdrawn(parcel)
+        else:
+            self.table.orders.on_left(parcel, exit)
         if exit is not None:
             self.left[exit] += 1
             self._flow.append((name, exit))

@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 from tests.benchmarks.host.real_time import BACK_AND_FORTH
-from tests.system.line.controller import EXECUTE, IDLE, MDMS, PATIENCE_S, Controller
+from tests.system.line.controller import EXECUTE, IDLE, PATIENCE_S, Controller, admit_user
+from tests.system.line.opcua import opcua_client
 from tests.system.links.served_array import Served, serve
 
 from mdms_host.can_link.link import Link
@@ -43,11 +44,7 @@ def run() -> list[dict[str, Any]]:
     cycle_s = load_scenario("array18", BACK_AND_FORTH).wire.sync_period_s
     plain, asked, answers = [], [], []
     with TemporaryDirectory() as folder:
-        made = [*MDMS, "line", "certificate", "--state", folder]
-        subprocess.run(made, check=True, capture_output=True)
-        users = Path(folder) / "users.txt"
-        users.write_text("plc:secret\n")
-        users.chmod(0o600)
+        admit_user(Path(folder))
         array = serve(folder, *_set())
         try:
             for _ in range(TURNS):
@@ -187,18 +184,8 @@ def _by_opcua(url: str, folder: str, from_s: float, until_s: float) -> int:
 
 
 async def _reading(url: str, folder: Path, from_s: float, until_s: float) -> int:
-    # OPC UA is an extra.
-    from asyncua import Client
-    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
-
-    client, count = Client(url), 0
-    client.session_timeout = 60_000
-    client.set_user("plc")
-    client.set_password("secret")
-    client.application_uri = "urn:mdms-array:table"
-    certificate, key = folder / "certificate.der", folder / "key.pem"
-    await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
-    async with client:
+    count = 0
+    async with await opcua_client(url, folder) as client:
         index = await client.get_namespace_index("urn:mdms-array:line")
         line = await client.nodes.objects.get_child([f"{index}:Table", f"{index}:Line"])
         nodes = (await line.get_variables())[:10]

@@ -41,7 +41,7 @@ def slot_of(
     ready = {name: _coordinator_of(job) for name, job in recipes.jobs.items()}
 
     def make() -> Coordinator:
-        job = recipes.job
+        job = recipes.begin()
         return ready.pop(recipes.chosen, None) or _coordinator_of(job)
 
     return RunSlot(make, addresses_of(scenario).bus_count)
