@@ -188,7 +188,7 @@ class Tracker:
         self._judge(now_s, coverage, groups)
         self._leave_obstacles(views)
         for name, each in list(self._known.items()):
-            if each.has_left(name in views and self._shows(views[name])):
+            if each.gate is not None and each.has_left(self._is_anything_at(each, views.get(name))):
                 self._leave(name)
             elif each.was_none(now_s) or self._is_misjudged(now_s, name, views, coverage):
                 self._withdraw(name)
@@ -366,9 +366,15 @@ class Tracker:
                 beside = view.near.sensors[view.distance_m < BESIDE_M]
                 self._unknowns.expect(beside[self._presence.covered[beside]])
 
-    def _shows(self, view: View) -> bool:
-        """Whether any sensor under a parcel is covered."""
-        under = view.near.sensors[view.distance_m < 0.0]
+    def _is_anything_at(self, known: TrackedParcel, view: View | None) -> bool:
+        """Whether a sensor is covered under a parcel, or where a lost one was believed last."""
+        if view is not None:
+            under = view.near.sensors[view.distance_m < 0.0]
+        elif known.last is None:
+            return False
+        else:
+            near, footprint = known.estimator.near(known.last), known.estimator.footprint
+            under = near.sensors[footprint.distance_m(near.sensors_m, known.last) < 0.0]
         return bool(self._presence.covered[under].any())
 
     def _is_misjudged(

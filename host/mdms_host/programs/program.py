@@ -82,6 +82,7 @@ class TableProgram:
     def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
+        self._traffic.attend(lambda: set(register.parcels))
         self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
 
     def serve_orders(self) -> None:
@@ -245,18 +246,11 @@ class TableProgram:
                 self._notices.append(f"{name} is not taken to the given place: {order.refused}")
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
-        """Parcels that have left are no more on the table, though they may still be believed.
-
-        One that sensors lose as it leaves is gone for the tracker too, which may seek it still.
-        """
+        """Parcels that have left are no more on the table, though they may still be believed."""
         for name in self._traffic.take_left():
-            exit = self._exits.pop(name, None)
-            self.driver.remove(name, exit, withdrawn=name in self._withdrawn)
+            self.driver.remove(name, self._exits.pop(name, None), withdrawn=name in self._withdrawn)
             self._withdrawn.discard(name)
             self._left.add(name)
-            lost = exit is not None and name not in beliefs
-            if lost and self._register is not None and name in self._register.parcels:
-                self._register.depart(name)
         self._left &= beliefs.keys()
 
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:

@@ -429,3 +429,17 @@ def test_a_polygon_at_the_edge_is_found_whose_origin_is_beyond_all_wheels() -> N
     table.run(0.4)
     assert table.events() == [("wedge", BeliefEvent.FOUND)]
     assert table.off_m("wedge") < 0.03
+
+
+def test_a_parcel_that_is_lost_at_its_exit_has_not_left_while_something_is_shown_there() -> None:
+    table = Lying(LAYOUT, (Parcel("box", 0.36, 0.30, near_m=(0.40, 0.0)),))
+    table.put("box", BOTTOM, 0.40, 0.0, 0.0)
+    table.run(0.5)
+    table.tracker.depart("box", ExitLine(0.52, 0.0, 0.0))
+    table.take("box")
+    table.put("crumb", Rectangle(0.15, 0.15), 0.34, 0.0, 0.0)
+    table.run(1.5)
+    assert table.events("box")[-1] == ("box", BeliefEvent.LOST)
+    table.take("crumb")
+    table.run(0.5)
+    assert table.events("box")[-1] == ("box", BeliefEvent.DEPARTED)

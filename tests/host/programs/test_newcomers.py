@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.host.programs.hands import EAST, Stage
+from tests.host.programs.hands import Stage
 
 from mdms_host.estimation.belief import Belief, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
@@ -208,19 +208,3 @@ def test_a_newcomer_is_announced_near_numbers_only():
         "the program was broken off: x_m of crate is nan, but must be a number, in main ("
     )
     assert not register.expected
-
-
-def test_one_that_sensors_lose_as_it_leaves_is_gone_for_the_tracker_too():
-    async def main(table):
-        await table["box 1"].leave("east")
-
-    stage = Stage(main, lying=("box 1",))
-    register = Register(stage)
-    register.expected["box 1"] = None
-    stage.hands.take_leaving = lambda: [("box 1", EAST)]
-    register.depart = lambda name, gate=None: register.gone.append((name, gate is None))
-    stage.run()
-    stage.hands.take_leaving = list
-    stage.leave("box 1")
-    stage.run()
-    assert register.gone == [("box 1", False), ("box 1", True)]
