@@ -203,8 +203,10 @@ class Machine:
                 self._do_with_order(name, values)
             case "coming":
                 self.orders.expect(values["parcel"], values.get("kind", ""))
+                self._tell("parcel coming", values["parcel"])
             case "not_coming":
                 self.orders.expect_no_more(values["parcel"])
+                self._tell("parcel not coming", values["parcel"])
             case "exit":
                 self._set_exit(values["exit"], values["full"])
             case "recipe":
@@ -238,7 +240,14 @@ class Machine:
         if name not in self.exits:
             there = ", ".join(self.exits) or "none"
             raise CommandRefusedError(f"no exit {name!r:.40}; there are: {there}")
+        if full != (name in self.orders.full):
+            self._tell("exit full" if full else "exit free", name)
         (self.orders.full.add if full else self.orders.full.discard)(name)
+
+    def _tell(self, signal: str, value: str) -> None:
+        """The program that runs gets this signal of the plant."""
+        if self._run is not None and isinstance(self._run.program, TableProgram):
+            self._run.program.driver.receive(signal, value)
 
     def _choose(self, name: str) -> None:
         """The next run is by this recipe; the run of Idle is replaced when it is started."""

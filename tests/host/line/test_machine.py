@@ -127,6 +127,29 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) ->
     assert line.state is State.EXECUTE
 
 
+def test_a_program_gets_what_the_plant_reports_as_signals() -> None:
+    heard: list[tuple[str, str]] = []
+
+    async def main(table: Table) -> None:
+        for signal in ("exit full", "exit free", "parcel coming", "parcel not coming"):
+            heard.append((signal, await table.signal(signal)))
+
+    with VirtualLine(recipes={TABLE.stem: (load_scenario(str(TABLE)), main)}) as line:
+        line.bring_to_execute()
+        line.do("exit", exit="east", full=True)
+        line.do("exit", exit="east", full=True)  # nothing new
+        line.do("exit", exit="east", full=False)
+        line.do("coming", parcel="P-1")
+        line.do("not_coming", parcel="P-1")
+        line.until(lambda: len(heard) == 4, 10.0)
+    assert heard == [
+        ("exit full", "east"),
+        ("exit free", "east"),
+        ("parcel coming", "P-1"),
+        ("parcel not coming", "P-1"),
+    ]
+
+
 def test_a_thing_in_the_infeed_is_named_where_no_parcel_comes(line) -> None:
     line.bring_to_execute()
     line.until(lambda: any(p["pose"][0] > -0.13 for p in line.machine.snapshot()["parcels"]), 10.0)
