@@ -155,10 +155,10 @@ class Tracking:
     def find_witness(self, drives):
         """Count the beats in which no neighbour has had the parcel where this cell has it.
 
-        Only those count in which the cell `drives` for the parcel over it, or might.
+        Only those count in which the cell `drives` for the parcel over it, or might, by a belief of
+        its own.
         """
-        agreement = self.agreement
-        if not drives or (agreement.peers if self.follows else agreement.near):
+        if not drives or self.follows or self.agreement.near:
             self.alone_beats = 0
         elif self.alone_beats < ALONE_BEATS:
             self.alone_beats += 1

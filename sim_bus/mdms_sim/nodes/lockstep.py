@@ -35,7 +35,7 @@ WORDS = 16
 # Where the parts of a block are, in bytes
 WORD = 4
 REGISTERS = WORDS * WORD
-INBOX = 512
+INBOX = 1024
 INBOX_MAX = 1024
 OUTBOX = INBOX + INBOX_MAX
 OUTBOX_MAX = 4096
