@@ -188,7 +188,9 @@ class Tracker:
         self._judge(now_s, coverage, groups)
         self._leave_obstacles(views)
         for name, each in list(self._known.items()):
-            if each.gate is not None and each.has_left(self._is_anything_at(each, views.get(name))):
+            if each.gate is not None and each.has_left(
+                self._is_anything_at(each, views.get(name), coverage)
+            ):
                 self._leave(name)
             elif each.was_none(now_s) or self._is_misjudged(now_s, name, views, coverage):
                 self._withdraw(name)
@@ -366,16 +368,19 @@ class Tracker:
                 beside = view.near.sensors[view.distance_m < BESIDE_M]
                 self._unknowns.expect(beside[self._presence.covered[beside]])
 
-    def _is_anything_at(self, known: TrackedParcel, view: View | None) -> bool:
-        """Whether a sensor is covered under a parcel, or where a lost one was believed last."""
+    def _is_anything_at(self, known: TrackedParcel, view: View | None, coverage: Coverage) -> bool:
+        """Whether a sensor is covered under a parcel, or where a lost one was believed last.
+
+        What another parcel covers there shows no lost one.
+        """
+        covered = self._presence.covered
         if view is not None:
-            under = view.near.sensors[view.distance_m < 0.0]
-        elif known.last is None:
+            return bool(covered[view.near.sensors[view.distance_m < 0.0]].any())
+        if known.last is None:
             return False
-        else:
-            near, footprint = known.estimator.near(known.last), known.estimator.footprint
-            under = near.sensors[footprint.distance_m(near.sensors_m, known.last) < 0.0]
-        return bool(self._presence.covered[under].any())
+        near, footprint = known.estimator.near(known.last), known.estimator.footprint
+        under = near.sensors[footprint.distance_m(near.sensors_m, known.last) < 0.0]
+        return bool((covered[under] & ~coverage.explained[under]).any())
 
     def _is_misjudged(
         self, now_s: float, name: str, views: Mapping[str, View], coverage: Coverage
