@@ -133,11 +133,12 @@ class TrackedParcel:
 
     def keep_place(self, now_s: float) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
-        if self.estimator.pose is not None:
-            self.last = self.estimator.pose.copy()
-        if self.standing is Standing.FOUND and self.estimator.pose is not None:
+        if self.estimator.pose is None:
+            return
+        self.last = self.estimator.pose.copy()
+        if self.standing is Standing.FOUND:
             self._found_s = now_s if self._found_s is None else self._found_s
-            self.place, self.region, self.expected = self.estimator.pose.copy(), None, False
+            self.place, self.region, self.expected = self.last, None, False
 
     def was_none(self, now_s: float) -> bool:
         """Whether something else was taken for it as it was to come."""

@@ -41,7 +41,7 @@ class Traffic(Orders, Protocol):
         ...
 
     def attend(self, tracked: Callable[[], Collection[str]]) -> None:
-        """From now on only those have left which are believed there, or are not `tracked()`."""
+        """From now on a parcel without a belief has left only if `tracked()` does not name it."""
         ...
 
     def take_left(self) -> list[str]:
