@@ -24,7 +24,7 @@ _EDGE_M = 0.0002
 #: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
 _LATENCY_S = 0.002
 #: The observers of the cells report a speed so late.
-_OBSERVER_LAG_S = 0.002
+OBSERVER_LAG_S = 0.002
 #: A parcel rests that moves no faster, its corners' turning included [m/s].
 _RESTING_M_S = 0.005
 #: A sensor is judged from this far inside the outline on, or from so many standard deviations of
@@ -259,7 +259,7 @@ class ParcelEstimator:
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
+        late = (self.twist - before) * OBSERVER_LAG_S if twist is not None else 0.0
         if step_s > _CARRIED_S and not self.twist.any():
             moved = before * (_CARRIED_S / 2)
             self._filter.blur(float(np.linalg.norm(moved / self.corner_m)))
@@ -379,7 +379,9 @@ class ParcelEstimator:
         wrong: Bools = seen.mine & ((view.distance_m < 0) != seen.covered)
         if not wrong.any():
             return wrong
-        told = seen.mine & ~wrong & (seen.same_s < _TOLD_S)
+        # A sensor that an edge has just reached may still lie on its other side.
+        at_edge = abs(view.distance_m) < _TOLD_M
+        told = seen.mine & (~wrong | at_edge) & (seen.same_s < _TOLD_S)
         pose = self.pose_at(self._at_s)
         assert pose is not None
         # The parcel was as far back there as the sensor would now be ahead.
@@ -396,7 +398,7 @@ class ParcelEstimator:
         off_m = sign * self.footprint.distance_m(pose[:2] + then_m, pose)
         agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
-        if _TOLD * agreed.sum() <= told.sum():
+        if _TOLD * (agreed & ~told[wrong]).sum() <= told.sum():
             unheard[wrong] = agreed
         return unheard
 

@@ -4,7 +4,7 @@ import pytest
 from mdms_host.estimation.belief import Standing
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.locating import Location, locate
-from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
+from mdms_host.estimation.pose.estimator import OBSERVER_LAG_S, ParcelEstimator, Shown
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence import Surroundings
 from mdms_host.layout import Layout, WheelPlace
@@ -96,6 +96,30 @@ def test_wheels_that_stand_or_push_nothing_do_not_slip() -> None:
     for step in range(21, 32):
         last_m2 = unsurer_m2(estimator, 0.01 * step, 0.1)
     assert last_m2 < 1e-7
+
+
+def test_a_report_that_got_lost_does_not_push_a_fast_parcel_aside() -> None:
+    """An edge has just reached the sensors ahead: that tells of it, and is no contradiction."""
+    ahead_m = np.unique(SENSORS_M[:, 0])[-6]
+    pose = np.array([ahead_m - BOTTOM.length_m / 2 - 0.001, 0.0, 0.0])
+    twist = np.array([0.45, 0.0, 0.0])
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    begun = pose - twist * 0.005 - twist * OBSERVER_LAG_S
+    estimator.start(0.0, Location(begun, np.diag([1e-6, 5e-4, 1e-4]), 0))
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    view = estimator.view(0.01)
+    assert view is not None
+    x_m, y_m = view.near.sensors_m.T
+    under, across = view.distance_m < 0, abs(y_m) < BOTTOM.width_m / 2
+    reached = across & (abs(x_m - ahead_m) < 0.01)
+    missed = under & (x_m > ahead_m - 0.07) & (y_m > 0.0)
+    left = across & ~under & (x_m < pose[0]) & (x_m > pose[0] - BOTTOM.length_m / 2 - 0.06)
+    assert (reached.sum(), missed.sum(), left.sum()) == (4, 2, 4)
+    silent_s = np.where(missed, 0.14, -0.005)
+    same_s = np.where(reached | left, 0.05, 1.0)
+    mine = np.ones(len(under), dtype=bool)
+    estimator.agree(0.01, view, Shown((under | reached) & ~missed, mine, silent_s, same_s))
+    assert abs(estimator.pose[1]) < 0.001
 
 
 def test_wheels_beside_the_parcel_tell_nothing() -> None:
