@@ -232,8 +232,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def _settle(self, beliefs: Mapping[str, Belief]) -> None:
         """End rides that have come to their end, and orders with them."""
-        # A parcel that sensors have lost, and that is sought, may still lie before its exit.
-        sought = set(self._tracked()) - beliefs.keys()
+        # A parcel that sensors do not show, and that is sought, may still lie before its exit.
+        sure = {name for name, belief in beliefs.items() if not belief.doubtful}
+        sought = set(self._tracked()) - sure
         for name, ride in list(self._rides.items()):
             order, belief = ride.order, beliefs.get(name)
             if name not in sought and ride.has_left(belief, self._where.places[name]):
