@@ -443,3 +443,20 @@ def test_a_parcel_that_is_lost_at_its_exit_has_not_left_while_something_is_shown
     table.take("crumb")
     table.run(0.5)
     assert table.events("box")[-1] == ("box", BeliefEvent.DEPARTED)
+
+
+def test_a_doubtful_parcel_is_not_found_again_by_the_sensors_of_one_that_has_come(table) -> None:
+    """A small box is exchanged for a larger one: only one of them is there."""
+    table.tracker.announce(Parcel("small", 0.28, 0.28), INFEED)
+    table.put("small", Rectangle(0.28, 0.28), -0.35, 0.0, 0.0)
+    table.run(2.5)
+    assert table.events() == [("small", BeliefEvent.FOUND)]
+    table.take("small")
+    table.put("box", Rectangle(0.44, 0.36), -0.35, 0.0, 0.0)
+    table.tracker.announce(Parcel("box", 0.44, 0.36), INFEED)
+    table.run(1.5)
+    assert table.events()[1:] == [
+        ("small", BeliefEvent.DOUBTFUL),
+        ("box", BeliefEvent.FOUND),
+        ("small", BeliefEvent.LOST),
+    ]
