@@ -102,6 +102,8 @@ class ParcelEstimator:
         self._spread_m = spread_m
         self._at_s = 0.0
         self._rolled_s = -inf
+        #: When the speeds of all wheels under it were known last.
+        self._whole_s = -inf
         self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / footprint.reach_m])
         self._drawn = footprint
         self._growth: Floats = np.zeros(2)
@@ -243,6 +245,16 @@ class ParcelEstimator:
         pose, covariance = self._filter.mean[:3], self._filter.covariance
         near = self.near(pose)
         return move_to_feel(self.footprint, near.sensors_m, usable[near.sensors], pose, covariance)
+
+    def note_missing(self, now_s: float, *, missing: bool) -> None:
+        """Take in whether speeds of wheels under it are missing."""
+        if not missing:
+            self._whole_s = now_s
+
+    def kept_twist(self, now_s: float) -> Floats:
+        """The twist that stays as far as no wheel shows another: for 0.1 s where any is missing."""
+        whole = self._whole_s == now_s or now_s > self._whole_s + _CARRIED_S
+        return np.zeros(3) if whole else self.twist
 
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.

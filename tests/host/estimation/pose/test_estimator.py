@@ -138,6 +138,18 @@ def test_a_row_of_wheels_leaves_the_motion_that_it_cannot_show() -> None:
     np.testing.assert_allclose(estimator.twist, [0.04, 0.0, 0.0], atol=1e-12)
 
 
+def test_a_motion_goes_on_while_reports_of_the_wheels_that_show_it_are_missing() -> None:
+    estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.4, 0.0, 0.0])
+    speeds_m_s = LAYOUT.surface_jacobian(0.0, 0.0) @ twist
+    roll_on([estimator], 0.01, Speeds(speeds_m_s))
+    across = abs(LAYOUT.surface_jacobian(0.0, 0.0)[:, 1]) > 0.5
+    for step in range(2, 11):
+        roll_on([estimator], 0.01 * step, Speeds(speeds_m_s, known=across))
+        np.testing.assert_allclose(estimator.twist, twist, atol=1e-9)
+    roll_on([estimator], 0.12, Speeds(speeds_m_s, known=across))
+    np.testing.assert_allclose(estimator.twist, np.zeros(3), atol=1e-9)
+
+
 @pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
 def test_edges_keep_the_error_small_though_wheels_tell_wrong_speeds(scale: float) -> None:
     start = np.array([-0.12, 0.01, 0.05])
