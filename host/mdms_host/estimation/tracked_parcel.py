@@ -141,10 +141,14 @@ class TrackedParcel:
             self.place, self.region, self.expected = self.last, None, False
 
     def was_none(self, now_s: float) -> bool:
-        """Whether something else was taken for it as it was to come."""
-        came = self.infeed is not None and self._found_s is not None
-        lost = came and self.standing is Standing.LOST
-        return lost and now_s < (self._found_s or 0.0) + _PROVEN_S
+        """Whether something else was taken for it as it was to come.
+
+        What has been carried away from there has come, whatever it is.
+        """
+        if self.infeed is None or self._found_s is None or self.last is None:
+            return False
+        lost = self.standing is Standing.LOST and bool(self.infeed.holds(self.last[None, :2])[0])
+        return lost and now_s < self._found_s + _PROVEN_S
 
     def judged_early(self, now_s: float, view: View, covered: Bools, late_s: Floats) -> bool:
         """Whether a parcel that has just come has another outline than it was taken for.

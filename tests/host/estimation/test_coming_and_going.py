@@ -58,6 +58,19 @@ def test_a_false_newcomer_is_withdrawn_when_it_is_lost(table) -> None:
     assert table.events()[-1] == ("box", BeliefEvent.FOUND)
 
 
+def test_one_that_is_lost_after_it_was_carried_away_has_come(table) -> None:
+    table.tracker.announce(BOX, INFEED)
+    table.put("box", BOTTOM, -0.35, 0.05, 0.2)
+    table.run(0.2)
+    table.run(0.5, {"box": (0.6, 0.0, 0.0)})
+    table.take("box")
+    table.run(1.0)
+    assert table.events()[-1] == ("box", BeliefEvent.LOST)
+    table.put("box", BOTTOM, 0.1, 0.05, 0.2)
+    table.run(0.5)
+    assert table.events("box")[-1] == ("box", BeliefEvent.FOUND)
+
+
 def test_one_that_has_come_and_is_lost_later_is_lost(table) -> None:
     table.tracker.announce(BOX, INFEED)
     table.put("box", BOTTOM, -0.35, 0.05, 0.2)

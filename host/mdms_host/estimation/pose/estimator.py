@@ -314,7 +314,9 @@ class ParcelEstimator:
         if self._cloud is not None:
             self._cloud.on_edge(point_m, late_m)
             self._settle(self._cloud)
-        elif self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
+        elif not self._is_late(off_m, slope, rate_m_s, covered) and self._filter.on_edge(
+            off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5
+        ):
             self._corrected()
 
     def agree(self, now_s: float, view: View, seen: Shown) -> Standing:
@@ -413,6 +415,16 @@ class ParcelEstimator:
         if _TOLD * (agreed & ~told[wrong]).sum() <= told.sum():
             unheard[wrong] = agreed
         return unheard
+
+    def _is_late(self, off_m: float, slope: Floats, rate_m_s: float, covered: bool) -> bool:
+        """Whether an edge has passed a sensor a while ago, as is believed, and is told of now.
+
+        The report of it has got lost, and came with another one.
+        """
+        assert self._filter is not None
+        sure_m = _GATE * sqrt(float(slope @ self._filter.covariance @ slope))
+        passed = covered == (off_m < 0.0)
+        return passed and sure_m < abs(off_m) < _TOLD_S * abs(rate_m_s)
 
     def _bound(self, now_s: float, point_m: Floats) -> bool:
         """A sensor there is on the other side of the edge; False if that cannot be believed."""

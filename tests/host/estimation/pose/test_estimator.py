@@ -138,6 +138,23 @@ def test_a_row_of_wheels_leaves_the_motion_that_it_cannot_show() -> None:
     np.testing.assert_allclose(estimator.twist, [0.04, 0.0, 0.0], atol=1e-12)
 
 
+def test_an_edge_that_is_told_of_late_throws_no_fast_parcel_about() -> None:
+    """Its report got lost, and came with that of another sensor 25 ms later."""
+    x_m, twist = np.unique(SENSORS_M[:, 0])[-6], np.array([0.45, 0.0, 0.0])
+    pose = np.array([x_m - BOTTOM.length_m / 2 + 0.011, 0.0, 0.0])
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    begun = pose - twist * (0.005 + OBSERVER_LAG_S)
+    estimator.start(0.0, Location(begun, np.diag([1e-6, 3e-5, 5e-5]), 0))
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    before = estimator.covariance.copy()
+    estimator.edge(0.01, np.array([x_m, 0.095]), covered=True)
+    np.testing.assert_allclose(estimator.pose, pose, atol=1e-6)
+    np.testing.assert_array_equal(estimator.covariance, before)
+    # One that has not been passed is told of in time.
+    estimator.edge(0.01, np.array([x_m + 0.02, 0.095]), covered=True)
+    assert abs(estimator.pose[0] - pose[0]) > 0.005
+
+
 def test_a_motion_goes_on_while_reports_of_the_wheels_that_show_it_are_missing() -> None:
     estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.4, 0.0, 0.0])
     speeds_m_s = LAYOUT.surface_jacobian(0.0, 0.0) @ twist
