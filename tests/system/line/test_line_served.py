@@ -58,6 +58,18 @@ def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
     second.until_state(EXECUTE)
 
 
+def test_a_command_that_was_refused_as_late_is_not_done_later(table: Table) -> None:
+    controller = table.controller()
+    assert table.process is not None
+    table.process.send_signal(signal.SIGSTOP)
+    assert not controller.command(1)
+    (beats,) = controller.read(4)
+    table.process.send_signal(signal.SIGCONT)
+    # Snapshots come again, and the first of them are later than the command.
+    controller.until(lambda: controller.read(4)[0] > beats + 5)
+    assert controller.read(1) == (STOPPED,)
+
+
 def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -> None:
     controller = table.controller()
     for number in range(200):
