@@ -16,7 +16,6 @@ from mdms_host.commissioning.doctor.findings import KINDS
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import TROUBLED, Phase
 from mdms_host.line.packml import (
-    CHOOSES,
     DONE,
     MOVES,
     TRANSITIONS,
@@ -77,15 +76,19 @@ class Recipes(Generic[Job]):
     def begin(self) -> Job:
         """The chosen job, for the run that begins.
 
-        Raises `RefusedError` if it was chosen before, and is not allowed now.
+        It is the first one if that was chosen before, and is not allowed now: so the machine
+        reaches Idle, where another is chosen.
         """
+        self.running = self.chosen if self.chosen in self.jobs else self.names[0]
+        return self.jobs[self.running]
+
+    def check_chosen(self) -> None:
+        """Raises `CommandRefusedError` if the recipe chosen before is not allowed now."""
         if self.chosen not in self.jobs:
-            raise RefusedError(
+            raise CommandRefusedError(
                 f"the recipe {self.chosen!r:.40} was chosen before, but is not allowed now; "
-                f"choose one of: {', '.join(self.names)}"
+                f"choose one of these in Idle: {', '.join(self.names)}"
             )
-        self.running = self.chosen
-        return self.jobs[self.chosen]
 
 
 @dataclass(slots=True)
@@ -187,6 +190,8 @@ class Machine:
         self._passing = ""
 
     def beat(self, by: str) -> None:
+        if command is Command.START:
+            self.recipes.check_chosen()
         """A client lives."""
         self._beats_s[by] = self._now_s()
 
@@ -250,14 +255,13 @@ class Machine:
             self._run.program.driver.receive(signal, value)
 
     def _choose(self, name: str) -> None:
-        """The next run is by this recipe; the run of Idle is replaced when it is started."""
+        """Start is by this recipe: it replaces the run of Idle, which has moved nothing."""
         if name not in self.recipes.names:
             there = ", ".join(self.recipes.names)
             raise CommandRefusedError(f"no recipe {name!r:.40}; there are: {there}")
-        if self.states.state not in CHOOSES:
-            possible = ", ".join(each.name.capitalize() for each in CHOOSES)
+        if self.states.state is not State.IDLE:
             state = self.states.state.name.capitalize()
-            raise CommandRefusedError(f"a recipe is not chosen in {state}, but in: {possible}")
+            raise CommandRefusedError(f"a recipe is not chosen in {state}, but in Idle alone")
         self.recipes.chosen = name
 
     # In the thread that drives the table ---------------------------------------------------------

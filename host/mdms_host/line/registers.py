@@ -118,7 +118,7 @@ MAP = (
     Register(102, "command_counter", "Write another value to give the command."),
     Register(105, "exits_full_set", "Write all full exits, exit 1 in bit 0."),
     Register(106, "mode_set", "Write a mode, in Stopped."),
-    Register(107, "recipe_set", "Write a recipe, from 1, in Stopped, Idle or Completed."),
+    Register(107, "recipe_set", "Write a recipe, from 1, in Idle."),
     Register(200, "request_counter", "Write another value to send the request below."),
     Register(
         201,
