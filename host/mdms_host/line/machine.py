@@ -93,10 +93,14 @@ class Recipes(Generic[Job]):
 
 @dataclass(slots=True)
 class Figures:
-    """The production so far: parcels in, out by exit, and those that were lost."""
+    """The production so far: parcels in, out by exit, lost, and rejected.
+
+    Those that are lost are rejected too, like PackML's defective products.
+    """
 
     parcels_in: int = 0
     parcels_lost: int = 0
+    parcels_rejected: int = 0
     out: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -106,6 +110,7 @@ class Figures:
 
     def count(self, report: Report) -> None:
         """A parcel has come, left or been lost."""
+        self.parcels_rejected += report.rejected
         match report.event:
             case "found":
                 self.parcels_in += 1
@@ -123,17 +128,18 @@ def effectiveness(
     """The three factors of OEE, by PackML's tags; 0 where nothing is known yet.
 
     Availability is the time in Execute over that in all states but Stopped. Performance is the
-    rate in Execute over the ideal one. Quality is the share of parcels that were not lost.
+    rate in Execute over the ideal one. Quality is the share of parcels that were not rejected.
     """
     execute_s = machine.in_state_s(State.EXECUTE, now_s)
     planned_s = sum(machine.in_state_s(each, now_s) for each in State if each != State.STOPPED)
     per_hour = 3600.0 * figures.parcels_out / execute_s if execute_s else 0.0
     processed = figures.parcels_out + figures.parcels_lost
+    good = processed - figures.parcels_rejected
     return {
         "parcels_per_hour": per_hour,
         "availability": execute_s / planned_s if planned_s else 0.0,
         "performance": per_hour / ideal_per_hour if ideal_per_hour else 0.0,
-        "quality": figures.parcels_out / processed if processed else 0.0,
+        "quality": good / processed if processed else 0.0,
     }
 
 
@@ -184,14 +190,14 @@ class Machine:
             )
         if command is Command.RESET and self._slot.busy:
             raise CommandRefusedError("the table is still stopping; give Reset again")
+        if command is Command.START:
+            self.recipes.check_chosen()
         self._on(command, f"{command.name.capitalize()} by {by}")
         if command in MOVES:
             self._in_control = by
         self._passing = ""
 
     def beat(self, by: str) -> None:
-        if command is Command.START:
-            self.recipes.check_chosen()
         """A client lives."""
         self._beats_s[by] = self._now_s()
 
@@ -476,6 +482,7 @@ class Machine:
             ("recipe", self.recipes.chosen),
             ("parcels in", str(figures.parcels_in)),
             *((f"out by {name}", str(figures.out.get(name, 0))) for name in self.exits),
+            ("rejected", str(figures.parcels_rejected)),
             ("lost", str(figures.parcels_lost)),
             ("parcels an hour in Execute", f"{effective['parcels_per_hour']:.0f}"),
             ("availability", f"{effective['availability']:.1%}"),

@@ -98,6 +98,12 @@ SHOWN = (
         lambda p: p.out_by_exit or [0],
     ),
     Shown("ParcelsLost", _V.UInt32, "parcels that were lost", _figure("parcels_lost")),
+    Shown(
+        "ParcelsRejected",
+        _V.UInt32,
+        "parcels that were lost, or have left otherwise than ordered",
+        _figure("parcels_rejected"),
+    ),
     Shown("ParcelsPerHour", _V.Double, "rate in Execute", _plain("parcels_per_hour")),
     Shown("Availability", _V.Double, "factor of OEE, 0 to 1", _plain("availability")),
     Shown("Performance", _V.Double, "factor of OEE", _plain("performance")),

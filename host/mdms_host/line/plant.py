@@ -32,7 +32,7 @@ NOTHING: dict[str, Any] = {
     "changes": 0,
     "spent_s": {},
     "alive": False,
-    "figures": {"parcels_in": 0, "parcels_lost": 0, "out": {}},
+    "figures": {"parcels_in": 0, "parcels_lost": 0, "parcels_rejected": 0, "out": {}},
     "parcels_per_hour": 0.0,
     "availability": 0.0,
     "performance": 0.0,

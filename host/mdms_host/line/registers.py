@@ -14,7 +14,7 @@ from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
 #: Raised with every change of the map that a client would notice.
-MAP_VERSION = 3
+MAP_VERSION = 4
 #: Registers of a text, and its characters.
 TEXT_WORDS = 8
 #: Who writes registers, for the machine.
@@ -112,6 +112,13 @@ MAP = (
         "Time in each state [s], state 1 first; two registers each.",
         lambda plant: _in_a_row(plant.state_times_s, len(State)),
         2 * len(State),
+    ),
+    Register(
+        86,
+        "parcels_rejected",
+        "Parcels that were lost, or have left otherwise than ordered.",
+        _count("parcels_rejected"),
+        2,
     ),
     Register(100, "heartbeat", "Write another value at least every 0.5 s."),
     Register(101, "command", f"Command: {_COMMANDS}."),
