@@ -278,14 +278,18 @@ class Machine:
             self._on(Command.ABORT, f"the host was suspended for {for_s:.1f} s")
 
     def step(self) -> None:
-        """Bring the state machine and the table together."""
-        now_s = self._now_s()
-        self._take_on_run()
-        state = self.states.state
+        """Bring the state machine and the table together.
+
+        Everything that has led to a state is reported before that state is seen.
+        """
+        self._go_on(self._now_s())
         for report in self.orders.take_reports():
             self.figures.count(report)
             self._on_report(report)
-        run = self._run
+
+    def _go_on(self, now_s: float) -> None:
+        self._take_on_run()
+        state, run = self.states.state, self._run
         if state in _WITHOUT_RUN:
             self._end_run(state)
         elif run is None or self._fault(run, now_s):

@@ -171,7 +171,7 @@ def test_stop_leaves_an_order_under_way_in_doubt_and_does_not_repeat_it(line) ->
     line.until(line.moving, 10.0)
     line.command(Command.STOP)
     line.until_state(State.STOPPED)
-    line.pass_s(0.1)
+    # A client that sees Stopped is told by then.
     assert line.of_order("o1") == ["under way", "in doubt"]
     line.bring_to_execute()
     line.pass_s(5.0)
