@@ -5,6 +5,7 @@ from contextlib import suppress
 from types import SimpleNamespace, coroutine
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mdms_host.line.machine import Figures, effectiveness
@@ -33,7 +34,7 @@ def there_are(
     table: Any = SimpleNamespace(parcels=parcels, start=started.append, sleep=pause)
     orders.begin_run()
     for parcel in parcels:
-        parcel._see(SimpleNamespace())
+        parcel._see(SimpleNamespace(pose=np.zeros(3)))
         orders.on_parcel(parcel)
     orders.serve(table, pause, leave).send(None)
     for each in started:
