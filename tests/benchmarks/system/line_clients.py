@@ -472,6 +472,7 @@ class _Line:
             "twice": twice,
             "repeated": repeated,
             "lost": lost,
+            "told_refused": sum(state == "refused" for state in states.values()),
             "truth_unlike_told": untold,
             "clients_disagree": disagreeing,
             "told_late": self._late,
