@@ -135,12 +135,14 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
     """
     belief, main = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
+    # The first start is prepared while no client waits for it: a fresh installation compiles.
+    ready = {name: _coordinator_of(job) for name, job in recipes.jobs.items()}
     with (
         keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept,
         _opened(belief, arguments) as (link, clock),
     ):
         refuse_other_host(link, clock)
-        slot, table = _slot_and_table(recipes, link, clock, kept)
+        slot, table = _slot_and_table(recipes, ready, link, clock, kept)
         kept.counts = lambda: link.counts
         jobs = {name: (job.scenario, own) for name, (job, own) in recipes.jobs.items()}
         kept.run_by(jobs, lambda: recipes.running)
@@ -188,16 +190,23 @@ def _opened(
     return (open_returning if returns else open_links)(arguments, belief.channels)
 
 
+def _coordinator_of(job: tuple[BelievedArray, Main | None]) -> Coordinator:
+    belief, main = job
+    return coordinator_of(belief.scenario, belief.cells, main=main, executor=ThreadExecutor())
+
+
 def _slot_and_table(
-    recipes: Recipes[tuple[BelievedArray, Main | None]], link: AnyLink, clock: Clock, kept: Kept
+    recipes: Recipes[tuple[BelievedArray, Main | None]],
+    ready: dict[str, Coordinator],
+    link: AnyLink,
+    clock: Clock,
+    kept: Kept,
 ) -> tuple[RunSlot, LiveTable]:
-    """The host's place, and its part of a page."""
+    """The host's place, and its part of a page; `ready` has a coordinator for some recipes."""
 
     def make() -> Coordinator:
-        chosen, main = recipes.begin()
-        coordinator = coordinator_of(
-            chosen.scenario, chosen.cells, main=main, executor=ThreadExecutor()
-        )
+        job = recipes.begin()
+        coordinator = ready.pop(recipes.running, None) or _coordinator_of(job)
         watch_program(coordinator, link, clock)
         return coordinator
 

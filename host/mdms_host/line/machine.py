@@ -16,7 +16,6 @@ from mdms_host.commissioning.doctor.findings import KINDS
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import TROUBLED, Phase
 from mdms_host.line.packml import (
-    CHOOSES,
     DONE,
     MOVES,
     TRANSITIONS,
@@ -77,23 +76,31 @@ class Recipes(Generic[Job]):
     def begin(self) -> Job:
         """The chosen job, for the run that begins.
 
-        Raises `RefusedError` if it was chosen before, and is not allowed now.
+        It is the first one if that was chosen before, and is not allowed now: so the machine
+        reaches Idle, where another is chosen.
         """
+        self.running = self.chosen if self.chosen in self.jobs else self.names[0]
+        return self.jobs[self.running]
+
+    def check_chosen(self) -> None:
+        """Raises `CommandRefusedError` if the recipe chosen before is not allowed now."""
         if self.chosen not in self.jobs:
-            raise RefusedError(
+            raise CommandRefusedError(
                 f"the recipe {self.chosen!r:.40} was chosen before, but is not allowed now; "
-                f"choose one of: {', '.join(self.names)}"
+                f"choose one of these in Idle: {', '.join(self.names)}"
             )
-        self.running = self.chosen
-        return self.jobs[self.chosen]
 
 
 @dataclass(slots=True)
 class Figures:
-    """The production so far: parcels in, out by exit, and those that were lost."""
+    """The production so far: parcels in, out by exit, lost, and rejected.
+
+    Those that are lost are rejected too, like PackML's defective products.
+    """
 
     parcels_in: int = 0
     parcels_lost: int = 0
+    parcels_rejected: int = 0
     out: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -103,6 +110,7 @@ class Figures:
 
     def count(self, report: Report) -> None:
         """A parcel has come, left or been lost."""
+        self.parcels_rejected += report.rejected
         match report.event:
             case "found":
                 self.parcels_in += 1
@@ -120,17 +128,18 @@ def effectiveness(
     """The three factors of OEE, by PackML's tags; 0 where nothing is known yet.
 
     Availability is the time in Execute over that in all states but Stopped. Performance is the
-    rate in Execute over the ideal one. Quality is the share of parcels that were not lost.
+    rate in Execute over the ideal one. Quality is the share of parcels that were not rejected.
     """
     execute_s = machine.in_state_s(State.EXECUTE, now_s)
     planned_s = sum(machine.in_state_s(each, now_s) for each in State if each != State.STOPPED)
     per_hour = 3600.0 * figures.parcels_out / execute_s if execute_s else 0.0
     processed = figures.parcels_out + figures.parcels_lost
+    good = processed - figures.parcels_rejected
     return {
         "parcels_per_hour": per_hour,
         "availability": execute_s / planned_s if planned_s else 0.0,
         "performance": per_hour / ideal_per_hour if ideal_per_hour else 0.0,
-        "quality": figures.parcels_out / processed if processed else 0.0,
+        "quality": good / processed if processed else 0.0,
     }
 
 
@@ -181,6 +190,8 @@ class Machine:
             )
         if command is Command.RESET and self._slot.busy:
             raise CommandRefusedError("the table is still stopping; give Reset again")
+        if command is Command.START:
+            self.recipes.check_chosen()
         self._on(command, f"{command.name.capitalize()} by {by}")
         if command in MOVES:
             self._in_control = by
@@ -250,14 +261,13 @@ class Machine:
             self._run.program.driver.receive(signal, value)
 
     def _choose(self, name: str) -> None:
-        """The next run is by this recipe; the run of Idle is replaced when it is started."""
+        """Start is by this recipe: it replaces the run of Idle, which has moved nothing."""
         if name not in self.recipes.names:
             there = ", ".join(self.recipes.names)
             raise CommandRefusedError(f"no recipe {name!r:.40}; there are: {there}")
-        if self.states.state not in CHOOSES:
-            possible = ", ".join(each.name.capitalize() for each in CHOOSES)
+        if self.states.state is not State.IDLE:
             state = self.states.state.name.capitalize()
-            raise CommandRefusedError(f"a recipe is not chosen in {state}, but in: {possible}")
+            raise CommandRefusedError(f"a recipe is not chosen in {state}, but in Idle alone")
         self.recipes.chosen = name
 
     # In the thread that drives the table ---------------------------------------------------------
@@ -268,14 +278,18 @@ class Machine:
             self._on(Command.ABORT, f"the host was suspended for {for_s:.1f} s")
 
     def step(self) -> None:
-        """Bring the state machine and the table together."""
-        now_s = self._now_s()
-        self._take_on_run()
-        state = self.states.state
+        """Bring the state machine and the table together.
+
+        Everything that has led to a state is reported before that state is seen.
+        """
+        self._go_on(self._now_s())
         for report in self.orders.take_reports():
             self.figures.count(report)
             self._on_report(report)
-        run = self._run
+
+    def _go_on(self, now_s: float) -> None:
+        self._take_on_run()
+        state, run = self.states.state, self._run
         if state in _WITHOUT_RUN:
             self._end_run(state)
         elif run is None or self._fault(run, now_s):
@@ -472,6 +486,7 @@ class Machine:
             ("recipe", self.recipes.chosen),
             ("parcels in", str(figures.parcels_in)),
             *((f"out by {name}", str(figures.out.get(name, 0))) for name in self.exits),
+            ("rejected", str(figures.parcels_rejected)),
             ("lost", str(figures.parcels_lost)),
             ("parcels an hour in Execute", f"{effective['parcels_per_hour']:.0f}"),
             ("availability", f"{effective['availability']:.1%}"),

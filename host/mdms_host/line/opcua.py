@@ -82,7 +82,7 @@ SHOWN = (
     Shown("State", _V.Int32, "number of the state, as in ISA-TR88.00.02", _plain("state")),
     Shown("StateName", _V.String, "the state", lambda p: _name(State(p.snapshot["state"]))),
     Shown("Reason", _V.String, "why the machine is in it", _plain("reason")),
-    Shown("Recipe", _V.String, "the recipe of the next run, or of this one", _plain("recipe")),
+    Shown("Recipe", _V.String, "the recipe of the next Start, or of this run", _plain("recipe")),
     Shown("TableHeartbeat", _V.UInt32, "counts on while the table lives", lambda p: p.beats),
     Shown("ParcelsIn", _V.UInt32, "parcels that have come", _figure("parcels_in")),
     Shown(
@@ -98,6 +98,12 @@ SHOWN = (
         lambda p: p.out_by_exit or [0],
     ),
     Shown("ParcelsLost", _V.UInt32, "parcels that were lost", _figure("parcels_lost")),
+    Shown(
+        "ParcelsRejected",
+        _V.UInt32,
+        "parcels that were lost, or have left otherwise than ordered",
+        _figure("parcels_rejected"),
+    ),
     Shown("ParcelsPerHour", _V.Double, "rate in Execute", _plain("parcels_per_hour")),
     Shown("Availability", _V.Double, "factor of OEE, 0 to 1", _plain("availability")),
     Shown("Performance", _V.Double, "factor of OEE", _plain("performance")),
@@ -161,7 +167,7 @@ LINE_METHODS = (
         "ChooseRecipe",
         (("Recipe", _TEXT),),
         (),
-        "take one of `Recipes` for the next run, in Stopped, Idle or Completed",
+        "take one of `Recipes` for the next Start, in Idle",
     ),
     LineMethod(
         "SetIdealRate", (("PerHour", _NUMBER),), (), "the rate that counts as performance 1"

@@ -8,6 +8,7 @@ import asyncio
 import json
 from collections.abc import Callable
 from dataclasses import asdict
+from time import monotonic
 from typing import Any
 
 from mdms_host.line.order_book import OrderBook, OrderBookError
@@ -31,7 +32,7 @@ NOTHING: dict[str, Any] = {
     "changes": 0,
     "spent_s": {},
     "alive": False,
-    "figures": {"parcels_in": 0, "parcels_lost": 0, "out": {}},
+    "figures": {"parcels_in": 0, "parcels_lost": 0, "parcels_rejected": 0, "out": {}},
     "parcels_per_hour": 0.0,
     "availability": 0.0,
     "performance": 0.0,
@@ -230,7 +231,8 @@ class Plant:
         self._number += 1
         number, loop = self._number, asyncio.get_running_loop()
         answer = self._waiting[number] = loop.create_future()
-        self._tell(name, id=number, **values)
+        # A request that is refused as late is not done later.
+        self._tell(name, id=number, until_s=monotonic() + _ANSWER_S, **values)
         try:
             error = await asyncio.wait_for(answer, _ANSWER_S)
         except TimeoutError:

@@ -14,7 +14,7 @@ from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
 #: Raised with every change of the map that a client would notice.
-MAP_VERSION = 3
+MAP_VERSION = 4
 #: Registers of a text, and its characters.
 TEXT_WORDS = 8
 #: Who writes registers, for the machine.
@@ -113,12 +113,19 @@ MAP = (
         lambda plant: _in_a_row(plant.state_times_s, len(State)),
         2 * len(State),
     ),
+    Register(
+        86,
+        "parcels_rejected",
+        "Parcels that were lost, or have left otherwise than ordered.",
+        _count("parcels_rejected"),
+        2,
+    ),
     Register(100, "heartbeat", "Write another value at least every 0.5 s."),
     Register(101, "command", f"Command: {_COMMANDS}."),
     Register(102, "command_counter", "Write another value to give the command."),
     Register(105, "exits_full_set", "Write all full exits, exit 1 in bit 0."),
     Register(106, "mode_set", "Write a mode, in Stopped."),
-    Register(107, "recipe_set", "Write a recipe, from 1, in Stopped, Idle or Completed."),
+    Register(107, "recipe_set", "Write a recipe, from 1, in Idle."),
     Register(200, "request_counter", "Write another value to send the request below."),
     Register(
         201,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import until
-from mdms_host.programs.table_parcel import Leave, Move, ProgramError, TableParcel
+from mdms_host.programs.table_parcel import AROUND_M, Leave, Move, ProgramError, TableParcel
 
 if TYPE_CHECKING:
     from mdms_host.programs.table import Table
@@ -75,7 +75,8 @@ class Report:
     """An event of a parcel: found, under way, arrived, left, refused or lost.
 
     It is withdrawn if it was found by mistake: its identity is expected again. It is unannounced if
-    its identity is not expected any more: announce it again, if it has not come.
+    its identity is not expected any more: announce it again, if it has not come. A parcel that was
+    lost, or has left otherwise than the plant wants, is `rejected`.
     """
 
     event: str
@@ -83,6 +84,7 @@ class Report:
     key: str = ""
     exit: str = ""
     text: str = ""
+    rejected: bool = False
 
 
 class TableOrders:
@@ -102,6 +104,10 @@ class TableOrders:
         self._announced: dict[str, str] = {}
         #: Identities that go over to the next run, by kind; None without such a run.
         self._passed_on: dict[str, str] | None = None
+        #: Whether a scanner has announced any parcel.
+        self._has_scanner = False
+        #: Names of parcels whose last order was refused.
+        self._refused: set[str] = set()
         self._runs = False
         self._under_way: dict[str, tuple[LineOrder, TableParcel]] = {}
         self._reports: deque[Report] = deque(maxlen=_MOST_REPORTS)
@@ -139,6 +145,7 @@ class TableOrders:
         if identity in self.identities.values():
             raise ProgramError(f"{identity} is on the table already")
         self._expected.append((identity, kind))
+        self._has_scanner = True
 
     def expect_no_more(self, identity: str) -> None:
         """An announced parcel does not come after all. Raises ProgramError for another one."""
@@ -190,6 +197,7 @@ class TableOrders:
         # Tasks of the run that are dropped later clean up their own set.
         self._waiting = set()
         self._arrived.clear()
+        self._refused.clear()
         self._serves = False
 
     def begin_again(
@@ -279,7 +287,14 @@ class TableOrders:
             self.identities[parcel.name], self._announced[parcel.name] = expected
 
     def on_withdrawn(self, parcel: TableParcel) -> None:
-        """A parcel was found by mistake: its identity is that of the next one, with its order."""
+        """A parcel was found by mistake: its identity is that of the next one, with its order.
+
+        One that has been carried away from its infeed has come, whatever it is. It is lost: the
+        next one would have its identity else.
+        """
+        if parcel.travelled_m > AROUND_M:
+            self.on_left(parcel, None)
+            return
         under_way = self._under_way.pop(parcel.name, None)
         if under_way is not None:
             self._report("accepted", parcel, key=under_way[0].key)
@@ -289,12 +304,22 @@ class TableOrders:
         if identity is not None and kind is not None:
             self._expected.appendleft((identity, kind))
         self._waiting.discard(parcel.name)
+        self._refused.discard(parcel.name)
 
     def on_left(self, parcel: TableParcel, exit: str | None) -> None:
         """A parcel is no more on the table; without an exit it was lost or taken away."""
-        under_way = self._under_way.get(parcel.name)
-        key = under_way[0].key if under_way else ""
-        self._report("left" if exit else "lost", parcel, key=key, exit=exit or "")
+        order, _ = self._under_way.get(parcel.name, (None, None))
+        if exit is None:
+            self._report("lost", parcel, key=order.key if order else "", rejected=True)
+        elif order is not None and order.exit == exit:
+            self._report("left", parcel, key=order.key, exit=exit)
+        else:
+            if order is not None:
+                self._report("refused", parcel, key=order.key, text=f"it has left by {exit}")
+            unknown = self._has_scanner and parcel.name not in self.identities
+            rejected = order is not None or parcel.name in self._refused or unknown
+            self._report("left", parcel, exit=exit, rejected=rejected)
+        self._refused.discard(parcel.name)
         self.identities.pop(parcel.name, None)
         self._announced.pop(parcel.name, None)
         self._waiting.discard(parcel.name)
@@ -346,7 +371,7 @@ class TableOrders:
                 await move(parcel, order.x_m, order.y_m, order.yaw_rad)
                 done = parcel.found and _is_there(parcel, order)
         except ProgramError as error:
-            self._reports.append(Report("refused", identity, order.key, text=str(error)))
+            self._refuse(parcel, identity, order, str(error))
         else:
             if self._under_way.get(parcel.name) != (order, parcel):
                 # It was withdrawn: the order waits for another parcel.
@@ -354,7 +379,7 @@ class TableOrders:
             # A parcel that has left by its exit has been reported by then.
             if not done:
                 text = "the program or a person has ordered the parcel elsewhere"
-                self._reports.append(Report("refused", identity, order.key, text=text))
+                self._refuse(parcel, identity, order, text)
             elif order.exit is None:
                 self._arrived[parcel.name] = parcel
                 self._reports.append(Report("arrived", identity, order.key))
@@ -362,6 +387,11 @@ class TableOrders:
         # ends and puts it in doubt.
         self.open.pop(order.key, None)
         self._under_way.pop(parcel.name, None)
+
+    def _refuse(self, parcel: TableParcel, identity: str, order: LineOrder, text: str) -> None:
+        self._reports.append(Report("refused", identity, order.key, text=text))
+        if not parcel.has_left:
+            self._refused.add(parcel.name)
 
     async def leave(
         self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]

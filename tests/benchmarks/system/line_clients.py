@@ -46,6 +46,8 @@ TOLD_S = 5.0
 #: A parcel so near to where it was set down is at the infeed [m].
 _INFEED_M = 0.1
 FULL_S, PULLED_S = 10.0, 3.0
+#: What the host has said, and the states of all orders, of a run that has failed.
+LOG = Path("build/line_clients.txt")
 #: What the host's own log says of an order that is done.
 _LEFT = re.compile(r"order (\S+): \S+ left")
 
@@ -455,17 +457,22 @@ class _Line:
         lost = sum(state not in ("left", "cancelled") for state in states.values())
         untold = len(left ^ told.keys())
         faults = (wrong, twice, repeated, lost, untold, disagreeing, self._late, self._moved)
+        failed = any(faults) or len(true) != ORDERS
+        if failed:
+            LOG.parent.mkdir(exist_ok=True)
+            LOG.write_text("".join(self._plant.said) + f"{states}\n")
         return {
             "name": f"{ORDERS} orders on sort54 in real time, by node clients: done",
             "ours": len(told),
             "peer": ORDERS,
             "ratio": len(told) / ORDERS,
             "unit": "parcels",
-            "failed": any(faults) or len(true) != ORDERS,
+            "failed": failed,
             "wrong_exit": wrong,
             "twice": twice,
             "repeated": repeated,
             "lost": lost,
+            "told_refused": sum(state == "refused" for state in states.values()),
             "truth_unlike_told": untold,
             "clients_disagree": disagreeing,
             "told_late": self._late,

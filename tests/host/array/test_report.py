@@ -175,11 +175,13 @@ def test_it_names_the_recipe_that_runs(tmp_path, monkeypatch) -> None:
     with VirtualLine(recent=kept.recent, recipes={"slow": (slow, slow_job)}) as line:
         kept.run_by(line.recipes.jobs, lambda: line.recipes.running)
         watched = Watched(kept, line.slot, scenario)
-        line.do("recipe", recipe="slow")
+        line.do("chosen", recipe="slow")
         line.bring_to_execute()
         line.command(Command.STOP)
         line.until_state(State.STOPPED)
-        # The next run is by another one; the last minute is that of this one.
+        line.command(Command.RESET)
+        line.until_state(State.IDLE)
+        # The next Start is by another one; the last minute is that of this one.
         line.do("recipe", recipe="table")
         line.command(Command.ABORT)
         line.until_state(State.ABORTED)

@@ -99,16 +99,20 @@ async function main(url, key, parcel, folder) {
   };
   const state = (name) => until(name, async () => (await table.state()) === name);
   const give = () => table.order(key, parcel, "north");
-  await table.choose("gentle");
-  await until("recipe gentle", async () => (await table.read("Recipe")) === "gentle");
+  const refused = async (name, state) => {
+    await table.choose(name).catch((error) => console.log(`in ${state}: ${error.message.split(": ")[2]}`));
+  };
   console.log(`order ${await give()}, again ${await give()}`);
+  await refused("gentle", "Stopped");
   await table.command("Reset");
   await state("Idle");
+  await table.choose("gentle");
+  await until("recipe gentle", async () => (await table.read("Recipe")) === "gentle");
   await until("beat", async () => true);
   await new Promise((resolve) => setTimeout(resolve, 300));
   await table.command("Start");
   await state("Execute");
-  await table.choose("table").catch((error) => console.log(`in Execute: ${error.message.split(": ")[2]}`));
+  await refused("table", "Execute");
   await until("left", async () => (await table.ask(key)) === "left");
   await table.command("Stop");
   await state("Stopped");

@@ -9,17 +9,19 @@ const { connect } = require(`./${process.argv[2]}_client.js`);
 
 const LIMIT_MS = 20000;
 let table = null;
-let beating = false;
+// The connection whose last heartbeat is not answered yet. One that is destroyed never answers it.
+let beating = null;
 
 setInterval(async () => {
-  if (table === null || beating) return;
-  beating = true;
+  const mine = table;
+  if (mine === null || beating === mine) return;
+  beating = mine;
   try {
-    await table.beat();
+    await mine.beat();
   } catch {
     // The next request shows that the connection is lost.
   } finally {
-    beating = false;
+    if (beating === mine) beating = null;
   }
 }, 200);
 

@@ -27,6 +27,7 @@ def test_both_servers_and_the_table_agree_about_an_order(tmp_path: Path) -> None
         assert (shown["State"], shown["StateName"]) == (STOPPED, "Stopped")
         assert shown["order"][0] == "left"
         assert (0, shown["ParcelsOut"]) == controller.read(12, 2)
+        assert (0, shown["ParcelsRejected"]) == controller.read(86, 2)
         by_exit = shown["ParcelsOutByExit"]
         assert by_exit[1] >= 1
         assert sum(by_exit) == shown["ParcelsOut"]
@@ -46,7 +47,8 @@ async def _shown(address: str, folder: Path) -> dict[str, Any]:
     async with await opcua_client(address, folder) as client:
         index = await client.get_namespace_index("urn:mdms-array:line")
         line = await client.nodes.objects.get_child([f"{index}:Table", f"{index}:Line"])
-        names = ("State", "StateName", "ParcelsOut", "ParcelsOutByExit", "StateTimes")
+        names = ("State", "StateName", "ParcelsOut", "ParcelsOutByExit", "ParcelsRejected")
+        names += ("StateTimes",)
         values = {
             name: await (await line.get_child(f"{index}:{name}")).read_value() for name in names
         }

@@ -42,7 +42,7 @@ def slot_of(
 
     def make() -> Coordinator:
         job = recipes.begin()
-        return ready.pop(recipes.chosen, None) or _coordinator_of(job)
+        return ready.pop(recipes.running, None) or _coordinator_of(job)
 
     return RunSlot(make, addresses_of(scenario).bus_count)
 
