@@ -13,8 +13,10 @@ from mdms_host.estimation.size import Size
 from mdms_host.motion.trajectory.pushes import UNKNOWN_KG, Mass, uniform_mass
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import Newcomer, ProgramError
-from mdms_host.programs.table_parcel import AROUND_M
 from mdms_model.arrays import Floats
+
+#: A parcel is found with its middle so near to the place where it is set down [m].
+_AROUND_M = 0.10
 
 
 class Register(Protocol):
@@ -52,7 +54,7 @@ class Infeed:
 def around(place_m: tuple[float, float]) -> Region:
     """Where the middle of a parcel is that is set down at a place."""
     x_m, y_m = place_m
-    low_m, high_m = (x_m - AROUND_M, y_m - AROUND_M), (x_m + AROUND_M, y_m + AROUND_M)
+    low_m, high_m = (x_m - _AROUND_M, y_m - _AROUND_M), (x_m + _AROUND_M, y_m + _AROUND_M)
     return Region(low_m, high_m)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import until
-from mdms_host.programs.table_parcel import AROUND_M, Leave, Move, ProgramError, TableParcel
+from mdms_host.programs.table_parcel import Leave, Move, ProgramError, TableParcel
 
 if TYPE_CHECKING:
     from mdms_host.programs.table import Table
@@ -287,14 +287,7 @@ class TableOrders:
             self.identities[parcel.name], self._announced[parcel.name] = expected
 
     def on_withdrawn(self, parcel: TableParcel) -> None:
-        """A parcel was found by mistake: its identity is that of the next one, with its order.
-
-        One that has been carried away from its infeed has come, whatever it is. It is lost: the
-        next one would have its identity else.
-        """
-        if parcel.travelled_m > AROUND_M:
-            self.on_left(parcel, None)
-            return
+        """A parcel was found by mistake: its identity is that of the next one, with its order."""
         under_way = self._under_way.pop(parcel.name, None)
         if under_way is not None:
             self._report("accepted", parcel, key=under_way[0].key)

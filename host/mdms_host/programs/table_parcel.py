@@ -2,15 +2,13 @@
 
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from math import dist, inf
+from math import inf
 from numbers import Real
 from typing import Any, Protocol
 
 from mdms_host.estimation.belief import Belief
 from mdms_model.errors import Error
 
-#: A parcel is found with its middle so near to the place where it is set down [m].
-AROUND_M = 0.10
 #: Orders a parcel to a place (x, y, yaw), or out by an exit; returns when it is there, or has left.
 Move = Callable[["TableParcel", float, float, float | None], Coroutine[Any, Any, None]]
 Leave = Callable[["TableParcel", str | None], Coroutine[Any, Any, None]]
@@ -36,8 +34,6 @@ class TableParcel:
         self.width_m = width_m
         self.is_round = shape == "disc"
         self._belief: Belief | None = None
-        #: Where it was seen first, and last [m; table frame].
-        self._seen_m: list[tuple[float, float]] = []
         self._orders: tuple[Move, Leave] | None = None
         self.has_left = False
 
@@ -56,11 +52,6 @@ class TableParcel:
             raise ProgramError(f"{self.name} is not on the table, or has not been found")
         x_m, y_m, yaw_rad = self._belief.pose.tolist()
         return x_m, y_m, yaw_rad
-
-    @property
-    def travelled_m(self) -> float:
-        """How far from where it was seen first it was seen last [m]."""
-        return dist(self._seen_m[0], self._seen_m[-1]) if self._seen_m else 0.0
 
     async def move(self, x_m: float, y_m: float, yaw_rad: float | None = None) -> None:
         """Be at a place [m; table frame], turned so if `yaw_rad` is given; returns when there.
@@ -88,9 +79,6 @@ class TableParcel:
     def _see(self, belief: Belief | None) -> None:
         """Take in the present belief of it."""
         self._belief = belief
-        if belief is not None:
-            x_m, y_m, _ = belief.pose.tolist()
-            self._seen_m = [*self._seen_m[:1], (x_m, y_m)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,7 @@
 """Which parcel has an announced identity: after a stop, after a mistake, and after a restart."""
 
 from collections.abc import Iterator
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from tests.host.line.virtual_line import VirtualLine
 
@@ -101,22 +99,6 @@ def test_a_parcel_that_was_another_kind_gives_its_identity_back() -> None:
     assert [orders.identity(each) for each in (right, next_)] == ["P-1", "P-2"]
     told = [(report.event, report.parcel) for report in orders.take_reports()]
     assert told == [("found", "P-1"), ("withdrawn", "P-1"), ("found", "P-1"), ("found", "P-2")]
-
-
-def test_a_parcel_that_was_carried_away_does_not_give_its_identity_to_the_next_one() -> None:
-    orders = TableOrders()
-    orders.begin_run()
-    for name in ("P-1", "P-2"):
-        orders.expect(name)
-    first, next_ = parcel("box 1"), parcel("box 2")
-    orders.on_parcel(first)
-    for x_m in (-0.2, 0.1):
-        first._see(SimpleNamespace(pose=np.array([x_m, 0.0, 0.0])))
-    first._see(None)
-    orders.on_withdrawn(first)
-    orders.on_parcel(next_)
-    told = [(report.event, report.parcel) for report in orders.take_reports()]
-    assert told == [("found", "P-1"), ("lost", "P-1"), ("found", "P-2")]
 
 
 def test_a_parcel_that_does_not_come_after_all_is_expected_no_more() -> None:

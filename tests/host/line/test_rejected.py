@@ -5,7 +5,6 @@ from contextlib import suppress
 from types import SimpleNamespace, coroutine
 from typing import Any
 
-import numpy as np
 import pytest
 
 from mdms_host.line.machine import Figures, effectiveness
@@ -34,7 +33,7 @@ def there_are(
     table: Any = SimpleNamespace(parcels=parcels, start=started.append, sleep=pause)
     orders.begin_run()
     for parcel in parcels:
-        parcel._see(SimpleNamespace(pose=np.zeros(3)))
+        parcel._see(SimpleNamespace())
         orders.on_parcel(parcel)
     orders.serve(table, pause, leave).send(None)
     for each in started:
