@@ -393,9 +393,7 @@ class ParcelEstimator:
         wrong: Bools = seen.mine & ((view.distance_m < 0) != seen.covered)
         if not wrong.any():
             return wrong
-        # A sensor that an edge has just reached may still lie on its other side.
-        at_edge = abs(view.distance_m) < _TOLD_M
-        told = seen.mine & (~wrong | at_edge) & (seen.same_s < _TOLD_S)
+        told = seen.mine & ~wrong & (seen.same_s < _TOLD_S)
         pose = self.pose_at(self._at_s)
         assert pose is not None
         # The parcel was as far back there as the sensor would now be ahead.
@@ -412,7 +410,9 @@ class ParcelEstimator:
         off_m = sign * self.footprint.distance_m(pose[:2] + then_m, pose)
         agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
-        if _TOLD * (agreed & ~told[wrong]).sum() <= told.sum():
+        # A report that is newer than the pose tells of an edge that is about to be there.
+        newer = agreed & (silent_s < 0.0)
+        if _TOLD * (agreed & ~newer).sum() <= told.sum() + newer.sum():
             unheard[wrong] = agreed
         return unheard
 
