@@ -135,14 +135,13 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
     """
     belief, main = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
-    # The first start is prepared while no client waits for it: a fresh installation compiles.
-    ready = {name: _coordinator_of(job) for name, job in recipes.jobs.items()}
+    start = recipes.starter(_coordinator_of)
     with (
         keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept,
         _opened(belief, arguments) as (link, clock),
     ):
         refuse_other_host(link, clock)
-        slot, table = _slot_and_table(recipes, ready, link, clock, kept)
+        slot, table = _slot_and_table(belief, start, link, clock, kept)
         kept.counts = lambda: link.counts
         jobs = {name: (job.scenario, own) for name, (job, own) in recipes.jobs.items()}
         kept.run_by(jobs, lambda: recipes.running)
@@ -196,21 +195,15 @@ def _coordinator_of(job: tuple[BelievedArray, Main | None]) -> Coordinator:
 
 
 def _slot_and_table(
-    recipes: Recipes[tuple[BelievedArray, Main | None]],
-    ready: dict[str, Coordinator],
-    link: AnyLink,
-    clock: Clock,
-    kept: Kept,
+    belief: BelievedArray, start: Callable[[], Coordinator], link: AnyLink, clock: Clock, kept: Kept
 ) -> tuple[RunSlot, LiveTable]:
-    """The host's place, and its part of a page; `ready` has a coordinator for some recipes."""
+    """The host's place, where `start` begins every run, and its part of a page."""
 
     def make() -> Coordinator:
-        job = recipes.begin()
-        coordinator = ready.pop(recipes.running, None) or _coordinator_of(job)
+        coordinator = start()
         watch_program(coordinator, link, clock)
         return coordinator
 
-    belief, _ = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)
     watch = BusWatch(layout, timing.silence_s)

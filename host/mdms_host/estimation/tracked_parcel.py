@@ -143,7 +143,7 @@ class TrackedParcel:
     def was_none(self, now_s: float) -> bool:
         """Whether something else was taken for it as it was to come.
 
-        What has been carried away from there has come, whatever it is.
+        A parcel that was carried away from its infeed has come.
         """
         if self.infeed is None or self._found_s is None or self.last is None:
             return False

@@ -32,6 +32,7 @@ from mdms_host.programs.table_orders import Report, TableOrders, order_of
 from mdms_host.programs.table_parcel import ProgramError
 
 Job = TypeVar("Job")
+Made = TypeVar("Made")
 #: Without a heartbeat of the client that started it for so long, the machine is suspended [s].
 HEARTBEAT_LIMIT_S = 1.0
 #: No parcel gets on for so long behind a full exit, or none comes for so long [s].
@@ -81,6 +82,19 @@ class Recipes(Generic[Job]):
         """
         self.running = self.chosen if self.chosen in self.jobs else self.names[0]
         return self.jobs[self.running]
+
+    def starter(self, make: Callable[[Job], Made]) -> Callable[[], Made]:
+        """A function that makes what runs the chosen job, each time anew.
+
+        The first of each job is made now, while nobody waits: a fresh installation compiles.
+        """
+        ready = {name: make(job) for name, job in self.jobs.items()}
+
+        def start() -> Made:
+            job = self.begin()
+            return ready.pop(self.running, None) or make(job)
+
+        return start
 
     def check_chosen(self) -> None:
         """Raises `CommandRefusedError` if the recipe chosen before is not allowed now."""

@@ -247,7 +247,7 @@ class GoalController:
     def _check_arrival(self, off: Floats, belief: Belief, step_s: float) -> None:
         """Arrived after a while within the tolerance; gone again outside twice of it.
 
-        A doubtful parcel comes nowhere: its place may be told once sensors show it again.
+        A doubtful parcel does not arrive before sensors show it again.
         """
         slack = 2.0 if self.arrived else 1.0
         x_m, y_m, turn_rad = off.tolist()

@@ -82,7 +82,7 @@ class TableProgram:
     def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
-        self._traffic.attend(lambda: set(register.parcels))
+        self._traffic.attend(lambda: register.parcels)
         self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
 
     def serve_orders(self) -> None:

@@ -24,7 +24,7 @@ _EDGE_M = 0.0002
 #: A frame comes so long after its edge, give or take as much; the parcel has moved on meanwhile.
 _LATENCY_S = 0.002
 #: The observers of the cells report a speed so late.
-OBSERVER_LAG_S = 0.002
+_OBSERVER_LAG_S = 0.002
 #: A parcel rests that moves no faster, its corners' turning included [m/s].
 _RESTING_M_S = 0.005
 #: A sensor is judged from this far inside the outline on, or from so many standard deviations of
@@ -246,15 +246,15 @@ class ParcelEstimator:
         near = self.near(pose)
         return move_to_feel(self.footprint, near.sensors_m, usable[near.sensors], pose, covariance)
 
-    def note_missing(self, now_s: float, *, missing: bool) -> None:
-        """Take in whether speeds of wheels under it are missing."""
+    def kept_twist(self, now_s: float, *, missing: bool) -> Floats:
+        """The twist that stays as far as no wheel shows another: 0 unless speeds are `missing`.
+
+        It stays for 0.1 s, as in `roll`.
+        """
         if not missing:
             self._whole_s = now_s
-
-    def kept_twist(self, now_s: float) -> Floats:
-        """The twist that stays as far as no wheel shows another: for 0.1 s where any is missing."""
-        whole = self._whole_s == now_s or now_s > self._whole_s + _CARRIED_S
-        return np.zeros(3) if whole else self.twist
+        stays = missing and now_s <= self._whole_s + _CARRIED_S
+        return self.twist if stays else np.zeros(3)
 
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.
@@ -271,7 +271,7 @@ class ParcelEstimator:
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        late = (self.twist - before) * OBSERVER_LAG_S if twist is not None else 0.0
+        late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
         if step_s > _CARRIED_S and not self.twist.any():
             moved = before * (_CARRIED_S / 2)
             self._filter.blur(float(np.linalg.norm(moved / self.corner_m)))

@@ -89,7 +89,6 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
         count = under.sum()
         if speeds.known is not None:
             under &= speeds.known[near.wheels]
-        one.note_missing(now_s, missing=bool(under.sum() < count))
         if count and not under.any():
             one.roll(now_s, None)
         elif not count or _all_stand(speeds, near, under):
@@ -97,7 +96,8 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
         else:
             # Columns in metres per second alike.
             jacobian = near.surface_jacobian(pose)[under] * one.corner_m
-            kept = one.kept_twist(now_s) / one.corner_m
+            missing = bool(under.sum() < count)
+            kept = one.kept_twist(now_s, missing=missing) / one.corner_m
             moving.append((one, jacobian, speeds.speed_m_s[near.wheels[under]], kept))
     if not moving:
         return
