@@ -88,6 +88,10 @@ class Plant:
         self._table.beat()
         state, is_full = self._table.read(1)[0], any(self._full_since_s)
         if state in WAY_BACK and not (state == SUSPENDED and is_full):
+            if state == IDLE:
+                # Reset has ended all announcements, if anything lay on the table.
+                for key in self._open:
+                    self._table.request(COMING, parcel=f"P-{key}")
             self._table.write(101, WAY_BACK[state], (self._table.read(103)[0] + 1) & 0xFFFF)
         while len(self._open) < AHEAD:
             key, exit = f"{next(self._numbers):04d}", self._random.randint(1, len(EXITS))

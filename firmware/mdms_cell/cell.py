@@ -47,9 +47,6 @@ _WATCHED = (
     indices.BRAKING_TIME,
     indices.PRESENCE_DEBOUNCE,
 )
-#: A register that is read in every turn; a constant of another module would be looked up.
-_ATTENTION = const(110)
-assert _ATTENTION == speed_loop.ATTENTION
 #: A difference of two instants is negative from here on, within a turn of the clock; see `ticks`.
 _BEFORE = const(1 << 29)
 _WRAP = const((1 << 30) - 1)
@@ -236,7 +233,7 @@ class Cell:
         self.now_ms = now_ms
         registers = self._registers
         reading = self._read_presence()
-        if reading == self._reading and not registers[_ATTENTION]:
+        if reading == self._reading and not registers[speed_loop.ATTENTION]:
             if now_ms - self.wake_ms & _WRAP >= _BEFORE:
                 return
             left_ms = self._due_ms - now_ms & _WRAP
@@ -245,7 +242,7 @@ class Cell:
                 self.wake_ms = now_ms + (wait_ms if wait_ms < left_ms else left_ms) & _WRAP
                 return
         # An event from here on sets ATTENTION again, and another poll follows.
-        registers[_ATTENTION] = 0
+        registers[speed_loop.ATTENTION] = 0
         self._reading = reading
         settled_ms = self._presence.step(reading, now_ms)
         layer_ms = ticks.IDLE_MS
@@ -447,7 +444,7 @@ class Cell:
 
     def _attend(self):
         """Have a poll follow that looks after everything; the time."""
-        self._registers[_ATTENTION] = 1
+        self._registers[speed_loop.ATTENTION] = 1
         return self.now_ms
 
     def _now(self):

@@ -271,7 +271,9 @@ class Layer:
         self._look_ahead(program)
         self._claim(presence)
         # Judge the neighbours.
-        self._tracking.judge(self._needs if self._rights.state == UNDER else 0)
+        at_parcel = self._rights.state == UNDER
+        self._tracking.find_witness(at_parcel)
+        self._tracking.judge(self._needs if at_parcel else 0)
         if self._suspicion.first() != self._suspect:
             self._report()
         # Lead the wheels, and say so at the next SYNC.
@@ -337,7 +339,7 @@ class Layer:
         """Lead the wheels towards the goal of a program while all is clear; else they rest."""
         rights, tracking, leading = self._rights, self._tracking, self._leading
         under = rights.state == UNDER and tracking.under
-        if program is None or not under or tracking.is_doubtful():
+        if program is None or not under or tracking.is_doubtful() or tracking.is_alone():
             leading.stop()
             return
         alone = self._consumer.lost

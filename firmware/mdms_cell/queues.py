@@ -25,14 +25,6 @@ _LAYOUTS = tuple("<Hx%ds%dxBBB" % (length, _DATA_MAX - length) for length in ran
 #: Bytes that `machine.CAN.recv` may write into a buffer of any length. A DLC of 9 to 15 means 8
 #: bytes on a classic bus, but the port returns up to 15 (bxCAN, FlexCAN) or 64 (FDCAN).
 _RECV_MAX = const(64)
-# Constants of other modules would be looked up.
-_TICKS = const(102)
-_BOX_BITS = const(5)
-_NO_BOX = const(31)
-_STAMP = const(0)
-_KNOWN = const(1)
-assert (_TICKS, _BOX_BITS, _NO_BOX) == (TICKS, BOX_BITS, NO_BOX)
-assert (_STAMP, _KNOWN) == (STAMP, KNOWN)
 #: CAN.RECV_ERR_OVERRUN: a frame was lost before this one. The other error, a full FIFO, lost none.
 _OVERRUN = const(2)
 
@@ -132,7 +124,7 @@ def _taking(ring, ends, registers):
         frame[start + _LENGTH] = length
         frame[start + _FLAGS] = int(flags) & 0xFF
         frame[start + _ERRORS] = int(errors) & 0xFF
-        frame[start + _CAME] = ptr32(registers)[_TICKS] & 0xFF
+        frame[start + _CAME] = ptr32(registers)[int(TICKS)] & 0xFF
         start += _DATA
         came = ptr8(data)
         if length == _DATA_MAX:  # as nearly all have; a loop would take twice as long
@@ -169,11 +161,13 @@ def _sorting(ring, ends, boxes):
         frames = ptr8(frames_)
         stamps = ptr32(stamps_)
         fresh = ptr8(fresh_)
-        known = counts[_KNOWN]
-        stamp = counts[_STAMP]
+        known = counts[int(KNOWN)]
+        stamp = counts[int(STAMP)]
+        box_bits = int(BOX_BITS)
+        no_box = int(NO_BOX)
         filed = 0
         while start != bounds[HEAD] and frame[start + _FLAGS] == 0:
-            wanted = (frame[start] | frame[start + 1] << 8) << _BOX_BITS
+            wanted = (frame[start] | frame[start + 1] << 8) << box_bits
             first = 0
             past = known
             while first < past:
@@ -182,9 +176,9 @@ def _sorting(ring, ends, boxes):
                     first = middle + 1
                 else:
                     past = middle
-            box = accepted[first] - wanted if first < known else _NO_BOX + 1
-            if box <= _NO_BOX:
-                if box == _NO_BOX or frame[start + _LENGTH] != _DATA_MAX:
+            box = accepted[first] - wanted if first < known else no_box + 1
+            if box <= no_box:
+                if box == no_box or frame[start + _LENGTH] != _DATA_MAX:
                     break
                 data = start + _DATA
                 to = _DATA_MAX * box

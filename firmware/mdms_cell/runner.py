@@ -4,23 +4,13 @@ Both interrupts are hard, so a garbage collection in the background delays neith
 the background in the registers, and received frames wait in the inbox.
 """
 
-from mdms_cell import queues
-from mdms_cell.drive import speed_loop
-from mdms_cell.drive.speed_loop import CUT
+from mdms_cell.drive.speed_loop import AXIS, CUT, FAULTS, TICKS
+from mdms_cell.queues import HEAD, TAIL
 from mdms_protocol.compat import const, micropython
 
-# Registers that are read in every turn; constants of another module would be looked up.
-_FAULTS = const(34)
-_OTHER_FAULTS = const(85)
-_TICKS = const(102)
-assert (_FAULTS, _TICKS) == (speed_loop.FAULTS, speed_loop.TICKS)
-assert _OTHER_FAULTS == speed_loop.AXIS + speed_loop.FAULTS
 BUS_OFF = 0x8140
 INTERNAL_ERROR = 0x6100
 
-_HEAD = const(0)
-_TAIL = const(1)
-assert (_HEAD, _TAIL) == (queues.HEAD, queues.TAIL)
 #: A millisecond of a full bus has 8 frames with data.
 FRAMES_PER_TURN = const(16)
 
@@ -82,11 +72,11 @@ def _turning(runner, board, cell):
         service(now_ms)
         if board.bus_off != runner.bus_off:
             runner.watch_bus()
-        if ends[_HEAD] != ends[_TAIL]:
+        if ends[HEAD] != ends[TAIL]:
             receive(now_ms)
         poll(now_ms)
-        board.show(now_ms, cell.state, registers[_FAULTS] | registers[_OTHER_FAULTS] != 0)
-        tick = registers[_TICKS]
+        board.show(now_ms, cell.state, registers[FAULTS] | registers[AXIS + FAULTS] != 0)
+        tick = registers[TICKS]
         if tick != runner.fed_tick:
             # The watchdog is fed while the tick is alive.
             runner.fed_tick = tick
@@ -111,12 +101,12 @@ def _receiving(inbox, cell, registers):
     ):
         for _ in range(FRAMES_PER_TURN):
             cell.received += sort()
-            if ends[_HEAD] == ends[_TAIL]:
+            if ends[HEAD] == ends[TAIL]:
                 break
             can_id, data, flags, _errors, came = peek()
             if not flags:
                 # A frame may have waited, for the end of an update or of a garbage collection.
-                cell.waited_ms = registers[_TICKS] - came & 0xFF
+                cell.waited_ms = registers[TICKS] - came & 0xFF
                 cell.on_frame(can_id, data, now_ms)
             pop()
         cell.waited_ms = 0

@@ -86,14 +86,26 @@ class Reporter:
     ) -> None:
         self.folder = folder
         self._recent = recent
-        self._scenario = scenario
         self._layout = layout
         self._note = note
         self._counts = counts
-        self._provenance = _public(provenance_of(main, array_file))
+        self._array_file = array_file
+        #: Scenario and origin of each job that may run, by name; and which one runs.
+        self._jobs = {"": (scenario, _public(provenance_of(main, array_file)))}
+        self._running: Callable[[], str] = lambda: ""
         self._due: tuple[float, str] | None = None
         self._faulted_s = -np.inf
         self._writing: list[tuple[subprocess.Popen[bytes], Path, Done]] = []
+
+    def run_by(
+        self, jobs: Mapping[str, tuple[Scenario, Main | None]], running: Callable[[], str]
+    ) -> None:
+        """Name the job that runs from now on: one of these, by name."""
+        self._jobs = {
+            name: (scenario, _public(provenance_of(main, self._array_file)) | {"recipe": name})
+            for name, (scenario, main) in jobs.items()
+        }
+        self._running = running
 
     def after_fault(self, now_s: float, reason: str) -> None:
         """Write a report once the time after a fault is in it, too."""
@@ -123,14 +135,15 @@ class Reporter:
         if RECORDING.missing:
             done(path, f"it needs pip install {RECORDING.requirement}")
             return
+        scenario, provenance = self._jobs[self._running()]
         snapshot = Snapshot(
-            self._scenario,
+            scenario,
             self._layout,
             self._recent.moment(now_s),
             reason,
             wall_text(),
             self._counts(),
-            self._provenance,
+            provenance,
         )
         try:
             path = folder or _place_in(self.folder)

@@ -10,6 +10,9 @@ REASONS = {
     "installs packages": r"pip install '?mdms-array\[[a-z,]+\]'?( .*)?",
     "needs a second terminal": r"(echo .plc:secret. > line/users\.txt|chmod 600 .*|mbpoll .*|"
     r"mdms serve .* --modbus .*|python examples/line/.*)",
+    "needs a served line": r"(to=.-u opc\.tcp.*|  --security .*|(line|machine)=0:Objects.*|"
+    r"modbus=.mbpoll .*|ua(browse|read|call) \$to -p .*|\$modbus .*|"
+    r"\(while sleep 0\.3; .*|kill \$! .*|)",
     "needs root and an adapter": r"sudo ip link set can\d up type can bitrate \d+",
     "needs a person at the button": r"mdms doctor --array array\.toml --stop",
     "needs a board over USB": r"mpremote (fs|exec|reset).*|mdms scan -i slcan -c /dev/ttyACM0 .*",

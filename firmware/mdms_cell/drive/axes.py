@@ -7,7 +7,7 @@ from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.state_machine import UNDERVOLTAGE, Drive
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, sdo
-from mdms_protocol.compat import const, micropython
+from mdms_protocol.compat import micropython
 
 _VELOCITY_REVERSED = 0x40
 
@@ -42,8 +42,6 @@ _SETTINGS = (
     indices.BRAKING_GAIN,
     indices.MAX_SLIPPAGE,
 )
-_SWITCHED_ON = const(0x23)
-assert _SWITCHED_ON == cia402.SWITCHED_ON
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 
@@ -211,7 +209,7 @@ class Axes:
     def lead(self, targets_um_s):
         """Set the targets of axes that the host has switched on, and enable them."""
         for axis, drive in enumerate(self._drives):
-            if drive.state == _SWITCHED_ON:
+            if drive.state == cia402.SWITCHED_ON:
                 drive.control(cia402.ENABLE_OPERATION | _halt(drive))
             drive.set_target(targets_um_s[axis])
 

@@ -72,22 +72,24 @@ SIGNS = const(47)  # bits below
 REACTION = const(48)  # 1: a stale target has the wheel braked as in BRAKE; 0: voltage 0 at once
 BRAKE_GAIN = const(49)  # * G in BRAKE [V s/m / 16], 0..2**20
 BRAKE_LIMIT = const(50)  # * ERROR_LIMIT in BRAKE [um/s]
+# State again:
+IDLE_COUNT = const(51)  # ticks since COUNT has changed, up to IDLE_TICKS
 
-AXIS = const(51)  # registers of an axis
+AXIS = const(52)  # registers of an axis
 AXES = const(2)
 
 # Of the cell:
-TICKS = const(102)  # ticks since the start, modulo 2**30
-AGE_LIMIT = const(103)  # a target of this age is stale [ticks]
-SUPPLY = const(104)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
-SUPPLY_MIN = const(105)  # a supply below this drives no motor [uV]
-LOW_COUNT = const(106)  # ticks of too low a supply so far, up to LOW_TICKS
-CUT = const(107)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
-BRAKE_TICKS = const(108)  # ticks after which braking ends, standstill or not
-AWAKE = const(109)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
-ATTENTION = const(110)  # set to 1 when FAULTS or SIGNS change; zeroed by the background
-WIDEN = const(111)  # bits to shift for sign extension of a loaded register, see `reset`
-REGISTERS = const(112)
+TICKS = const(104)  # ticks since the start, modulo 2**30
+AGE_LIMIT = const(105)  # a target of this age is stale [ticks]
+SUPPLY = const(106)  # supply voltage as the board measures it [uV], 0..VOLTAGE_MAX_UV
+SUPPLY_MIN = const(107)  # a supply below this drives no motor [uV]
+LOW_COUNT = const(108)  # ticks of too low a supply so far, up to LOW_TICKS
+CUT = const(109)  # not 0: voltage 0 on both axes, for interrupts, which see no state machine
+BRAKE_TICKS = const(110)  # ticks after which braking ends, standstill or not
+AWAKE = const(111)  # 1: the bridges are to be awake, for an axis is on or brakes; 0: they sleep
+ATTENTION = const(112)  # set to 1 when FAULTS or SIGNS change; zeroed by the background
+WIDEN = const(113)  # bits to shift for sign extension of a loaded register, see `reset`
+REGISTERS = const(114)
 
 # Values of MODE; STOP and BRAKE ramp down.
 OFF = const(0)  # voltage 0: brake until the wheel has stood for HOLD_TICKS, then sleep
@@ -126,6 +128,9 @@ REVERSAL_DROP_UM_S = const(20_000)
 HOLD_TICKS = const(800)
 #: Ticks for which a wheel that stands is held in BRAKE.
 STILL_TICKS = const(300)
+#: Ticks without a count after which BRAKE shorts a wheel. Its encoder may be stuck, and the speed
+#: that the law expects of it may push it on.
+IDLE_TICKS = const(16)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
 LOW_TICKS = const(5)
 
@@ -178,6 +183,10 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         position = ((position & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
         count = registers[base + COUNT] & 0xFFFF
         ticks = registers[base + LAST_COUNT]
+        if count != ticks:
+            registers[base + IDLE_COUNT] = 0
+        elif registers[base + IDLE_COUNT] < IDLE_TICKS:
+            registers[base + IDLE_COUNT] += 1
         if count - ticks > 0x8000:
             registers[base + TURNS] = registers[base + TURNS] - 1 & 0xFFFF
         elif ticks - count > 0x8000:
@@ -261,6 +270,8 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         if mode == BRAKE:
             limit = registers[base + BRAKE_LIMIT]
             gain = registers[base + BRAKE_GAIN]
+            if demand == 0 and registers[base + IDLE_COUNT] == IDLE_TICKS:
+                limit = 0
         if error > limit:
             error = limit
         elif error < 0 - limit:

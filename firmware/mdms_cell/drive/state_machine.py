@@ -16,23 +16,7 @@ sets it to 0.
 
 from mdms_cell.drive import speed_loop
 from mdms_protocol.codecs import cia402
-from mdms_protocol.compat import const, micropython
-
-# Used in every beat of the neighbour layer; constants of another module would be looked up.
-_TARGET = const(0)
-_AGE = const(2)
-_FAULTS = const(34)
-_SIGNS = const(47)
-assert (_TARGET, _AGE) == (speed_loop.TARGET, speed_loop.AGE)
-assert (_FAULTS, _SIGNS) == (speed_loop.FAULTS, speed_loop.SIGNS)
-_STALE = const(1)
-_STOPPED = const(4)
-assert (_STALE, _STOPPED) == (speed_loop.STALE, speed_loop.STOPPED)
-_SPEED_MAX_UM_S = const(10_000_000)
-assert _SPEED_MAX_UM_S == speed_loop.SPEED_MAX_UM_S
-_OPERATION_ENABLED = const(0x27)
-_HALT = const(0x100)
-assert (_OPERATION_ENABLED, _HALT) == (cia402.OPERATION_ENABLED, cia402.CONTROL_HALT)
+from mdms_protocol.compat import micropython
 
 # Events besides the controlword's commands, which stand for themselves
 FAILURE = 0x100
@@ -153,13 +137,13 @@ class Drive:
 
         It moves the wheel in 'operation enabled' only. The next 'operation enabled' begins with 0.
         """
-        if target_um_s > _SPEED_MAX_UM_S:
-            target_um_s = _SPEED_MAX_UM_S
-        elif target_um_s < -_SPEED_MAX_UM_S:
-            target_um_s = -_SPEED_MAX_UM_S
+        if target_um_s > speed_loop.SPEED_MAX_UM_S:
+            target_um_s = speed_loop.SPEED_MAX_UM_S
+        elif target_um_s < -speed_loop.SPEED_MAX_UM_S:
+            target_um_s = -speed_loop.SPEED_MAX_UM_S
         self.target_um_s = target_um_s
         self._aim()
-        self.registers[self.base + _AGE] = 0
+        self.registers[self.base + speed_loop.AGE] = 0
 
     def reset(self):
         """Switch off, and drop the fault, the controlword and the target."""
@@ -195,29 +179,29 @@ class Drive:
         """Follow the events of the speed loop; return the error code of a new fault, or 0."""
         registers = self.registers
         base = self.base
-        faults = registers[base + _FAULTS]
-        if faults == _STALE and self.state not in _FAILED:
+        faults = registers[base + speed_loop.FAULTS]
+        if faults == speed_loop.STALE and self.state not in _FAILED:
             self.fall_silent(STALE_SETPOINT)
             return STALE_SETPOINT
-        if faults & ~_STALE and self.state != cia402.FAULT:
+        if faults & ~speed_loop.STALE and self.state != cia402.FAULT:
             for bit, code in _ERROR_CODES:
                 if faults & bit:
                     self.fail(code)
                     return code
-        if registers[base + _SIGNS] & _STOPPED:
+        if registers[base + speed_loop.SIGNS] & speed_loop.STOPPED:
             self._happen(STANDSTILL)
         return 0
 
     def lacks_supply(self):
         """Whether the motor's supply has been too low for `speed_loop.LOW_TICKS`."""
-        return self.registers[self.base + _SIGNS] & speed_loop.LOW_SUPPLY
+        return self.registers[self.base + speed_loop.SIGNS] & speed_loop.LOW_SUPPLY
 
     @micropython.native
     def statusword(self):
         """The statusword of CiA 402-2 with the bits of profile velocity."""
         registers = self.registers
         base = self.base
-        signs = registers[base + _SIGNS]
+        signs = registers[base + speed_loop.SIGNS]
         word = self.state | cia402.REMOTE
         if not signs & speed_loop.LOW_SUPPLY:
             word |= cia402.VOLTAGE_ENABLED
@@ -225,7 +209,7 @@ class Drive:
             word |= cia402.TARGET_REACHED
         if signs & speed_loop.STANDING:
             word |= cia402.SPEED_ZERO
-        if registers[base + _FAULTS] & speed_loop.FOLLOWING:
+        if registers[base + speed_loop.FAULTS] & speed_loop.FOLLOWING:
             word |= cia402.SLIPPAGE
         return word
 
@@ -265,5 +249,6 @@ class Drive:
 
     @micropython.native
     def _aim(self):
-        driven = self.state == _OPERATION_ENABLED and not self.controlword & _HALT
-        self.registers[self.base + _TARGET] = self.target_um_s if driven else 0
+        halted = self.controlword & cia402.CONTROL_HALT
+        driven = self.state == cia402.OPERATION_ENABLED and not halted
+        self.registers[self.base + speed_loop.TARGET] = self.target_um_s if driven else 0

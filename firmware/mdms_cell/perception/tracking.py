@@ -31,6 +31,8 @@ _INSIDE = const(625)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
+#: A cell that has been alone with its belief for so long steers no more.
+ALONE_BEATS = const(20)
 #: A correction so large in one beat is no motion of a parcel: the belief jumps [um].
 _JUMP_UM = const(8_000)
 
@@ -39,6 +41,7 @@ class Tracking:
     """The belief of one parcel; `identity` is 0 without one, `missing_beats` since it was seen.
 
     `jump_beats` grows by `DOUBT_BEATS` when the belief jumps, and falls by one in each other beat.
+    `alone_beats` counts those in which no neighbour has confirmed the belief of a cell that drives.
     `others` is the mask of the directions of cells whose wheels and sensors serve another parcel.
     `under` is whether the cell is under the parcel, or nearly; `follows` whether it makes its pose
     of what neighbours believe. `sent` is how certain the pose was that was sent last, -1 if none.
@@ -59,7 +62,7 @@ class Tracking:
         self.shaped = False
         self.unplanned = False
         self.under = False
-        self.missing_beats = self.jump_beats = 0
+        self.missing_beats = self.jump_beats = self.alone_beats = 0
         self._followed_beats = 0
         self.follows = False
         self.sent = -1
@@ -148,6 +151,24 @@ class Tracking:
             or self.agreement.outvoted_beats >= DOUBT_BEATS
             or self.jump_beats > DOUBT_BEATS
         )
+
+    def find_witness(self, drives):
+        """Count the beats in which no neighbour has had the parcel where this cell has it.
+
+        Only those count in which the cell `drives` for the parcel over it, or might, by a belief of
+        its own.
+        """
+        if not drives or self.follows or self.agreement.near:
+            self.alone_beats = 0
+        elif self.alone_beats < ALONE_BEATS:
+            self.alone_beats += 1
+
+    def is_alone(self):
+        """Return whether this cell is not to steer, because no neighbour confirms its belief.
+
+        It sends its pose as before: two neighbours that are alone would not find together else.
+        """
+        return self.alone_beats >= ALONE_BEATS
 
     @micropython.native
     def announce(self, fields, ahead_ms):

@@ -2,7 +2,7 @@
 
 import os
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -121,6 +121,13 @@ class Kept:
     def on_hangup(self) -> Callable[[], object] | None:
         """What SIGHUP does to a service; None where there are no files to open again."""
         return None if self._files is None else self._ask_reopen
+
+    def run_by(
+        self, jobs: Mapping[str, tuple[Scenario, Main | None]], running: Callable[[], str]
+    ) -> None:
+        """Have reports name the job that runs: one of these, by name."""
+        if self._reporter is not None:
+            self._reporter.run_by(jobs, running)
 
     def _counted(self) -> LinkCounts | None:
         return self.counts()

@@ -135,13 +135,16 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
     """
     belief, main = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
+    start = recipes.starter(_coordinator_of)
     with (
         keeping(belief.scenario, layout, arguments, main=main, array_file=arguments.array) as kept,
         _opened(belief, arguments) as (link, clock),
     ):
         refuse_other_host(link, clock)
-        slot, table = _slot_and_table(recipes, link, clock, kept)
+        slot, table = _slot_and_table(belief, start, link, clock, kept)
         kept.counts = lambda: link.counts
+        jobs = {name: (job.scenario, own) for name, (job, own) in recipes.jobs.items()}
+        kept.run_by(jobs, lambda: recipes.running)
         if isinstance(link, ReturningLink):
             link.on_gone, link.at_rest = slot.fail, lambda: not slot.busy
         watched = Watched(kept, slot, belief.scenario)
@@ -186,20 +189,21 @@ def _opened(
     return (open_returning if returns else open_links)(arguments, belief.channels)
 
 
+def _coordinator_of(job: tuple[BelievedArray, Main | None]) -> Coordinator:
+    belief, main = job
+    return coordinator_of(belief.scenario, belief.cells, main=main, executor=ThreadExecutor())
+
+
 def _slot_and_table(
-    recipes: Recipes[tuple[BelievedArray, Main | None]], link: AnyLink, clock: Clock, kept: Kept
+    belief: BelievedArray, start: Callable[[], Coordinator], link: AnyLink, clock: Clock, kept: Kept
 ) -> tuple[RunSlot, LiveTable]:
-    """The host's place, and its part of a page."""
+    """The host's place, where `start` begins every run, and its part of a page."""
 
     def make() -> Coordinator:
-        chosen, main = recipes.job
-        coordinator = coordinator_of(
-            chosen.scenario, chosen.cells, main=main, executor=ThreadExecutor()
-        )
+        coordinator = start()
         watch_program(coordinator, link, clock)
         return coordinator
 
-    belief, _ = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
     timing = timing_of(belief.scenario.wire)
     watch = BusWatch(layout, timing.silence_s)

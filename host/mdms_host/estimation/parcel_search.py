@@ -83,7 +83,12 @@ class ParcelSearch:
             self._start(now_s, valid, known[one.name], one)
         if self._roll_call.settled:
             self.settled = True
-            self._settle(now_s, valid, known, still)
+            shown = np.zeros(len(valid), dtype=bool)
+            for group in still:
+                shown[group] = True
+            for one in found:
+                shown[one.group] = False
+            self._settle(now_s, valid, known, shown)
         return [one.name for one in found]
 
     def _whole(
@@ -149,12 +154,12 @@ class ParcelSearch:
         self._unknowns.explain(known.parcel.name, inside)
 
     def _settle(
-        self, now_s: float, valid: Bools, known: dict[str, TrackedParcel], still: tuple[Ints, ...]
+        self, now_s: float, valid: Bools, known: dict[str, TrackedParcel], shown: Bools
     ) -> None:
-        """A parcel that was found nowhere is where it was, or does not fit its given outline."""
-        shown = np.zeros(len(valid), dtype=bool)
-        for group in still:
-            shown[group] = True
+        """A parcel that was found nowhere is where it was, or does not fit its given outline.
+
+        `shown` are sensors (S,) that show what has not been found.
+        """
         for name in self._roll_call.absent:
             each = known[name]
             if each.standing is Standing.DOUBTFUL:

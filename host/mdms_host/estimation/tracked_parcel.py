@@ -55,6 +55,8 @@ class TrackedParcel:
         self.gate: ExitLine | None = None
         self.expected = region is not None
         self.place: Floats | None = None
+        #: Its pose when it was last believed anywhere, sure or not.
+        self.last: Floats | None = None
         if parcel.near_m is not None:
             self.place = np.array([*parcel.near_m, parcel.yaw_hint_rad])
         self._reported = Standing.LOST
@@ -131,15 +133,22 @@ class TrackedParcel:
 
     def keep_place(self, now_s: float) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
-        if self.standing is Standing.FOUND and self.estimator.pose is not None:
+        if self.estimator.pose is None:
+            return
+        self.last = self.estimator.pose.copy()
+        if self.standing is Standing.FOUND:
             self._found_s = now_s if self._found_s is None else self._found_s
-            self.place, self.region, self.expected = self.estimator.pose.copy(), None, False
+            self.place, self.region, self.expected = self.last, None, False
 
     def was_none(self, now_s: float) -> bool:
-        """Whether something else was taken for it as it was to come."""
-        came = self.infeed is not None and self._found_s is not None
-        lost = came and self.standing is Standing.LOST
-        return lost and now_s < (self._found_s or 0.0) + _PROVEN_S
+        """Whether something else was taken for it as it was to come.
+
+        A parcel that was carried away from its infeed has come.
+        """
+        if self.infeed is None or self._found_s is None or self.last is None:
+            return False
+        lost = self.standing is Standing.LOST and bool(self.infeed.holds(self.last[None, :2])[0])
+        return lost and now_s < self._found_s + _PROVEN_S
 
     def judged_early(self, now_s: float, view: View, covered: Bools, late_s: Floats) -> bool:
         """Whether a parcel that has just come has another outline than it was taken for.
@@ -157,16 +166,16 @@ class TrackedParcel:
     def has_left(self, shown: bool) -> bool:
         """Whether it is past its gate, or was on its way through when sensors lost it.
 
-        `shown` is whether any sensor is covered at its believed place. Then a parcel that is
-        doubtful, or that stands at the edge, is still there: its place is not known to the mm.
+        `shown` is whether any sensor is covered where it is, or was, believed. Then a parcel that
+        is doubtful or lost, or that stands at the edge, is still there: its place is not known to
+        the mm.
         """
-        if self.gate is None or self.place is None or self.expected:
+        if self.gate is None or self.place is None or self.last is None or self.expected:
             return False
         if self.standing is Standing.FOUND:
             past_m = float(self.gate.past_m(self.place[:2]))
             return past_m >= (_OUT_M if shown else 0.0)
-        through = self.gate.reached_by(self.estimator.footprint, self.place)
-        return through and not (self.standing is Standing.DOUBTFUL and shown)
+        return self.gate.reached_by(self.estimator.footprint, self.last) and not shown
 
     def take_change(self) -> BeliefChange | None:
         """That its standing is another than at the last call."""

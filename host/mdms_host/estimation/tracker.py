@@ -60,6 +60,9 @@ class Tracker:
         self._known = {parcel.name: TrackedParcel(parcel, self._surroundings) for parcel in parcels}
         self._watching = True
         self._now_s = 0.0
+        #: When every cell had reported for the first time, and parcels that lay there by then.
+        self._complete_s = inf
+        self._lay_there: set[str] = set()
         self._faulty: list[tuple[int, list[int]]] = []
         self._changes: list[BeliefChange] = []
         self._withdrawn: list[tuple[Parcel, Region | None]] = []
@@ -132,6 +135,7 @@ class Tracker:
         for time_s, sensor in self._presence.on_report(now_s, cell, bits):
             if self._watching:
                 self._on_edge(time_s, sensor)
+        self._note_complete(now_s)
 
     def look_away(self) -> None:
         """Cells come and go, and parcels are at rest: what sensors show by then moves no belief."""
@@ -147,6 +151,7 @@ class Tracker:
     def ignore_cells(self, cells: Collection[int]) -> None:
         """The sensors of these cells (from 1) show nothing from now on, those of all others do."""
         self._presence.ignore(cells)
+        self._note_complete(self._now_s)
 
     def on_speeds(
         self,
@@ -170,6 +175,8 @@ class Tracker:
         coverage = self._coverage(views)
         groups = self._groups(now_s, valid, coverage)
         found = self._parcel_search.step(now_s, valid, self._known, groups, coverage.taken)
+        for name in found:
+            self._note_coming(now_s, name)
         if found:
             # Sensors that contradict them are not believed any more.
             valid = self._presence.valid(now_s)
@@ -181,7 +188,9 @@ class Tracker:
         self._judge(now_s, coverage, groups)
         self._leave_obstacles(views)
         for name, each in list(self._known.items()):
-            if each.has_left(name in views and self._shows(views[name])):
+            if each.gate is not None and each.has_left(
+                self._is_anything_at(each, views.get(name), coverage)
+            ):
                 self._leave(name)
             elif each.was_none(now_s) or self._is_misjudged(now_s, name, views, coverage):
                 self._withdraw(name)
@@ -223,6 +232,15 @@ class Tracker:
             if belief is not None:
                 believed[name] = belief
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
+
+    @property
+    def is_clear(self) -> bool | None:
+        """Whether no sensor is covered; None before every cell has reported."""
+        return None if self._complete_s == inf else not self._presence.covered.any()
+
+    def lay_there(self, name: str) -> bool:
+        """Whether a parcel lay where it was found before every cell had reported."""
+        return name in self._lay_there
 
     @property
     def parcels(self) -> Mapping[str, Parcel]:
@@ -273,6 +291,21 @@ class Tracker:
             self._unexplained.foreign[sensor] = True
         else:
             nearest.estimator.edge(now_s, point_m, covered)
+
+    def _note_complete(self, now_s: float) -> None:
+        if self._complete_s == inf and self._presence.complete:
+            self._complete_s = now_s
+
+    def _note_coming(self, now_s: float, name: str) -> None:
+        """A parcel has been found: it lay there if most of its sensors have shown it all along."""
+        view = self._known[name].estimator.view(now_s)
+        if view is None:
+            return
+        under = view.near.sensors[view.distance_m < 0.0]
+        under = under[self._presence.covered[under]]
+        before = self._presence.changed_s[under] <= self._complete_s
+        lay_there = 2 * before.sum() > len(under)
+        (self._lay_there.add if lay_there else self._lay_there.discard)(name)
 
     def _views(self, now_s: float) -> dict[str, View]:
         """The sensors around each parcel that has a pose, by its name."""
@@ -335,10 +368,19 @@ class Tracker:
                 beside = view.near.sensors[view.distance_m < BESIDE_M]
                 self._unknowns.expect(beside[self._presence.covered[beside]])
 
-    def _shows(self, view: View) -> bool:
-        """Whether any sensor under a parcel is covered."""
-        under = view.near.sensors[view.distance_m < 0.0]
-        return bool(self._presence.covered[under].any())
+    def _is_anything_at(self, known: TrackedParcel, view: View | None, coverage: Coverage) -> bool:
+        """Whether a sensor is covered under a parcel, or where a lost one was believed last.
+
+        What another parcel covers there shows no lost one.
+        """
+        covered = self._presence.covered
+        if view is not None:
+            return bool(covered[view.near.sensors[view.distance_m < 0.0]].any())
+        if known.last is None:
+            return False
+        near, footprint = known.estimator.near(known.last), known.estimator.footprint
+        under = near.sensors[footprint.distance_m(near.sensors_m, known.last) < 0.0]
+        return bool((covered[under] & ~coverage.explained[under]).any())
 
     def _is_misjudged(
         self, now_s: float, name: str, views: Mapping[str, View], coverage: Coverage

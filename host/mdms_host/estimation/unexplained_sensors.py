@@ -77,6 +77,8 @@ class UnexplainedSensors:
         self._last: tuple[bytes, tuple[Ints, ...]] = (b"", ())
         self.link_m = self._grouping.link_m
         self.foreign: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+        #: Covered ones (S,) that a parcel explains only where it was when their cells reported.
+        self._left_behind: Bools = np.zeros(len(self._sensors_m), dtype=bool)
 
     def leave(self, now_s: float, sensors: Ints) -> None:
         """A parcel over these sensors has left, or is about to fall off."""
@@ -91,6 +93,7 @@ class UnexplainedSensors:
         """
         self._under_s[coverage.explained] = now_s
         explained = coverage.explained | (self._under_s >= now_s - silent_s)
+        self._left_behind = covered & valid & explained & ~coverage.explained
         # Sensors that a parcel has moved over since then are its own.
         self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
         strange = covered & valid & (~explained | self.foreign) & (self._wake_s < now_s)
@@ -101,9 +104,16 @@ class UnexplainedSensors:
         return self._last[1]
 
     def still(self, now_s: float, groups: Iterable[Ints], changed_s: Floats) -> tuple[Ints, ...]:
-        """Those of the groups in and around which no sensor has changed of late."""
+        """Those of the groups in and around which no sensor has changed of late.
+
+        Nor has a parcel just left any of these: whether such a sensor belongs to the group is known
+        once its cell reports again.
+        """
+        around = [(group, self._around(group)) for group in groups]
         return tuple(
-            group for group in groups if changed_s[self._around(group)].max() <= now_s - _STILL_S
+            group
+            for group, near in around
+            if changed_s[near].max() <= now_s - _STILL_S and not self._left_behind[near].any()
         )
 
     def _around(self, group: Ints) -> Ints:

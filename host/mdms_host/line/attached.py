@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import asdict
+from math import inf
+from time import monotonic
 from typing import Any, Self
 
 from mdms_host.clock import Clock
@@ -107,6 +109,9 @@ class Line:
     def _answer(self, message: dict[str, Any]) -> None:
         error = None
         try:
+            # The servers have the same clock. Their client has been told of a refusal by now.
+            if monotonic() > message.get("until_s", inf):
+                raise CommandRefusedError("the request came too late")
             self.machine.do(message["do"], message)
         except (CommandRefusedError, ProgramError) as refused:
             error = str(refused)

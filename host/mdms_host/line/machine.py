@@ -16,7 +16,6 @@ from mdms_host.commissioning.doctor.findings import KINDS
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import TROUBLED, Phase
 from mdms_host.line.packml import (
-    CHOOSES,
     DONE,
     MOVES,
     TRANSITIONS,
@@ -33,6 +32,7 @@ from mdms_host.programs.table_orders import Report, TableOrders, order_of
 from mdms_host.programs.table_parcel import ProgramError
 
 Job = TypeVar("Job")
+Made = TypeVar("Made")
 #: Without a heartbeat of the client that started it for so long, the machine is suspended [s].
 HEARTBEAT_LIMIT_S = 1.0
 #: No parcel gets on for so long behind a full exit, or none comes for so long [s].
@@ -66,29 +66,55 @@ class Recipes(Generic[Job]):
         self.jobs = jobs
         self.names = tuple(jobs)
         self.chosen = self.names[0]
+        #: The recipe of the present run, or of the last one.
+        self.running = self.names[0]
 
     @property
     def first(self) -> Job:
         """The job of the first recipe."""
         return self.jobs[self.names[0]]
 
-    @property
-    def job(self) -> Job:
-        """The chosen job. Raises `RefusedError` if it was chosen before, and is not allowed now."""
+    def begin(self) -> Job:
+        """The chosen job, for the run that begins.
+
+        It is the first one if that was chosen before, and is not allowed now: so the machine
+        reaches Idle, where another is chosen.
+        """
+        self.running = self.chosen if self.chosen in self.jobs else self.names[0]
+        return self.jobs[self.running]
+
+    def starter(self, make: Callable[[Job], Made]) -> Callable[[], Made]:
+        """A function that makes what runs the chosen job, each time anew.
+
+        The first of each job is made now, while nobody waits: a fresh installation compiles.
+        """
+        ready = {name: make(job) for name, job in self.jobs.items()}
+
+        def start() -> Made:
+            job = self.begin()
+            return ready.pop(self.running, None) or make(job)
+
+        return start
+
+    def check_chosen(self) -> None:
+        """Raises `CommandRefusedError` if the recipe chosen before is not allowed now."""
         if self.chosen not in self.jobs:
-            raise RefusedError(
+            raise CommandRefusedError(
                 f"the recipe {self.chosen!r:.40} was chosen before, but is not allowed now; "
-                f"choose one of: {', '.join(self.names)}"
+                f"choose one of these in Idle: {', '.join(self.names)}"
             )
-        return self.jobs[self.chosen]
 
 
 @dataclass(slots=True)
 class Figures:
-    """The production so far: parcels in, out by exit, and those that were lost."""
+    """The production so far: parcels in, out by exit, lost, and rejected.
+
+    Those that are lost are rejected too, like PackML's defective products.
+    """
 
     parcels_in: int = 0
     parcels_lost: int = 0
+    parcels_rejected: int = 0
     out: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -98,9 +124,12 @@ class Figures:
 
     def count(self, report: Report) -> None:
         """A parcel has come, left or been lost."""
+        self.parcels_rejected += report.rejected
         match report.event:
             case "found":
                 self.parcels_in += 1
+            case "withdrawn":
+                self.parcels_in -= 1
             case "lost":
                 self.parcels_lost += 1
             case "left":
@@ -113,17 +142,18 @@ def effectiveness(
     """The three factors of OEE, by PackML's tags; 0 where nothing is known yet.
 
     Availability is the time in Execute over that in all states but Stopped. Performance is the
-    rate in Execute over the ideal one. Quality is the share of parcels that were not lost.
+    rate in Execute over the ideal one. Quality is the share of parcels that were not rejected.
     """
     execute_s = machine.in_state_s(State.EXECUTE, now_s)
     planned_s = sum(machine.in_state_s(each, now_s) for each in State if each != State.STOPPED)
     per_hour = 3600.0 * figures.parcels_out / execute_s if execute_s else 0.0
     processed = figures.parcels_out + figures.parcels_lost
+    good = processed - figures.parcels_rejected
     return {
         "parcels_per_hour": per_hour,
         "availability": execute_s / planned_s if planned_s else 0.0,
         "performance": per_hour / ideal_per_hour if ideal_per_hour else 0.0,
-        "quality": figures.parcels_out / processed if processed else 0.0,
+        "quality": good / processed if processed else 0.0,
     }
 
 
@@ -157,9 +187,10 @@ class Machine:
         self._stalled_s: dict[str, float] = {}
         self._passing = ""
         self._run: Coordinator | None = None
-        #: The recipe of the run, and the slot's count of stops since the run is replaced.
-        self._recipe = ""
+        #: The slot's count of stops since the run is replaced.
         self._stops: int | None = None
+        #: Identities that go over from that run to the one in its place.
+        self._passed_on: dict[str, str] | None = None
 
     # From outside --------------------------------------------------------------------------------
 
@@ -173,6 +204,8 @@ class Machine:
             )
         if command is Command.RESET and self._slot.busy:
             raise CommandRefusedError("the table is still stopping; give Reset again")
+        if command is Command.START:
+            self.recipes.check_chosen()
         self._on(command, f"{command.name.capitalize()} by {by}")
         if command in MOVES:
             self._in_control = by
@@ -195,6 +228,10 @@ class Machine:
                 self._do_with_order(name, values)
             case "coming":
                 self.orders.expect(values["parcel"], values.get("kind", ""))
+                self._tell("parcel coming", values["parcel"])
+            case "not_coming":
+                self.orders.expect_no_more(values["parcel"])
+                self._tell("parcel not coming", values["parcel"])
             case "exit":
                 self._set_exit(values["exit"], values["full"])
             case "recipe":
@@ -208,6 +245,8 @@ class Machine:
                 spent = values["spent_s"].items()
                 self.states.spent_s = {State(int(state)): spent_s for state, spent_s in spent}
                 self.states.reason = values["reason"]
+                # Nobody looked while there was no host.
+                self.orders.was_clear = False
             case _:
                 raise CommandRefusedError(f"there is no request {name!r:.40}")
 
@@ -226,17 +265,23 @@ class Machine:
         if name not in self.exits:
             there = ", ".join(self.exits) or "none"
             raise CommandRefusedError(f"no exit {name!r:.40}; there are: {there}")
+        if full != (name in self.orders.full):
+            self._tell("exit full" if full else "exit free", name)
         (self.orders.full.add if full else self.orders.full.discard)(name)
 
+    def _tell(self, signal: str, value: str) -> None:
+        """The program that runs gets this signal of the plant."""
+        if self._run is not None and isinstance(self._run.program, TableProgram):
+            self._run.program.driver.receive(signal, value)
+
     def _choose(self, name: str) -> None:
-        """The next run is by this recipe; the run of Idle is replaced when it is started."""
+        """Start is by this recipe: it replaces the run of Idle, which has moved nothing."""
         if name not in self.recipes.names:
             there = ", ".join(self.recipes.names)
             raise CommandRefusedError(f"no recipe {name!r:.40}; there are: {there}")
-        if self.states.state not in CHOOSES:
-            possible = ", ".join(each.name.capitalize() for each in CHOOSES)
+        if self.states.state is not State.IDLE:
             state = self.states.state.name.capitalize()
-            raise CommandRefusedError(f"a recipe is not chosen in {state}, but in: {possible}")
+            raise CommandRefusedError(f"a recipe is not chosen in {state}, but in Idle alone")
         self.recipes.chosen = name
 
     # In the thread that drives the table ---------------------------------------------------------
@@ -247,19 +292,23 @@ class Machine:
             self._on(Command.ABORT, f"the host was suspended for {for_s:.1f} s")
 
     def step(self) -> None:
-        """Bring the state machine and the table together."""
-        now_s = self._now_s()
-        self._take_on_run()
-        state = self.states.state
+        """Bring the state machine and the table together.
+
+        Everything that has led to a state is reported before that state is seen.
+        """
+        self._go_on(self._now_s())
         for report in self.orders.take_reports():
             self.figures.count(report)
             self._on_report(report)
-        run = self._run
+
+    def _go_on(self, now_s: float) -> None:
+        self._take_on_run()
+        state, run = self.states.state, self._run
         if state in _WITHOUT_RUN:
             self._end_run(state)
         elif run is None or self._fault(run, now_s):
             self._on(*self._ended(run, now_s))
-        elif state is State.STARTING and self._recipe != self.recipes.chosen:
+        elif state is State.STARTING and self.recipes.running != self.recipes.chosen:
             self._change_run()
         elif not self._slot.busy:
             self._on(*self._ended(run, now_s))
@@ -272,14 +321,15 @@ class Machine:
         run = self._slot.coordinator
         if run is self._run or run is None or not self._slot.busy:
             return
+        self._end_orders()
         self._run = run
-        self._recipe, self._stops = self.recipes.chosen, None
+        self._stops = None
         run.keep(True)
         program = run.program
         assert isinstance(program, TableProgram)
-        self.orders.end_run()
+        self.orders.begin_run(self._passed_on)
         program.table.orders = self.orders
-        program.table.recipe = self._recipe
+        program.table.recipe = self.recipes.running
         program.serve_orders()
         if self.states.state is State.STOPPED:
             self._on(Command.RESET, "started by hand")
@@ -290,8 +340,17 @@ class Machine:
         if self._slot.busy:
             self._slot.stop()
         elif state in _ENDS:
-            self.orders.end_run()
+            self._end_orders()
             self.states.on(DONE, self._now_s())
+
+    def _end_orders(self) -> None:
+        """The run has ended, if there was one; what is known of its parcels is not kept."""
+        self.orders.end_run(self._sees_clear())
+
+    def _sees_clear(self) -> bool | None:
+        """Whether nothing lies on the table, as the present or the last run sees it."""
+        program = None if self._run is None else self._run.program
+        return program.is_clear if isinstance(program, TableProgram) else None
 
     def _change_run(self) -> None:
         """End the run of another recipe, which has moved nothing, and begin one of the chosen."""
@@ -302,10 +361,12 @@ class Machine:
             self._on(Command.STOP, "stopped by hand")
         elif not self._slot.busy:
             if self._run is not None and isinstance(self._run.program, TableProgram):
-                self.orders.begin_again(self._run.program.table.parcels)
+                parcels = self._run.program.table.parcels
+                self._passed_on = self.orders.begin_again(parcels, self._sees_clear())
             # A refusal leads to Stopping, with its reason.
             with suppress(CommandRefusedError):
                 self._reset()
+            self._passed_on = None
 
     def _fault(self, run: Coordinator, now_s: float) -> str | None:
         if run.fault is not None or run.stuck is not None:
@@ -392,7 +453,7 @@ class Machine:
         if command is Command.RESET:
             self._reset()
         elif self._run is not None and self._slot.busy:
-            self._run.keep(command not in MOVES or self._recipe != self.recipes.chosen)
+            self._run.keep(command not in MOVES or self.recipes.running != self.recipes.chosen)
             if command in (Command.STOP, Command.ABORT):
                 self._slot.stop()
 
@@ -439,6 +500,7 @@ class Machine:
             ("recipe", self.recipes.chosen),
             ("parcels in", str(figures.parcels_in)),
             *((f"out by {name}", str(figures.out.get(name, 0))) for name in self.exits),
+            ("rejected", str(figures.parcels_rejected)),
             ("lost", str(figures.parcels_lost)),
             ("parcels an hour in Execute", f"{effective['parcels_per_hour']:.0f}"),
             ("availability", f"{effective['availability']:.1%}"),

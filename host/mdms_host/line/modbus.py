@@ -115,10 +115,11 @@ def _written(body: bytes, most: int) -> tuple[int, list[int]]:
     return address, list(struct.unpack_from(f">{count}H", body, 5))
 
 
-#: More connections are closed at once.
+#: A further connection takes the place of a silent one. Without one it is closed at once.
 MOST_CONNECTIONS = 32
-#: A client that sends nothing for so long, or reads nothing, is dropped [s].
-IDLE_S = 60.0
+#: A client is silent if it has sent nothing for so long [s].
+SILENT_S = 60.0
+#: A client that does not read its answers for so long is dropped [s].
 _DRAIN_S = 1.0
 
 
@@ -127,7 +128,8 @@ class ModbusServer:
 
     def __init__(self, registers: Registers) -> None:
         self._registers = registers
-        self._connections: set[asyncio.StreamWriter] = set()
+        #: The connections, and when each client has sent something last [s].
+        self._heard_s: dict[asyncio.StreamWriter, float] = {}
         self._server: asyncio.Server | None = None
         #: Requests are done one after another, whoever sends them.
         self._turn = asyncio.Lock()
@@ -143,30 +145,45 @@ class ModbusServer:
         """Close the port and all connections."""
         if self._server is not None:
             self._server.close()
-        for writer in self._connections:
+        for writer in self._heard_s:
             writer.close()
         # They end in the loop's next rounds.
-        while self._connections:
+        while self._heard_s:
             await asyncio.sleep(0)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if len(self._connections) >= MOST_CONNECTIONS:
+        if len(self._heard_s) >= MOST_CONNECTIONS and not self._make_room():
             writer.close()
             return
-        self._connections.add(writer)
+        self._heard_s[writer] = _now_s()
         try:
             # It is cancelled when the table is gone; asyncio would print that as an error.
             with suppress(OSError, TimeoutError, NotModbusError, asyncio.CancelledError):
                 await self._talk(reader, writer)
         finally:
-            self._connections.discard(writer)
+            self._heard_s.pop(writer, None)
             writer.close()
+
+    def _make_room(self) -> bool:
+        """Close the connection that has been silent for longest; False if none is silent."""
+        writer, heard_s = min(self._heard_s.items(), key=lambda each: each[1])
+        if _now_s() - heard_s < SILENT_S:
+            return False
+        del self._heard_s[writer]
+        # Its client may be gone, and take no more bytes.
+        writer.transport.abort()
+        return True
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         requests = Requests()
-        while data := await asyncio.wait_for(reader.read(4096), IDLE_S):
+        while data := await reader.read(4096):
+            self._heard_s[writer] = _now_s()
             for transaction, unit, request in requests.feed(data):
                 async with self._turn:
                     answer = await answer_to(request, self._registers)
                 writer.write(response(transaction, unit, answer))
                 await asyncio.wait_for(writer.drain(), _DRAIN_S)
+
+
+def _now_s() -> float:
+    return asyncio.get_running_loop().time()

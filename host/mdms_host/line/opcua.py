@@ -82,7 +82,7 @@ SHOWN = (
     Shown("State", _V.Int32, "number of the state, as in ISA-TR88.00.02", _plain("state")),
     Shown("StateName", _V.String, "the state", lambda p: _name(State(p.snapshot["state"]))),
     Shown("Reason", _V.String, "why the machine is in it", _plain("reason")),
-    Shown("Recipe", _V.String, "the recipe of the next run, or of this one", _plain("recipe")),
+    Shown("Recipe", _V.String, "the recipe of the next Start, or of this run", _plain("recipe")),
     Shown("TableHeartbeat", _V.UInt32, "counts on while the table lives", lambda p: p.beats),
     Shown("ParcelsIn", _V.UInt32, "parcels that have come", _figure("parcels_in")),
     Shown(
@@ -91,11 +91,29 @@ SHOWN = (
         "parcels that have left by an exit",
         lambda p: sum(p.snapshot["figures"]["out"].values()),
     ),
+    Shown(
+        "ParcelsOutByExit",
+        _V.UInt32,
+        "the same by each of `Exits`, an array",
+        lambda p: p.out_by_exit or [0],
+    ),
     Shown("ParcelsLost", _V.UInt32, "parcels that were lost", _figure("parcels_lost")),
+    Shown(
+        "ParcelsRejected",
+        _V.UInt32,
+        "parcels that were lost, or have left otherwise than ordered",
+        _figure("parcels_rejected"),
+    ),
     Shown("ParcelsPerHour", _V.Double, "rate in Execute", _plain("parcels_per_hour")),
     Shown("Availability", _V.Double, "factor of OEE, 0 to 1", _plain("availability")),
     Shown("Performance", _V.Double, "factor of OEE", _plain("performance")),
     Shown("Quality", _V.Double, "factor of OEE, 0 to 1", _plain("quality")),
+    Shown(
+        "StateTimes",
+        _V.Double,
+        "time in each state [s], by its number from 1, an array",
+        lambda p: p.state_times_s,
+    ),
     Shown("OrdersOpen", _V.UInt32, "orders that wait or are under way", _plain("orders_open")),
     Shown(
         "OrdersInDoubt",
@@ -141,12 +159,15 @@ LINE_METHODS = (
     LineMethod(
         "ParcelComing", (("Parcel", _TEXT), ("Kind", _TEXT)), (), "identity and kind by the scanner"
     ),
+    LineMethod(
+        "ParcelNotComing", (("Parcel", _TEXT),), (), "an announced parcel does not come after all"
+    ),
     LineMethod("SetExitFull", (("Exit", _TEXT), ("Full", _V.Boolean)), (), "full, or free again"),
     LineMethod(
         "ChooseRecipe",
         (("Recipe", _TEXT),),
         (),
-        "take one of `Recipes` for the next run, in Stopped, Idle or Completed",
+        "take one of `Recipes` for the next Start, in Idle",
     ),
     LineMethod(
         "SetIdealRate", (("PerHour", _NUMBER),), (), "the rate that counts as performance 1"
@@ -345,6 +366,12 @@ class OpcUaServer:
         self, _parent: ua.NodeId, parcel: str, kind: str
     ) -> list[ua.Variant]:
         await self._plant.coming(parcel, kind)
+        return []
+
+    async def _ParcelNotComing(  # noqa: N802
+        self, _parent: ua.NodeId, parcel: str
+    ) -> list[ua.Variant]:
+        await self._plant.not_coming(parcel)
         return []
 
     async def _SetExitFull(  # noqa: N802

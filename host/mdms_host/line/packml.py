@@ -91,8 +91,6 @@ TRANSITIONS: dict[tuple[State, Command | Done], State] = {
 }
 #: Parcels may move in these states, and in no others.
 MOVING = (_S.EXECUTE, _S.COMPLETING)
-#: A recipe is chosen in these states, and in no others.
-CHOOSES = (State.STOPPED, State.IDLE, State.COMPLETED)
 #: Commands after which parcels may move.
 MOVES = (_C.START, _C.UNHOLD, _C.UNSUSPEND)
 

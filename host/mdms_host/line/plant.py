@@ -8,6 +8,7 @@ import asyncio
 import json
 from collections.abc import Callable
 from dataclasses import asdict
+from time import monotonic
 from typing import Any
 
 from mdms_host.line.order_book import OrderBook, OrderBookError
@@ -31,7 +32,7 @@ NOTHING: dict[str, Any] = {
     "changes": 0,
     "spent_s": {},
     "alive": False,
-    "figures": {"parcels_in": 0, "parcels_lost": 0, "out": {}},
+    "figures": {"parcels_in": 0, "parcels_lost": 0, "parcels_rejected": 0, "out": {}},
     "parcels_per_hour": 0.0,
     "availability": 0.0,
     "performance": 0.0,
@@ -74,6 +75,18 @@ class Plant:
         self._waiting: dict[int, asyncio.Future[str | None]] = {}
         self._number = 0
         self._kept_s = 0.0
+
+    @property
+    def out_by_exit(self) -> list[int]:
+        """How many parcels have left by each exit."""
+        out = self.snapshot["figures"]["out"]
+        return [out.get(exit, 0) for exit in self.exits]
+
+    @property
+    def state_times_s(self) -> list[float]:
+        """The time in each state, by its number from 1 [s]."""
+        spent_s = {int(state): float(each) for state, each in self.snapshot["spent_s"].items()}
+        return [spent_s.get(int(state), 0.0) for state in State]
 
     # Requests of clients -------------------------------------------------------------------------
 
@@ -128,6 +141,10 @@ class Plant:
         if not parcel:
             raise RequestRefusedError("a parcel that comes needs an identity")
         await self._ask("coming", parcel=parcel, kind=kind)
+
+    async def not_coming(self, parcel: str) -> None:
+        """A parcel that was announced does not come after all. Raises `RequestRefusedError`."""
+        await self._ask("not_coming", parcel=parcel)
 
     async def set_exit(self, exit: str, full: bool) -> None:
         """An exit is full, or free again. Raises `RequestRefusedError`."""
@@ -214,7 +231,8 @@ class Plant:
         self._number += 1
         number, loop = self._number, asyncio.get_running_loop()
         answer = self._waiting[number] = loop.create_future()
-        self._tell(name, id=number, **values)
+        # A request that is refused as late is not done later.
+        self._tell(name, id=number, until_s=monotonic() + _ANSWER_S, **values)
         try:
             error = await asyncio.wait_for(answer, _ANSWER_S)
         except TimeoutError:

@@ -4,7 +4,7 @@ The page `docs/line-registers.md` is made of the table. Numbers of two registers
 first. Texts are ASCII, two characters a register, filled up with 0.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
 #: Raised with every change of the map that a client would notice.
-MAP_VERSION = 2
+MAP_VERSION = 4
 #: Registers of a text, and its characters.
 TEXT_WORDS = 8
 #: Who writes registers, for the machine.
@@ -51,6 +51,13 @@ def _out(plant: Plant) -> int:
     return sum(plant.snapshot["figures"]["out"].values())
 
 
+def _in_a_row(values: Iterable[float], count: int) -> int:
+    """So many values as one, each of two registers."""
+    words = [round(value) & 0xFFFFFFFF for value in values][:count]
+    words += [0] * (count - len(words))
+    return int.from_bytes(b"".join(word.to_bytes(4, "big") for word in words), "big")
+
+
 def _full(plant: Plant) -> int:
     return sum(full << number for number, full in enumerate(plant.snapshot["exits_full"]))
 
@@ -70,7 +77,7 @@ _STATES = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in State)
 ORDER_STATES = tuple(OrderState)
 _ORDER_STATES = ", ".join(f"{number} {each}" for number, each in enumerate(ORDER_STATES, 1))
 ACCEPTED, KNOWN, REFUSED = 0, 1, 2
-ORDER, CANCEL, COMING, ASK = 0, 1, 2, 3
+ORDER, CANCEL, COMING, ASK, NOT_COMING = range(5)
 
 MAP = (
     Register(0, "map_version", "Version of this map.", lambda _plant: MAP_VERSION),
@@ -92,17 +99,39 @@ MAP = (
     Register(17, "availability", "OEE availability [0.1 %].", _figure("availability", 1000)),
     Register(18, "performance", "OEE performance [0.1 %].", _figure("performance", 1000)),
     Register(19, "quality", "OEE quality [0.1 %].", _figure("quality", 1000)),
+    Register(
+        20,
+        "parcels_out_by_exit",
+        "Parcels that have left by each exit, exit 1 first; two registers each.",
+        lambda plant: _in_a_row(plant.out_by_exit, MOST_EXITS),
+        2 * MOST_EXITS,
+    ),
+    Register(
+        52,
+        "state_times",
+        "Time in each state [s], state 1 first; two registers each.",
+        lambda plant: _in_a_row(plant.state_times_s, len(State)),
+        2 * len(State),
+    ),
+    Register(
+        86,
+        "parcels_rejected",
+        "Parcels that were lost, or have left otherwise than ordered.",
+        _count("parcels_rejected"),
+        2,
+    ),
     Register(100, "heartbeat", "Write another value at least every 0.5 s."),
     Register(101, "command", f"Command: {_COMMANDS}."),
     Register(102, "command_counter", "Write another value to give the command."),
     Register(105, "exits_full_set", "Write all full exits, exit 1 in bit 0."),
     Register(106, "mode_set", "Write a mode, in Stopped."),
-    Register(107, "recipe_set", "Write a recipe, from 1, in Stopped, Idle or Completed."),
+    Register(107, "recipe_set", "Write a recipe, from 1, in Idle."),
     Register(200, "request_counter", "Write another value to send the request below."),
     Register(
         201,
         "request",
-        "0 order, 1 cancel the key, 2 the parcel of this kind (in `key`) comes, 3 ask the state.",
+        "0 order, 1 cancel the key, 2 the parcel of this kind (in `key`) comes, 3 ask the state, "
+        "4 the parcel does not come after all.",
     ),
     Register(202, "exit", "Exit, from 1; 0: a pose."),
     Register(203, "priority", "Priority; the highest is first."),
@@ -235,6 +264,8 @@ class PlantRegisters:
             case 3:
                 if self._plant.book.state(self._text("key")) is None:
                     raise RequestRefusedError("there is no such order")
+            case 4:
+                await self._plant.not_coming(self._text("parcel"))
             case _:
                 raise RequestRefusedError(f"there is no request {request}")
         return ACCEPTED

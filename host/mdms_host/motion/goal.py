@@ -198,7 +198,10 @@ class GoalController:
         return np.array([self.goal.x_m, self.goal.y_m, turned_rad])
 
     def _check_arrival(self, off: Floats, belief: Belief, step_s: float) -> None:
-        """Arrived after a while within the tolerance; gone again outside twice of it."""
+        """Arrived after a while within the tolerance; gone again outside twice of it.
+
+        A doubtful parcel does not arrive before sensors show it again.
+        """
         slack = 2.0 if self.arrived else 1.0
         x_m, y_m, turn_rad = off.tolist()
         if self.goal.yaw_rad is None and self._felt is None:
@@ -207,7 +210,7 @@ class GoalController:
             hypot(x_m, y_m) <= slack * self.goal.tolerance_m
             and abs(turn_rad) <= slack * self.goal.tolerance_rad
         )
-        self._within_s = self._within_s + step_s if within else 0.0
+        self._within_s = self._within_s + step_s if within and not belief.doubtful else 0.0
         self._feel(belief, settled=self._within_s >= self.goal.settle_s)
         within &= self._felt is None
         self.feels &= self._felt is not None or self._within_s == 0.0

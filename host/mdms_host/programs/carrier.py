@@ -1,6 +1,6 @@
 """The interface of a program to its carrier of parcels."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Protocol
 
 from mdms_host.estimation.belief import Belief, Gain
@@ -38,6 +38,10 @@ class Traffic(Orders, Protocol):
     @property
     def gains(self) -> Mapping[str, Gain]:
         """Gains of the wheels under parcels in the step before these, and their pushes."""
+        ...
+
+    def attend(self, tracked: Callable[[], Collection[str]]) -> None:
+        """From now on a parcel without a belief has left only if `tracked()` does not name it."""
         ...
 
     def take_left(self) -> list[str]:

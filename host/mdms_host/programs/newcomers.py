@@ -112,6 +112,15 @@ class NamingRegister(Register, Protocol):
         """Parcels that have not come after all."""
         ...
 
+    @property
+    def is_clear(self) -> bool | None:
+        """Whether sensors show nothing at all; None before every cell has reported."""
+        ...
+
+    def lay_there(self, name: str) -> bool:
+        """Whether a parcel lay where it was found before every cell had reported."""
+        ...
+
     def size(self, name: str) -> Size | None:
         """Size of an unknown thing; None for another shape than a rectangle. Raises KeyError."""
         ...

@@ -73,6 +73,8 @@ class TableProgram:
         self.driver = TableDriver(self.table)
         self.table.expects = any(not member.lies for member in members)
         self._gone: set[str] = set()
+        #: Parcels that have not come after all, and are on the table until they are taken out.
+        self._withdrawn: set[str] = set()
         #: The exit that each parcel has set out to.
         self._exits: dict[str, str] = {}
         self._serves_orders = False
@@ -92,11 +94,17 @@ class TableProgram:
     def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
+        self._traffic.attend(lambda: register.parcels)
         self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
 
     def serve_orders(self) -> None:
         """Carry out the orders of `table.orders` beside the program, from its beginning on."""
         self._serves_orders = True
+
+    @property
+    def is_clear(self) -> bool | None:
+        """Whether nothing lies on the table; None where sensors have not shown all of it."""
+        return None if self._register is None else self._register.is_clear
 
     def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
         """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
@@ -256,6 +264,7 @@ class TableProgram:
         for parcel, region in self._register.take_withdrawn():
             if any(parcel.name == each.name for each in self.table.parcels):
                 self._exits.pop(parcel.name, None)
+                self._withdrawn.add(parcel.name)
                 self._traffic.withdraw(parcel.name)
             if self._comings is None or not self._comings.brings(parcel.name):
                 self._register.announce(parcel, region)
@@ -279,7 +288,8 @@ class TableProgram:
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""
         for name in self._traffic.take_left():
-            self.driver.remove(name, self._exits.pop(name, None))
+            self.driver.remove(name, self._exits.pop(name, None), withdrawn=name in self._withdrawn)
+            self._withdrawn.discard(name)
             self._gone.add(name)
         self._gone &= beliefs.keys()
 
@@ -292,7 +302,8 @@ class TableProgram:
             if member is not None and name not in there:
                 size = member.length_m, member.width_m, member.shape
                 parcel = TableParcel(name, member.kind, *size)
-                self.driver.put(parcel, arrives=not member.lies)
+                lay_there = self._register is not None and self._register.lay_there(name)
+                self.driver.put(parcel, arrives=not member.lies, lay_there=lay_there)
         self.driver.see(beliefs)
 
     def _take_named(self, parcel: Parcel) -> None:

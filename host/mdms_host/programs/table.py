@@ -204,7 +204,7 @@ class Table:
 
         Values wait until they are taken.
         """
-        queue = self._signals.setdefault(name, deque())
+        queue = self._waiting_under(name)
         await self._outside(lambda: bool(queue))
         return queue.popleft()
 
@@ -220,12 +220,16 @@ class Table:
                 f"signal {name!r}: in virtual time signals come from the scenario ([[signal]]) or "
                 "from signals=, each with its time"
             )
-        queue = self._signals.setdefault(name, deque())
+        queue = self._waiting_under(name)
         if len(queue) >= _MOST_SIGNALS:
             raise ProgramError(
                 f"signal {name!r}: {len(queue)} values wait already, and the program takes none"
             )
         queue.append(value)
+
+    def _waiting_under(self, name: str) -> deque[Any]:
+        """The values under a name that wait to be taken; of very many the oldest are dropped."""
+        return self._signals.setdefault(name, deque(maxlen=_MOST_SIGNALS))
 
     async def _outside(self, condition: Condition) -> None:
         """Wait for an event from outside: a program that does has no end of its own."""
@@ -312,20 +316,26 @@ class TableDriver:
         self._flow.clear()
         return flow
 
-    def put(self, parcel: TableParcel, arrives: bool = True) -> None:
-        """A parcel is on the table from now on; one that `arrives` is returned by `arrival`."""
+    def put(self, parcel: TableParcel, arrives: bool = True, *, lay_there: bool = False) -> None:
+        """A parcel is on the table from now on; one that `arrives` is returned by `arrival`.
+
+        It `lay_there` if it has not come within this run.
+        """
         self.table._parcels[parcel.name] = parcel
         parcel._carried_by((self.table._move_by_program, self.table._leave_by_program))
-        self.table.orders.on_parcel(parcel)
+        self.table.orders.on_parcel(parcel, lay_there=lay_there)
         if arrives:
             self.came += 1
             self._flow.append((parcel.name, None))
             self.table._arrived.append(parcel)
 
-    def remove(self, name: str, exit: str | None = None) -> None:
-        """A parcel has left, by an exit unless it was lost or taken away."""
+    def remove(self, name: str, exit: str | None = None, *, withdrawn: bool = False) -> None:
+        """A parcel has left, by an exit unless it was lost, taken away, or never there."""
         parcel = self.table._parcels.pop(name)
-        self.table.orders.on_left(parcel, exit)
+        if withdrawn:
+            self.table.orders.on_withdrawn(parcel)
+        else:
+            self.table.orders.on_left(parcel, exit)
         if exit is not None:
             self.left[exit] += 1
             self._flow.append((name, exit))
@@ -376,8 +386,8 @@ class TableDriver:
         self.table._takes_signals = False
 
     def receive(self, name: str, value: Any) -> None:
-        """A signal has come whose time is that of the run."""
-        self.table._signals.setdefault(name, deque()).append(value)
+        """A signal has come whose time is that of the run, or from the plant around the table."""
+        self.table._waiting_under(name).append(value)
 
 
 def _check_numbers(name: str, **values: object) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import Task, until
+from mdms_host.programs.script import until
 from mdms_host.programs.table_parcel import Leave, Move, ProgramError, TableParcel
 
 if TYPE_CHECKING:
@@ -72,13 +72,19 @@ class LineOrder:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """An event of a parcel: found, under way, arrived, left, refused or lost."""
+    """An event of a parcel: found, under way, arrived, left, refused or lost.
+
+    It is withdrawn if it was found by mistake: its identity is expected again. It is unannounced if
+    its identity is not expected any more: announce it again, if it has not come. A parcel that was
+    lost, or has left otherwise than the plant wants, is `rejected`.
+    """
 
     event: str
     parcel: str
     key: str = ""
     exit: str = ""
     text: str = ""
+    rejected: bool = False
 
 
 class TableOrders:
@@ -91,8 +97,19 @@ class TableOrders:
         self.open: dict[str, LineOrder] = {}
         self.full: set[str] = set()
         self.identities: dict[str, str] = {}
+        #: Whether nothing lay on the table when it was seen last.
+        self.was_clear = True
         self._expected: deque[tuple[str, str]] = deque()
-        self._under_way: dict[str, tuple[LineOrder, Task[None]]] = {}
+        #: Kinds of announced parcels that are on the table, as announced, by name.
+        self._announced: dict[str, str] = {}
+        #: Identities that go over to the next run, by kind; None without such a run.
+        self._passed_on: dict[str, str] | None = None
+        #: Whether a scanner has announced any parcel.
+        self._has_scanner = False
+        #: Names of parcels whose last order was refused.
+        self._refused: set[str] = set()
+        self._runs = False
+        self._under_way: dict[str, tuple[LineOrder, TableParcel]] = {}
         self._reports: deque[Report] = deque(maxlen=_MOST_REPORTS)
         self._waiting: set[str] = set()
         self._serves = False
@@ -128,6 +145,14 @@ class TableOrders:
         if identity in self.identities.values():
             raise ProgramError(f"{identity} is on the table already")
         self._expected.append((identity, kind))
+        self._has_scanner = True
+
+    def expect_no_more(self, identity: str) -> None:
+        """An announced parcel does not come after all. Raises ProgramError for another one."""
+        expected = next((each for each in self._expected if each[0] == identity), None)
+        if expected is None:
+            raise ProgramError(f"{identity} is not expected")
+        self._expected.remove(expected)
 
     def take_reports(self) -> list[Report]:
         """Reports since the last call."""
@@ -135,33 +160,66 @@ class TableOrders:
         self._reports.clear()
         return reports
 
-    def end_run(self) -> None:
-        """The run has ended: its parcels are unknown, and orders under way are in doubt."""
+    def begin_run(self, passed_on: dict[str, str] | None = None) -> None:
+        """A run has begun; parcels that it finds are told by `on_parcel`.
+
+        Where something was left on the table, an announced parcel may lie there by now, or may be
+        still to come. So none is expected any more. `passed_on` is what `begin_again` has returned.
+        """
+        self._runs = True
+        self._passed_on = passed_on
+        if not self.was_clear and passed_on is None:
+            self._forget_expected()
+
+    def _forget_expected(self) -> None:
+        for identity, _ in self._expected:
+            self._reports.append(Report("unannounced", identity))
+        self._expected.clear()
+
+    def end_run(self, is_clear: bool | None = None) -> None:
+        """The run has ended: its parcels are unknown, and orders under way are in doubt.
+
+        `is_clear` is whether nothing lay on the table in the end; None where nobody knows.
+        """
+        if not self._runs:
+            return
+        self._runs = False
+        if is_clear is not None:
+            self.was_clear = is_clear
         for order, _ in self._under_way.values():
             self.open.pop(order.key, None)
             self.in_doubt[order.key] = order
             self._reports.append(Report("in doubt", order.parcel, order.key))
         self._under_way.clear()
         self.identities.clear()
+        self._announced.clear()
+        self._passed_on = None
         # Tasks of the run that are dropped later clean up their own set.
         self._waiting = set()
         self._arrived.clear()
+        self._refused.clear()
         self._serves = False
 
-    def begin_again(self, parcels: Sequence[TableParcel]) -> None:
+    def begin_again(
+        self, parcels: Sequence[TableParcel], is_clear: bool | None = None
+    ) -> dict[str, str]:
         """The run has ended without having moved any of its parcels, and another one follows.
 
-        Its orders are to be carried out by that. Of each kind one parcel keeps its identity; more
-        of them could be mixed up.
+        Returns the identities that go over to that, by kind. Its orders are to be carried out by
+        that. A parcel that is the only one of its kind keeps its identity; others could be mixed
+        up.
         """
         for order, _ in self._under_way.values():
             self._reports.append(Report("accepted", order.parcel, order.key))
         self._under_way.clear()
         kinds = Counter(parcel.kind for parcel in parcels)
-        for parcel in parcels:
-            if parcel.name in self.identities and kinds[parcel.kind] == 1:
-                self._expected.appendleft((self.identities[parcel.name], parcel.kind))
-        self.end_run()
+        passed_on = {
+            parcel.kind: self.identities[parcel.name]
+            for parcel in parcels
+            if parcel.name in self.identities and kinds[parcel.kind] == 1
+        }
+        self.end_run(False if parcels else is_clear)
+        return passed_on
 
     # What a program may ask ----------------------------------------------------------------------
 
@@ -203,21 +261,60 @@ class TableOrders:
 
     # The table's side ----------------------------------------------------------------------------
 
-    def on_parcel(self, parcel: TableParcel) -> None:
-        """A parcel has been found on the table."""
+    def on_parcel(self, parcel: TableParcel, *, lay_there: bool = False) -> None:
+        """A parcel has been found on the table; it `lay_there` if it did so before this run.
+
+        Such a parcel takes no announced identity if anything was left on the table: it may be that.
+        """
+        if not lay_there or self.was_clear:
+            self._take_expected(parcel)
+        elif self._passed_on is not None:
+            self._take_passed_on(parcel, self._passed_on)
+        self._report("found", parcel)
+
+    def _take_passed_on(self, parcel: TableParcel, identities: dict[str, str]) -> None:
+        if parcel.kind in identities:
+            self.identities[parcel.name] = identities.pop(parcel.kind)
+        else:
+            # It may have come between the two runs.
+            self._forget_expected()
+
+    def _take_expected(self, parcel: TableParcel) -> None:
         fitting = (each for each in self._expected if each[1] in ("", parcel.kind))
         expected = next(fitting, None)
         if expected is not None:
             self._expected.remove(expected)
-            self.identities[parcel.name] = expected[0]
-        self._report("found", parcel)
+            self.identities[parcel.name], self._announced[parcel.name] = expected
+
+    def on_withdrawn(self, parcel: TableParcel) -> None:
+        """A parcel was found by mistake: its identity is that of the next one, with its order."""
+        under_way = self._under_way.pop(parcel.name, None)
+        if under_way is not None:
+            self._report("accepted", parcel, key=under_way[0].key)
+        kind = self._announced.pop(parcel.name, None)
+        self._report("withdrawn", parcel)
+        identity = self.identities.pop(parcel.name, None)
+        if identity is not None and kind is not None:
+            self._expected.appendleft((identity, kind))
+        self._waiting.discard(parcel.name)
+        self._refused.discard(parcel.name)
 
     def on_left(self, parcel: TableParcel, exit: str | None) -> None:
         """A parcel is no more on the table; without an exit it was lost or taken away."""
-        under_way = self._under_way.get(parcel.name)
-        key = under_way[0].key if under_way else ""
-        self._report("left" if exit else "lost", parcel, key=key, exit=exit or "")
+        order, _ = self._under_way.get(parcel.name, (None, None))
+        if exit is None:
+            self._report("lost", parcel, key=order.key if order else "", rejected=True)
+        elif order is not None and order.exit == exit:
+            self._report("left", parcel, key=order.key, exit=exit)
+        else:
+            if order is not None:
+                self._report("refused", parcel, key=order.key, text=f"it has left by {exit}")
+            unknown = self._has_scanner and parcel.name not in self.identities
+            rejected = order is not None or parcel.name in self._refused or unknown
+            self._report("left", parcel, exit=exit, rejected=rejected)
+        self._refused.discard(parcel.name)
         self.identities.pop(parcel.name, None)
+        self._announced.pop(parcel.name, None)
         self._waiting.discard(parcel.name)
         self._arrived.pop(parcel.name, None)
 
@@ -229,8 +326,8 @@ class TableOrders:
                 self._confirm(parcel)
                 order = self.order_for(parcel)
                 if order is not None and parcel.found and parcel.name not in self._under_way:
-                    task = table.start(self._carry_out(parcel, order, move, leave))
-                    self._under_way[parcel.name] = order, task
+                    self._under_way[parcel.name] = order, parcel
+                    table.start(self._carry_out(parcel, order, move, leave))
             await table.sleep(0.0)
 
     def _confirm(self, parcel: TableParcel) -> None:
@@ -267,12 +364,15 @@ class TableOrders:
                 await move(parcel, order.x_m, order.y_m, order.yaw_rad)
                 done = parcel.found and _is_there(parcel, order)
         except ProgramError as error:
-            self._reports.append(Report("refused", identity, order.key, text=str(error)))
+            self._refuse(parcel, identity, order, str(error))
         else:
+            if self._under_way.get(parcel.name) != (order, parcel):
+                # It was withdrawn: the order waits for another parcel.
+                return
             # A parcel that has left by its exit has been reported by then.
             if not done:
                 text = "the program or a person has ordered the parcel elsewhere"
-                self._reports.append(Report("refused", identity, order.key, text=text))
+                self._refuse(parcel, identity, order, text)
             elif order.exit is None:
                 self._arrived[parcel.name] = parcel
                 self._reports.append(Report("arrived", identity, order.key))
@@ -280,6 +380,11 @@ class TableOrders:
         # ends and puts it in doubt.
         self.open.pop(order.key, None)
         self._under_way.pop(parcel.name, None)
+
+    def _refuse(self, parcel: TableParcel, identity: str, order: LineOrder, text: str) -> None:
+        self._reports.append(Report("refused", identity, order.key, text=text))
+        if not parcel.has_left:
+            self._refused.add(parcel.name)
 
     async def leave(
         self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]

@@ -7,10 +7,11 @@ pipe means that the other is gone.
 
 A block is `WORDS` 32-bit numbers, the registers of the speed loop, an inbox and an outbox of
 frames: identifier, size, data. The inbox is taken in before anything else is done. Frames stay in
-the outbox until a request says that they were `TAKEN`. Two identifiers that no frame has come
-first, when they have changed: under `LISTENS` stand the identifiers that the cell wants to take
-from now on, under `SILENT` those that it sends nothing about before its next tick, so that they may
-lie in the inbox until then.
+the outbox until a request says that they were `TAKEN`.
+
+Two entries of the outbox have an identifier that no frame has. They come first, after a change.
+`LISTENS` has the identifiers that the cell takes from now on. `SILENT` has those that it sends
+nothing about before its next tick. Their frames may lie in the inbox until then.
 """
 
 # Requests
@@ -35,7 +36,7 @@ WORDS = 16
 # Where the parts of a block are, in bytes
 WORD = 4
 REGISTERS = WORDS * WORD
-INBOX = 512
+INBOX = 1024
 INBOX_MAX = 1024
 OUTBOX = INBOX + INBOX_MAX
 OUTBOX_MAX = 4096

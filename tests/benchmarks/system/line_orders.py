@@ -4,7 +4,7 @@
 parcel is announced by a scanner and has an order to a random exit. In the end the truth must agree
 with the reports: each parcel left once, by the exit of its order. An order that was under way at
 the stop is in doubt, and is not counted as done. After the stop a person takes the parcels off that
-lie on the table. Orders of those that waited stay open, and are counted.
+lie on the table, and those whose orders are open are announced again.
 """
 
 import os
@@ -75,7 +75,13 @@ def _stop(line: VirtualLine) -> None:
     line.command(Command.CLEAR)
     line.until_state(State.STOPPED)
     line.take_parcels_off()
-    line.bring_to_execute()
+    line.command(Command.RESET)
+    line.until_state(State.IDLE)
+    # The stop has ended all announcements.
+    for order in line.machine.orders.open.values():
+        line.do("coming", parcel=order.parcel, kind="")
+    line.command(Command.START)
+    line.until_state(State.EXECUTE)
 
 
 def _rows(line: VirtualLine, wanted: dict[str, str], took_s: float) -> list[dict[str, Any]]:

@@ -393,6 +393,25 @@ def test_braking_of_a_wheel_that_is_pushed_ends_with_its_time():
     assert made[s.AWAKE] == 0
 
 
+def test_a_wheel_whose_encoder_is_stuck_is_not_pushed_on_once_its_reference_is_0():
+    made = registers()
+    run(made)
+    made[s.REACTION] = 1
+    tuning.set_ramps(made, 0, 0, 0, 1_000_000)
+    tuning.set_brake(made, 0, 65_000, 24_000)
+    tuning.set_feed(made, 0, COUNTS_PER_METRE)
+    for _ in range(500):
+        made[s.AGE] = made[s.AXIS + s.AGE] = 0
+        s.step(made)
+    pushed = made[s.VOLTAGE]
+    assert pushed > 500_000
+    for tick in range(1000):
+        s.step(made)
+        if tick >= 50 and made[s.DEMAND] == 0:
+            assert made[s.VOLTAGE] == 0, tick
+    assert made[s.DEMAND] == 0
+
+
 def test_bridges_sleep_after_a_reset():
     made = registers()
     turn(made, 100, 1000)

@@ -431,6 +431,32 @@ def test_cell_whose_belief_jumps_again_and_again_rests():
     assert targets_um_s(middle)[0] > 0
 
 
+class Unconfirmed(Middle):
+    """No neighbour is certain where the parcel is while `unsure`."""
+
+    unsure = False
+
+    def _estimate(self, direction):
+        frame = super()._estimate(direction)
+        return frame[:6] + bytes((frame[6] & 0x0F, frame[7])) if self.unsure else frame
+
+
+def test_cell_whose_belief_no_neighbour_confirms_rests_and_says_where_the_parcel_is():
+    """It may stand in another cell's place, under another parcel."""
+    middle = Unconfirmed(SPEED_UM_S)
+    run(middle, 40)
+    middle.unsure = True
+    run(middle, 15)
+    assert targets_um_s(middle)[0] > 0
+    middle.board.take()
+    run(middle, 10)
+    assert targets_um_s(middle) == (0, 0)
+    assert estimates(middle)[-1][wire.CERTAINTY] > 0
+    middle.unsure = False
+    run(middle, 20)
+    assert targets_um_s(middle)[0] > 0
+
+
 def test_parcel_page_without_a_speed_or_an_acceleration_leaves_every_stop_as_it_was():
     middle = Middle(SPEED_UM_S)
     run(middle, 40)

@@ -23,6 +23,7 @@ from mdms_host.cli.live_array import Watched
 from mdms_host.cli.live_page import table_of
 from mdms_host.line.packml import Command, State
 from mdms_host.page import commands
+from mdms_host.programs.table import Table
 from mdms_model.arrays import Floats
 from mdms_model.run.folder import BUS_LOG, StoredRun, read_run
 from mdms_model.scenario.file import load_scenario
@@ -159,6 +160,39 @@ def test_it_names_no_machine_person_or_board(aborted) -> None:
     kept = [each.data[4:] for each in logged if each.data[1:4] == b"\x18\x10\x04"]
     assert kept
     assert not any(map(any, kept))
+
+
+async def slow_job(table: Table) -> None:
+    await table.sleep(60.0)
+
+
+def test_it_names_the_recipe_that_runs(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    scenario = load_scenario(str(TABLE), ["run.fidelity=firmware"])
+    slow = load_scenario(str(TABLE), ["run.fidelity=firmware", "motion.speed_m_s=0.2"])
+    arguments = Namespace(log=None, log_dir=tmp_path, out=None)
+    kept = Kept(scenario, layout_of(scenario), arguments)
+    with VirtualLine(recent=kept.recent, recipes={"slow": (slow, slow_job)}) as line:
+        kept.run_by(line.recipes.jobs, lambda: line.recipes.running)
+        watched = Watched(kept, line.slot, scenario)
+        line.do("chosen", recipe="slow")
+        line.bring_to_execute()
+        line.command(Command.STOP)
+        line.until_state(State.STOPPED)
+        line.command(Command.RESET)
+        line.until_state(State.IDLE)
+        # The next Start is by another one; the last minute is that of this one.
+        line.do("recipe", recipe="table")
+        line.command(Command.ABORT)
+        line.until_state(State.ABORTED)
+        watched.look(line.now_s(), SimpleNamespace(machine=line.machine))
+        kept.close()
+    (report,) = tmp_path.glob("report-*")
+    run = read_run(report)
+    provenance = json.loads((report / "meta.json").read_text())["provenance"]
+    assert provenance["recipe"] == "slow"
+    assert provenance["program"]["file"] == "test_report.py"
+    assert run.scenario.motion.speed_m_s == 0.2
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,19 @@ def test_a_false_newcomer_is_withdrawn_when_it_is_lost(table) -> None:
     assert table.events()[-1] == ("box", BeliefEvent.FOUND)
 
 
+def test_one_that_is_lost_after_it_was_carried_away_has_come(table) -> None:
+    table.tracker.announce(BOX, INFEED)
+    table.put("box", BOTTOM, -0.35, 0.05, 0.2)
+    table.run(0.2)
+    table.run(0.5, {"box": (0.6, 0.0, 0.0)})
+    table.take("box")
+    table.run(1.0)
+    assert table.events()[-1] == ("box", BeliefEvent.LOST)
+    table.put("box", BOTTOM, 0.1, 0.05, 0.2)
+    table.run(0.5)
+    assert table.events("box")[-1] == ("box", BeliefEvent.FOUND)
+
+
 def test_one_that_has_come_and_is_lost_later_is_lost(table) -> None:
     table.tracker.announce(BOX, INFEED)
     table.put("box", BOTTOM, -0.35, 0.05, 0.2)
@@ -429,3 +442,34 @@ def test_a_polygon_at_the_edge_is_found_whose_origin_is_beyond_all_wheels() -> N
     table.run(0.4)
     assert table.events() == [("wedge", BeliefEvent.FOUND)]
     assert table.off_m("wedge") < 0.03
+
+
+def test_a_parcel_that_is_lost_at_its_exit_has_not_left_while_something_is_shown_there() -> None:
+    table = Lying(LAYOUT, (Parcel("box", 0.36, 0.30, near_m=(0.40, 0.0)),))
+    table.put("box", BOTTOM, 0.40, 0.0, 0.0)
+    table.run(0.5)
+    table.tracker.depart("box", ExitLine(0.52, 0.0, 0.0))
+    table.take("box")
+    table.put("crumb", Rectangle(0.15, 0.15), 0.34, 0.0, 0.0)
+    table.run(1.5)
+    assert table.events("box")[-1] == ("box", BeliefEvent.LOST)
+    table.take("crumb")
+    table.run(0.5)
+    assert table.events("box")[-1] == ("box", BeliefEvent.DEPARTED)
+
+
+def test_a_doubtful_parcel_is_not_found_again_by_the_sensors_of_one_that_has_come(table) -> None:
+    """A small box is exchanged for a larger one: only one of them is there."""
+    table.tracker.announce(Parcel("small", 0.28, 0.28), INFEED)
+    table.put("small", Rectangle(0.28, 0.28), -0.35, 0.0, 0.0)
+    table.run(2.5)
+    assert table.events() == [("small", BeliefEvent.FOUND)]
+    table.take("small")
+    table.put("box", Rectangle(0.44, 0.36), -0.35, 0.0, 0.0)
+    table.tracker.announce(Parcel("box", 0.44, 0.36), INFEED)
+    table.run(1.5)
+    assert table.events()[1:] == [
+        ("small", BeliefEvent.DOUBTFUL),
+        ("box", BeliefEvent.FOUND),
+        ("small", BeliefEvent.LOST),
+    ]

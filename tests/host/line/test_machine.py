@@ -127,6 +127,29 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) ->
     assert line.state is State.EXECUTE
 
 
+def test_a_program_gets_what_the_plant_reports_as_signals() -> None:
+    heard: list[tuple[str, str]] = []
+
+    async def main(table: Table) -> None:
+        for signal in ("exit full", "exit free", "parcel coming", "parcel not coming"):
+            heard.append((signal, await table.signal(signal)))
+
+    with VirtualLine(recipes={TABLE.stem: (load_scenario(str(TABLE)), main)}) as line:
+        line.bring_to_execute()
+        line.do("exit", exit="east", full=True)
+        line.do("exit", exit="east", full=True)  # nothing new
+        line.do("exit", exit="east", full=False)
+        line.do("coming", parcel="P-1")
+        line.do("not_coming", parcel="P-1")
+        line.until(lambda: len(heard) == 4, 10.0)
+    assert heard == [
+        ("exit full", "east"),
+        ("exit free", "east"),
+        ("parcel coming", "P-1"),
+        ("parcel not coming", "P-1"),
+    ]
+
+
 def test_a_thing_in_the_infeed_is_named_where_no_parcel_comes(line) -> None:
     line.bring_to_execute()
     line.until(lambda: any(p["pose"][0] > -0.13 for p in line.machine.snapshot()["parcels"]), 10.0)
@@ -148,7 +171,7 @@ def test_stop_leaves_an_order_under_way_in_doubt_and_does_not_repeat_it(line) ->
     line.until(line.moving, 10.0)
     line.command(Command.STOP)
     line.until_state(State.STOPPED)
-    line.pass_s(0.1)
+    # A client that sees Stopped is told by then.
     assert line.of_order("o1") == ["under way", "in doubt"]
     line.bring_to_execute()
     line.pass_s(5.0)
@@ -254,18 +277,23 @@ def test_a_recipe_chosen_in_idle_is_that_of_the_next_start(choosing, told) -> No
     assert told == ["slow"]
     assert choosing.slot.coordinator.program.table.recipe == "slow"
     assert not choosing.moving()
-    with pytest.raises(CommandRefusedError, match="in Execute, but in: Stopped, Idle, Completed"):
+    with pytest.raises(CommandRefusedError, match="not chosen in Execute, but in Idle alone"):
         choosing.do("recipe", recipe="table")
     choosing.command(Command.STOP)
     choosing.until_state(State.STOPPED)
+    with pytest.raises(CommandRefusedError, match="not chosen in Stopped, but in Idle alone"):
+        choosing.do("recipe", recipe="table")
+    choosing.command(Command.RESET)
+    choosing.until_state(State.IDLE)
     choosing.do("recipe", recipe="table")
-    choosing.bring_to_execute()
+    choosing.command(Command.START)
+    choosing.until_state(State.EXECUTE)
     choosing.until(lambda: choosing.machine.figures.parcels_out == 1, 20.0)
     assert dict(choosing.machine.shown()["counters"])["recipe"] == "table"
 
 
 def test_a_recipe_chosen_in_idle_keeps_the_order_of_the_scanned_parcel(choosing) -> None:
-    choosing.do("recipe", recipe="slow")
+    choosing.do("chosen", recipe="slow")
     choosing.do("coming", parcel="P-1", kind="")
     choosing.do("order", **order("o1", "P-1", exit="north"))
     choosing.command(Command.RESET)
@@ -285,7 +313,7 @@ def test_an_order_under_way_when_the_program_fails_is_in_doubt() -> None:
 
     scenario = load_scenario(str(TABLE), ["run.fidelity=firmware"])
     with VirtualLine(recipes={"wrong": (scenario, main)}) as line:
-        line.do("recipe", recipe="wrong")
+        line.do("chosen", recipe="wrong")
         line.do("coming", parcel="P-1", kind="")
         line.do("order", **order("o1", "P-1", exit="north"))
         line.command(Command.RESET)
@@ -310,15 +338,31 @@ def test_a_stop_by_hand_while_the_recipe_changes_moves_nothing(choosing, told) -
     assert (choosing.state, choosing.slot.busy, told) == (State.STOPPED, False, [])
 
 
-def test_a_recipe_of_before_that_is_not_allowed_now_refuses_reset(choosing) -> None:
+def test_a_recipe_of_before_that_is_not_allowed_now_refuses_start(choosing, told) -> None:
     with pytest.raises(CommandRefusedError, match="no recipe 'gone'; there are: table, slow"):
         choosing.do("recipe", recipe="gone")
     choosing.do("chosen", recipe="gone")
-    with pytest.raises(CommandRefusedError, match="'gone' was chosen before"):
-        choosing.command(Command.RESET)
-    choosing.until_state(State.STOPPED)
-    choosing.do("recipe", recipe="table")
-    choosing.bring_to_execute()
+    choosing.command(Command.RESET)
+    choosing.until_state(State.IDLE)
+    with pytest.raises(CommandRefusedError, match=r"'gone' was .* in Idle: table, slow"):
+        choosing.command(Command.START)
+    choosing.pass_s(2.0)
+    assert (choosing.state, choosing.moving()) == (State.IDLE, False)
+    choosing.do("recipe", recipe="slow")
+    choosing.command(Command.START)
+    choosing.until_state(State.EXECUTE)
+    choosing.until(lambda: told == ["slow"], 5.0)
+
+
+def test_a_recipe_is_not_chosen_in_completed() -> None:
+    async def main(_table: Table) -> None:
+        return
+
+    with VirtualLine(recipes={TABLE.stem: (load_scenario(str(TABLE)), main)}) as line:
+        line.bring_to_execute()
+        line.until_state(State.COMPLETED)
+        with pytest.raises(CommandRefusedError, match="not chosen in Completed, but in Idle alone"):
+            line.do("recipe", recipe=TABLE.stem)
 
 
 def test_a_person_sees_state_counters_and_orders_those_under_way_first(line) -> None:

@@ -1,11 +1,13 @@
 """Modbus TCP as bytes: transcripts of the four functions, and of what is malformed."""
 
 import asyncio
+from collections.abc import Awaitable, Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mdms_host.line import modbus
 from mdms_host.line.modbus import (
     ILLEGAL_ADDRESS,
     ModbusError,
@@ -84,22 +86,78 @@ def test_bytes_that_are_no_modbus_end_the_connection(header: str) -> None:
         list(Requests().feed(bytes.fromhex(header)))
 
 
-def test_200_connections_garbage_and_a_client_that_waits_disturb_no_other() -> None:
+READ_ONE = bytes.fromhex("0001 0000 0006 01 03 0001 0001")
+ANSWER = response(1, 1, bytes.fromhex("03 02 0001"))
+Connection = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+def with_server(talk: Callable[[Callable[[], Awaitable[Connection]]], Awaitable[None]]) -> None:
+    """Have a client talk to a server; it is given a way to connect."""
+
     async def serve() -> None:
         server = ModbusServer(Memory())
         await server.open("127.0.0.1", 0)
         port = int(server.address.rsplit(":", 1)[1])
-        good = await asyncio.open_connection("127.0.0.1", port)
-        crowd = [await asyncio.open_connection("127.0.0.1", port) for _ in range(200)]
-        for number, (_, writer) in enumerate(crowd):
-            writer.write(b"GET / HTTP/1.1\r\n\r\n" if number % 2 else b"\0\1")
-        request = bytes.fromhex("0001 0000 0006 01 03 0001 0001")
-        for _ in range(20):
-            good[1].write(request)
-            answer = await asyncio.wait_for(good[0].readexactly(11), 5.0)
-            assert answer == response(1, 1, bytes.fromhex("03 02 0001"))
-        for _, writer in [good, *crowd]:
+        opened: list[Connection] = []
+
+        async def connect() -> Connection:
+            opened.append(await asyncio.open_connection("127.0.0.1", port))
+            return opened[-1]
+
+        await talk(connect)
+        for _, writer in opened:
             writer.close()
         await server.close()
 
     asyncio.run(serve())
+
+
+async def is_answered(connection: Connection) -> bool:
+    """Whether a request is answered; not if the server has closed the connection."""
+    reader, writer = connection
+    writer.write(READ_ONE)
+    try:
+        return await asyncio.wait_for(reader.readexactly(len(ANSWER)), 5.0) == ANSWER
+    except (asyncio.IncompleteReadError, ConnectionError):
+        return False
+
+
+def test_200_connections_garbage_and_a_client_that_waits_disturb_no_other() -> None:
+    async def talk(connect: Callable[[], Awaitable[Connection]]) -> None:
+        good = await connect()
+        crowd = [await connect() for _ in range(200)]
+        for number, (_, writer) in enumerate(crowd):
+            writer.write(b"GET / HTTP/1.1\r\n\r\n" if number % 2 else b"\0\1")
+        for _ in range(20):
+            assert await is_answered(good)
+
+    with_server(talk)
+
+
+def test_a_silent_client_stays_until_another_needs_its_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(modbus, "MOST_CONNECTIONS", 2)
+    monkeypatch.setattr(modbus, "SILENT_S", 0.0)
+
+    async def talk(connect: Callable[[], Awaitable[Connection]]) -> None:
+        silent, speaking = await connect(), await connect()
+        assert await is_answered(silent)
+        assert await is_answered(speaking)
+        assert await is_answered(await connect())
+        assert await is_answered(speaking)
+        assert not await is_answered(silent)
+
+    with_server(talk)
+
+
+def test_no_client_that_speaks_loses_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modbus, "MOST_CONNECTIONS", 1)
+
+    async def talk(connect: Callable[[], Awaitable[Connection]]) -> None:
+        first = await connect()
+        assert await is_answered(first)
+        assert not await is_answered(await connect())
+        assert await is_answered(first)
+
+    with_server(talk)

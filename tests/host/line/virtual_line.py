@@ -42,7 +42,7 @@ class VirtualLine:
         self.recipes: Recipes[tuple[Scenario, Main | None]] = Recipes(jobs)
 
         def make() -> Coordinator:
-            chosen, main = self.recipes.job
+            chosen, main = self.recipes.begin()
             return coordinator_of(chosen, main=main)
 
         self.slot = RunSlot(make, addresses.bus_count, recent=recent)
@@ -106,10 +106,15 @@ class VirtualLine:
 
     def take_parcels_off(self) -> None:
         """A person takes all parcels off the table, to where they come from."""
-        scene = self.simulation.world.scene
-        for number, parcel in enumerate(scene.state.parcels):
-            if not parcel["away"]:
-                take_away(scene, number)
+        take_parcels_off(self.simulation)
 
     def begin(self, kind: str, **values: Any) -> Any:
         return self.simulation.faults.begin(Fault(kind, **values))
+
+
+def take_parcels_off(simulation: Simulation) -> None:
+    """Take all parcels off a table, to where they come from."""
+    scene = simulation.world.scene
+    for number, parcel in enumerate(scene.state.parcels):
+        if not parcel["away"]:
+            take_away(scene, number)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
 
-from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.goal import Goal, GoalController
 from mdms_host.motion.trajectory.follower import Carried, Follower
@@ -46,6 +46,19 @@ def test_the_goal_is_reached_without_slip(start: np.ndarray) -> None:
     assert np.hypot(*table.pose[:2]) < 0.002
     assert abs(table.pose[2]) < 0.01
     assert table.most_slip_m_s < 0.005
+
+
+def test_a_doubtful_parcel_does_not_arrive() -> None:
+    """Such as one that is held, which no sensor shows and nothing feels for."""
+    controller = controller_of(Goal(0.0, 0.0, 0.0))
+    for _ in range(round(2.0 / STEP_S)):
+        step(controller, (0.0, 0.0, 0.0), standing=Standing.DOUBTFUL)
+    assert not controller.arrived
+    step(controller, (0.0, 0.0, 0.0))
+    assert not controller.arrived
+    for _ in range(round(2.0 / STEP_S)):
+        step(controller, (0.0, 0.0, 0.0))
+    assert controller.arrived
 
 
 @settings(max_examples=10, deadline=None)

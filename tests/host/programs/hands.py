@@ -53,6 +53,9 @@ class Hands:
     def know(self, parcel, mass):
         self.known[parcel.name] = parcel, mass
 
+    def attend(self, tracked):
+        self.tracked = tracked
+
     def take_leaving(self):
         return []
 

@@ -38,6 +38,13 @@ class Register:
     def size(self, name):
         return self._size
 
+    @property
+    def is_clear(self):
+        return not self.stage.beliefs
+
+    def lay_there(self, name):
+        return False
+
     def take_withdrawn(self):
         withdrawn, self.withdrawn = self.withdrawn, []
         return withdrawn

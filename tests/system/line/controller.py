@@ -20,6 +20,7 @@ class Controller:
     """A client of a line; close it when done."""
 
     def __init__(self, port: int) -> None:
+        self.port = port
         self._socket = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
         self._beat = 0
 
@@ -95,6 +96,13 @@ class Table:
         lines = iter(self.process.stdout.readline, "")
         assert any("connect with" in line for line in lines)
 
+    def report(self, folder: Path) -> None:
+        """Have the table write its last minute into a folder."""
+        assert self.process is not None
+        command = [*MDMS, "report", str(self.process.pid), "--out", str(folder)]
+        environment = os.environ | {"XDG_RUNTIME_DIR": str(self.folder)}
+        subprocess.run(command, check=True, env=environment, capture_output=True)
+
     def controller(self) -> "Controller":
         self._controllers.append(Controller(self.ports["modbus"]))
         return self._controllers[-1]
@@ -115,6 +123,16 @@ class Table:
         self.process.send_signal(signal.SIGTERM)
         self.process.communicate(timeout=PATIENCE_S)
         return self.process.returncode
+
+
+def admit_user(folder: Path) -> None:
+    """Make a certificate, and let the user `plc` in by a password."""
+    command = [*MDMS, "line", "certificate", "--state", str(folder)]
+    made = subprocess.run(command, check=False, capture_output=True)
+    assert made.returncode == 0
+    assert (folder / "key.pem").stat().st_mode & 0o777 == 0o600
+    (folder / "users.txt").write_text("plc:secret\n")
+    (folder / "users.txt").chmod(0o600)
 
 
 def free_ports() -> tuple[int, int]:

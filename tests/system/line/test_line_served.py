@@ -15,30 +15,29 @@ from tests.system.line.controller import (
     EXAMPLES,
     EXECUTE,
     IDLE,
-    MDMS,
     PATIENCE_S,
     STOPPED,
     SUSPENDED,
     Table,
+    admit_user,
 )
+from tests.system.line.node_client import HERE, IS_THERE, NODE
+from tests.system.line.opcua import opcua_client
+
+from mdms_host.line.registers import MAP_VERSION
+from mdms_model.scenario.file import load_scenario
 
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
 
-HERE = Path(__file__).parent
-NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(
-    NODE is None or not (HERE / "node_modules").is_dir(),
+    not IS_THERE,
     reason="no node, or no tests/system/line/node_modules, which .ci/run installs",
 )
 
 
 @pytest.fixture
 def table(tmp_path: Path) -> Iterator[Table]:
-    made = subprocess.run([*MDMS, "line", "certificate", "--state", str(tmp_path)], check=False)
-    assert made.returncode == 0
-    assert (tmp_path / "key.pem").stat().st_mode & 0o777 == 0o600
-    (tmp_path / "users.txt").write_text("plc:secret\n")
-    (tmp_path / "users.txt").chmod(0o600)
+    admit_user(tmp_path)
     table = Table(tmp_path)
     table.start()
     try:
@@ -59,10 +58,25 @@ def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
     second.until_state(EXECUTE)
 
 
+def test_a_command_that_was_refused_as_late_is_not_done_later(table: Table) -> None:
+    controller = table.controller()
+    assert table.process is not None
+    table.process.send_signal(signal.SIGSTOP)
+    assert not controller.command(1)
+    (beats,) = controller.read(4)
+    table.process.send_signal(signal.SIGCONT)
+    # Snapshots come again, and the first of them are later than the command.
+    controller.until(lambda: controller.read(4)[0] > beats + 5)
+    assert controller.read(1) == (STOPPED,)
+
+
 def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -> None:
     controller = table.controller()
     for number in range(200):
         assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (0, 1)
+    assert controller.order(2, "", "P-0")[0] == 0
+    assert controller.order(4, "", "P-0")[0] == 0
+    assert controller.order(4, "", "P-0")[0] == 2
     assert controller.order(2, "", "P-0")[0] == 0
     controller.bring_to_execute()
     controller.until(lambda: controller.order(3, "k0") == (0, 2))
@@ -87,6 +101,7 @@ def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -
 def test_a_recipe_is_chosen_in_idle_alone_and_survives_a_kill(table: Table) -> None:
     controller = table.controller()
     controller.until(lambda: controller.read(9) == (1,))
+    assert controller.ask(bytes([6, 0, 107, 0, 2])) == bytes([0x86, 3])
     assert controller.command(1)
     controller.until_state(IDLE)
     controller.write(107, 2)
@@ -94,6 +109,9 @@ def test_a_recipe_is_chosen_in_idle_alone_and_survives_a_kill(table: Table) -> N
     assert controller.command(2)
     controller.until_state(EXECUTE)
     assert controller.ask(bytes([6, 0, 107, 0, 1])) == bytes([0x86, 3])
+    report = table.folder / "report"
+    table.report(report)
+    assert load_scenario(str(report)).motion.speed_m_s == 0.25
     table.kill()
     table.start()
     controller = table.controller()
@@ -131,8 +149,9 @@ def test_node_opcua_brings_a_parcel_to_its_exit(table: Table, tmp_path: Path) ->
     assert done.returncode == 0, done.stderr
     assert lines[-4:] == ["beat", "Execute", "left", "Stopped"]
     assert "order true, again false" in done.stdout
-    assert lines[0] == "recipe gentle"
-    assert "in Execute: BadInvalidState" in done.stdout
+    assert lines[1:3] == ["Idle", "recipe gentle"]
+    for state in ("Stopped", "Execute"):
+        assert f"in {state}: BadInvalidState" in done.stdout
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="no mbpoll, which .ci/run installs")
@@ -142,7 +161,7 @@ def test_mbpoll_reads_the_map(table: Table) -> None:
         ["mbpoll", *options, "127.0.0.1"], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0
-    assert "[1]: \t2\n[2]: \t2\n" in done.stdout
+    assert f"[1]: \t{MAP_VERSION}\n[2]: \t{STOPPED}\n" in done.stdout
 
 
 @pytest.mark.parametrize("controller", ["modbus", "opcua"])
@@ -190,18 +209,11 @@ def test_a_full_chute_of_the_plant_leaves_the_others_to_their_parcels() -> None:
 
 
 def test_opcua_refuses_other_users_and_connections_without_encryption(table: Table) -> None:
-    from asyncua import Client, ua
-    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+    from asyncua import ua
 
     async def connect(user: str, password: str, *, secure: bool) -> None:
-        client = Client(f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/")
-        client.set_user(user)
-        client.set_password(password)
-        if secure:
-            client.application_uri = "urn:mdms-array:table"
-            certificate, key = table.folder / "certificate.der", table.folder / "key.pem"
-            await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
-        async with client:
+        url = f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/"
+        async with await opcua_client(url, table.folder, user, password, secure=secure):
             pass
 
     asyncio.run(connect("plc", "secret", secure=True))

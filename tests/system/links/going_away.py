@@ -15,6 +15,7 @@ import tty
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Self
 
 from tests.system.line.controller import (
@@ -28,9 +29,10 @@ from tests.system.line.controller import (
     Controller,
 )
 
+from mdms_host.can_link.delays import first_in_line
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.serve.server import Server
-from mdms_sim.simulation import Simulation, open_bank
+from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 TABLE = str(EXAMPLES / "table.toml")
 #: Wheels without a setpoint are braked within this [s].
@@ -54,7 +56,13 @@ class Door:
         self._over.clear()
         self._opened = ExitStack()
         run = self._terminal if self.interface == "slcan" else self._socket
-        self._thread = threading.Thread(target=run())
+        carry = run()
+
+        def carry_first() -> None:
+            with first_in_line():
+                carry()
+
+        self._thread = threading.Thread(target=carry_first)
         self._thread.start()
 
     def cut(self) -> None:
@@ -109,29 +117,60 @@ class Door:
 
 
 class Plant:
-    """A table, its door, its host with more `options`, and a controller. Close it when done."""
+    """A table, its door, its host with more `options`, and a controller. Close it when done.
 
-    def __init__(self, folder: Path, interface: str, *options: str) -> None:
+    A table of several buses has no door: its host is at the buses themselves. `opcua` is the URL of
+    the host, if `options` ask for one.
+    """
+
+    def __init__(self, folder: Path, interface: str, *options: str, source: str = TABLE) -> None:
         self._over = threading.Event()
+        self._acts: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._opened = ExitStack()
-        scenario = load_scenario(TABLE, ["run.fidelity=firmware"])
-        bank = open_bank("cpython", range(1, 19))
+        scenario = load_scenario(source, ["run.fidelity=firmware"])
+        bank = open_bank("cpython", addresses_of(scenario).node_ids)
         self._opened.callback(bank.close)
         self.scenario = scenario
         self.simulation = Simulation(scenario, bank, recorded=False)
         server = self._opened.enter_context(Server(self.simulation, str(folder / "table.sock")))
-        thread = threading.Thread(target=server.run, args=(self._over.is_set,))
+
+        def serve() -> None:
+            # Time of the table that a busy machine leaves out is time without an answer.
+            with first_in_line():
+                server.run(self._is_over)
+
+        thread = threading.Thread(target=serve)
         thread.start()
         self._opened.callback(thread.join)
         self._opened.callback(self._over.set)
-        self.door = Door(
-            folder / "door", interface, server.addresses.device, server.addresses.channel
-        )
-        self.door.open()
-        self._opened.callback(self.door.cut)
+        self.time = server.time
+        channel = str(folder / "table.sock")
+        if len(server.all_addresses) == 1:
+            self.door = Door(
+                folder / "door", interface, server.addresses.device, server.addresses.channel
+            )
+            self.door.open()
+            self._opened.callback(self.door.cut)
+            channel = str(self.door.path)
         self.said: list[str] = []
-        self._way = folder, interface, options
+        self.opcua = ""
+        command = [*MDMS, "run", source, "-i", interface, "-c", channel, "-b", "1000000"]
+        more = ["--modbus", "0", "--state", str(folder), "--device-gone", "again"]
+        self._command = [*command, *more, "--log-dir", str(folder / "logs"), *options]
         self.begin_host_again()
+
+    def _is_over(self) -> bool:
+        """Whether the table is switched off; what somebody does at it is done first."""
+        with suppress(Empty):
+            while True:
+                self._acts.get_nowait()()
+        return self._over.is_set()
+
+    def at_table(self, act: Callable[[], object]) -> None:
+        """Have something done to the simulation, between two of its steps; returns after that."""
+        done = threading.Event()
+        self._acts.put(lambda: (act(), done.set()))
+        assert done.wait(PATIENCE_S)
 
     def __enter__(self) -> Self:
         return self
@@ -141,24 +180,27 @@ class Plant:
 
     def begin_host_again(self) -> None:
         """Begin the host, and have a controller speak to it; an earlier one has ended."""
-        self.host = self._begin_host(*self._way)
-        self.controller = self._controller()
+        self.host = self._begin_host()
+        self.controller = Controller(int(self._told(r":(\d+)\s*$")))
         self._opened.callback(self.controller.close)
+        if "--opcua" in self._command:
+            self.opcua = self._told(r"(opc\.tcp\S+)")
+
+    def _told(self, pattern: str) -> str:
+        """A part of the next line that the host prints."""
+        assert self.host.stdout is not None
+        line = self.host.stdout.readline()
+        found = re.search(pattern, line)
+        assert found, (line, self.said)
+        return found[1]
 
     def give(self, key: str) -> int:
         """Order a parcel of that name to the second exit; the result of the request."""
         return self.controller.order(0, key, f"P{key}", exit=2)[0]
 
-    def _begin_host(
-        self, folder: Path, interface: str, more: tuple[str, ...]
-    ) -> "subprocess.Popen[str]":
-        command = [*MDMS, "run", TABLE, "-i", interface, "-c", str(self.door.path), "-b", "1000000"]
-        options = ["--modbus", "0", "--state", str(folder), "--device-gone", "again"]
+    def _begin_host(self) -> "subprocess.Popen[str]":
         host = subprocess.Popen(
-            [*command, *options, "--log-dir", str(folder / "logs"), *more],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
+            self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
 
         def end() -> None:
@@ -174,13 +216,6 @@ class Plant:
         self._opened.callback(reader.join)
         self._opened.callback(end)
         return host
-
-    def _controller(self) -> Controller:
-        assert self.host.stdout is not None
-        address = self.host.stdout.readline()
-        port = re.search(r":(\d+)\s*$", address)
-        assert port, (address, self.said)
-        return Controller(int(port[1]))
 
     def state(self) -> int:
         return self.controller.read(1)[0]

@@ -37,14 +37,8 @@ def slot_of(
     """
     recipes = recipes or Recipes({"": (scenario, main)})
     # A scenario that does not fit the firmware is refused now, and not when somebody presses a
-    # button; and all preparations for plans are made while nobody waits.
-    ready = {name: _coordinator_of(job) for name, job in recipes.jobs.items()}
-
-    def make() -> Coordinator:
-        job = recipes.job
-        return ready.pop(recipes.chosen, None) or _coordinator_of(job)
-
-    return RunSlot(make, addresses_of(scenario).bus_count)
+    # button.
+    return RunSlot(recipes.starter(_coordinator_of), addresses_of(scenario).bus_count)
 
 
 def _coordinator_of(job: Job) -> Coordinator:

@@ -67,6 +67,7 @@ def run(arguments: Namespace) -> Exit:
         host = HostLog(scenario, lambda: slot.coordinator if slot else None)
         told = believed(scenario)
         with keeping(scenario, layout_of(told), arguments, main=main) as kept:
+            kept.run_by(recipes.jobs, lambda: recipes.running)
             serve = _serve if arguments.out is None else _serve_and_keep
             serve(recipes, slot, host, arguments, kept=kept, stored=stored)
     except KeyboardInterrupt:

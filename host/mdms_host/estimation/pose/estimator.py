@@ -102,6 +102,8 @@ class ParcelEstimator:
         self._spread_m = spread_m
         self._at_s = 0.0
         self._rolled_s = -inf
+        #: When the speeds of all wheels under it were known last.
+        self._whole_s = -inf
         self.corner_m: Floats = np.array([1.0, 1.0, 1.0 / footprint.reach_m])
         self._drawn = footprint
         self._growth: Floats = np.zeros(2)
@@ -244,6 +246,16 @@ class ParcelEstimator:
         near = self.near(pose)
         return move_to_feel(self.footprint, near.sensors_m, usable[near.sensors], pose, covariance)
 
+    def kept_twist(self, now_s: float, *, missing: bool) -> Floats:
+        """The twist that stays as far as no wheel shows another: 0 unless speeds are `missing`.
+
+        It stays for 0.1 s, as in `roll`.
+        """
+        if not missing:
+            self._whole_s = now_s
+        stays = missing and now_s <= self._whole_s + _CARRIED_S
+        return self.twist if stays else np.zeros(3)
+
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.
 
@@ -302,7 +314,9 @@ class ParcelEstimator:
         if self._cloud is not None:
             self._cloud.on_edge(point_m, late_m)
             self._settle(self._cloud)
-        elif self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
+        elif not self._is_late(off_m, slope, rate_m_s, covered) and self._filter.on_edge(
+            off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5
+        ):
             self._corrected()
 
     def agree(self, now_s: float, view: View, seen: Shown) -> Standing:
@@ -396,9 +410,21 @@ class ParcelEstimator:
         off_m = sign * self.footprint.distance_m(pose[:2] + then_m, pose)
         agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
-        if _TOLD * agreed.sum() <= told.sum():
+        # A report that is newer than the pose tells of an edge that is about to be there.
+        newer = agreed & (silent_s < 0.0)
+        if _TOLD * (agreed & ~newer).sum() <= told.sum() + newer.sum():
             unheard[wrong] = agreed
         return unheard
+
+    def _is_late(self, off_m: float, slope: Floats, rate_m_s: float, covered: bool) -> bool:
+        """Whether an edge has passed a sensor a while ago, as is believed, and is told of now.
+
+        The report of it has got lost, and came with another one.
+        """
+        assert self._filter is not None
+        sure_m = _GATE * sqrt(float(slope @ self._filter.covariance @ slope))
+        passed = covered == (off_m < 0.0)
+        return passed and sure_m < abs(off_m) < _TOLD_S * abs(rate_m_s)
 
     def _bound(self, now_s: float, point_m: Floats) -> bool:
         """A sensor there is on the other side of the edge; False if that cannot be believed."""

@@ -67,8 +67,9 @@ def _solve(sums: Floats) -> Floats:
 class Speeds:
     """The speeds of all wheels at one time, all of shape (W,).
 
-    Wheels that are not `known` are left out (None: all are); without any under a parcel its twist
-    stays for a while. Where all of them are `standing` so is the parcel, whatever their speeds.
+    Wheels that are not `known` are left out (None: all are). A motion that none of the others
+    shows stays for a while. Where all of them are `standing` so is the parcel, whatever their
+    speeds.
     """
 
     speed_m_s: Floats
@@ -78,7 +79,7 @@ class Speeds:
 
 def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds) -> None:
     """Take all parcels that have a pose on to the time at which the wheels had these speeds."""
-    moving: list[tuple[ParcelEstimator, Floats, Near, Bools]] = []
+    moving: list[tuple[ParcelEstimator, Floats, Floats, Floats]] = []
     for one in estimators:
         pose = one.pose
         if pose is None:
@@ -93,17 +94,21 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
         elif not count or _all_stand(speeds, near, under):
             one.roll(now_s, np.zeros(3))
         else:
-            moving.append((one, pose, near, under))
+            # Columns in metres per second alike.
+            jacobian = near.surface_jacobian(pose)[under] * one.corner_m
+            missing = bool(under.sum() < count)
+            kept = one.kept_twist(now_s, missing=missing) / one.corner_m
+            moving.append((one, jacobian, speeds.speed_m_s[near.wheels[under]], kept))
     if not moving:
         return
-    # Columns in metres per second alike, so that a motion that no wheel shows comes out as zero.
+    # A motion that no wheel shows comes out as zero, on top of what is kept.
     twists = fit_twists(
-        [near.surface_jacobian(pose)[under] * one.corner_m for one, pose, near, under in moving],
-        [speeds.speed_m_s[near.wheels[under]] for _, _, near, under in moving],
-        np.array([one.twist / one.corner_m for one, _, _, _ in moving]),
+        [jacobian for _, jacobian, _, _ in moving],
+        [speed_m_s - jacobian @ kept for _, jacobian, speed_m_s, kept in moving],
+        np.array([one.twist / one.corner_m - kept for one, _, _, kept in moving]),
     )
-    for (one, _, _, _), twist in zip(moving, twists, strict=True):
-        one.roll(now_s, twist * one.corner_m)
+    for (one, _, _, kept), twist in zip(moving, twists, strict=True):
+        one.roll(now_s, (kept + twist) * one.corner_m)
 
 
 def _all_stand(speeds: Speeds, near: Near, under: Bools) -> bool:

@@ -7,7 +7,7 @@ from how far all have come.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf
 from types import MappingProxyType
@@ -107,6 +107,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._waiting: set[str] = set()
         self._stood: dict[str, _Stood] = {}
         self._left: list[str] = []
+        self._tracked: Callable[[], Collection[str]] = tuple
         #: Parcels that have set out to leave, on a way that may have been broken off.
         self._gone_out: set[str] = set()
         #: Parcels that have left, and are believed to be there a moment longer.
@@ -162,6 +163,10 @@ class OrderedTraffic(ABC, Generic[Ride]):
     def forget(self, name: str) -> None:
         """Nobody asks for this parcel to be where it was ordered to any more."""
         self.steered.pop(name, None)
+
+    def attend(self, tracked: Callable[[], Collection[str]]) -> None:
+        """See `Traffic`."""
+        self._tracked = tracked
 
     def take_left(self) -> list[str]:
         """Parcels that have left the table since the last call."""
@@ -234,9 +239,12 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def _settle(self, beliefs: Mapping[str, Belief]) -> None:
         """End rides that have come to their end, and orders with them."""
+        # A parcel that sensors do not show, and that is sought, may still lie before its exit.
+        sure = {name for name, belief in beliefs.items() if not belief.doubtful}
+        sought = set(self._tracked()) - sure
         for name, ride in list(self._rides.items()):
             order, belief = ride.order, beliefs.get(name)
-            if ride.has_left(belief, self._where.places[name]):
+            if name not in sought and ride.has_left(belief, self._where.places[name]):
                 self._remove(name)
             elif ride.stands and not ride.stopping:
                 self._stand(name, order)
@@ -255,7 +263,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
             if (ride.stopping or away) and ride.at_rest and name in self._rides:
                 self._end_ride(name)
         for name, order in list(self._orders.items()):
-            if name not in beliefs and self._reaches_out(name, order):
+            gone = name not in beliefs and name not in sought
+            if gone and self._reaches_out(name, order):
                 self._remove(name)
             elif not order.kept and self._now_s - self._where.seen_s(name) > _LOST_S:
                 self._refuse(name, f"{name} is lost: no sensor has shown it for {_LOST_S:g} s")

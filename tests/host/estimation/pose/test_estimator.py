@@ -98,6 +98,30 @@ def test_wheels_that_stand_or_push_nothing_do_not_slip() -> None:
     assert last_m2 < 1e-7
 
 
+def test_a_report_that_got_lost_does_not_push_a_fast_parcel_aside() -> None:
+    """An edge has just reached the sensors ahead: that tells of it, and is no contradiction."""
+    ahead_m = np.unique(SENSORS_M[:, 0])[-6]
+    pose = np.array([ahead_m - BOTTOM.length_m / 2 - 0.001, 0.0, 0.0])
+    twist = np.array([0.45, 0.0, 0.0])
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    begun = pose - twist * 0.007
+    estimator.start(0.0, Location(begun, np.diag([1e-6, 5e-4, 1e-4]), 0))
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    view = estimator.view(0.01)
+    assert view is not None
+    x_m, y_m = view.near.sensors_m.T
+    under, across = view.distance_m < 0, abs(y_m) < BOTTOM.width_m / 2
+    reached = across & (abs(x_m - ahead_m) < 0.01)
+    missed = under & (x_m > ahead_m - 0.07) & (y_m > 0.0)
+    left = across & ~under & (x_m < pose[0]) & (x_m > pose[0] - BOTTOM.length_m / 2 - 0.06)
+    assert (reached.sum(), missed.sum(), left.sum()) == (4, 2, 4)
+    silent_s = np.where(missed, 0.14, -0.005)
+    same_s = np.where(reached | left, 0.05, 1.0)
+    mine = np.ones(len(under), dtype=bool)
+    estimator.agree(0.01, view, Shown((under | reached) & ~missed, mine, silent_s, same_s))
+    assert abs(estimator.pose[1]) < 0.001
+
+
 def test_wheels_beside_the_parcel_tell_nothing() -> None:
     estimator = resting_at(0.0, 0.0, 0.0)
     beside = BOTTOM.distance_m(LAYOUT.wheel_positions_m, estimator.pose) > 0
@@ -112,6 +136,35 @@ def test_a_row_of_wheels_leaves_the_motion_that_it_cannot_show() -> None:
     estimator.start(0.0, Location(np.array([-0.2, 0.0, 0.0]), np.diag([1e-4, 1e-4, 1e-4]), 0))
     roll_on([estimator], 0.01, Speeds(np.full(10, 0.04)))
     np.testing.assert_allclose(estimator.twist, [0.04, 0.0, 0.0], atol=1e-12)
+
+
+def test_an_edge_that_is_told_of_late_throws_no_fast_parcel_about() -> None:
+    """Its report got lost, and came with that of another sensor 25 ms later."""
+    x_m, twist = np.unique(SENSORS_M[:, 0])[-6], np.array([0.45, 0.0, 0.0])
+    pose = np.array([x_m - BOTTOM.length_m / 2 + 0.011, 0.0, 0.0])
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    begun = pose - twist * 0.007
+    estimator.start(0.0, Location(begun, np.diag([1e-6, 3e-5, 5e-5]), 0))
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    pose, covariance = estimator.pose.copy(), estimator.covariance.copy()
+    estimator.edge(0.01, np.array([x_m, 0.095]), covered=True)
+    np.testing.assert_array_equal(estimator.pose, pose)
+    np.testing.assert_array_equal(estimator.covariance, covariance)
+    # One that has not been passed is told of in time.
+    estimator.edge(0.01, np.array([x_m + 0.02, 0.095]), covered=True)
+    assert abs(estimator.pose[0] - pose[0]) > 0.005
+
+
+def test_a_motion_goes_on_while_reports_of_the_wheels_that_show_it_are_missing() -> None:
+    estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.4, 0.0, 0.0])
+    speeds_m_s = LAYOUT.surface_jacobian(0.0, 0.0) @ twist
+    roll_on([estimator], 0.01, Speeds(speeds_m_s))
+    across = abs(LAYOUT.surface_jacobian(0.0, 0.0)[:, 1]) > 0.5
+    for step in range(2, 11):
+        roll_on([estimator], 0.01 * step, Speeds(speeds_m_s, known=across))
+        np.testing.assert_allclose(estimator.twist, twist, atol=1e-9)
+    roll_on([estimator], 0.12, Speeds(speeds_m_s, known=across))
+    np.testing.assert_allclose(estimator.twist, np.zeros(3), atol=1e-9)
 
 
 @pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])

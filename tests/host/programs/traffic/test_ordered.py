@@ -353,3 +353,47 @@ def test_one_that_is_believed_a_moment_longer_than_it_is_there_is_in_nobodys_way
 
     table.program.references_m_s = late
     table.run_until(8.0, lambda: table.program.finished)
+
+
+class Everywhere:
+    """A tracker that goes on seeking all parcels that there are."""
+
+    def __init__(self, parcels):
+        self.parcels = dict.fromkeys(parcels)
+        self.is_clear = False
+
+    def announce(self, parcel, region=None): ...
+
+    def depart(self, name, gate=None): ...
+
+    def lay_there(self, name):
+        return True
+
+    def take_withdrawn(self):
+        return []
+
+
+def test_a_parcel_that_is_doubtful_has_not_left_wherever_it_is_believed():
+    table = Rolling("sort54", "task.0.count=1", "stream.0.start_s=0.1")
+    tracker = Everywhere(parcel.name for parcel in table.parcels)
+    table.program.attend(tracker)
+    step, beyond_m = table.program.references_m_s, [0.0]
+
+    def astray(beliefs, step_s):
+        if beyond_m[0]:
+            for name, belief in beliefs.items():
+                pose = belief.pose + np.array([0.0, beyond_m[0], 0.0])
+                beliefs[name] = replace(belief, pose=pose, standing=Standing.DOUBTFUL)
+        return step(beliefs, step_s)
+
+    table.program.references_m_s = astray
+    table.run_until(3.0, lambda: len(table.table.parcels) == 1)
+    name = table.table.parcels[0].name
+    table.run_until(3.0, lambda: table.pose(name)[1] > 0.1)
+    beyond_m[0] = 0.6
+    table.run(0.3)
+    assert not table.program.finished
+    beyond_m[0] = 0.0
+    tracker.parcels.clear()
+    table.run_until(5.0, lambda: table.program.finished)
+    assert table.events("exit") == [("exit", name)]

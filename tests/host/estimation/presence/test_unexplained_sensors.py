@@ -1,0 +1,30 @@
+"""Which covered sensors are judged together as something new."""
+
+import numpy as np
+
+from mdms_host.estimation.presence import Surroundings
+from mdms_host.estimation.unexplained_sensors import Coverage, UnexplainedSensors
+from mdms_host.layout import Layout
+
+LAYOUT = Layout(9, 6)
+SENSORS = len(LAYOUT.sensors_m)
+
+
+def test_a_group_is_judged_once_it_is_known_what_a_parcel_left_behind() -> None:
+    """A cell told of covered sensors while a parcel might reach there; that has gone on."""
+    unexplained = UnexplainedSensors(LAYOUT, Surroundings(LAYOUT))
+    away_m = np.hypot(*(LAYOUT.sensors_m - (-0.35, 0.0)).T)
+    covered, valid, changed_s = away_m < 0.2, np.ones(SENSORS, dtype=bool), np.zeros(SENSORS)
+    edge = covered & (LAYOUT.sensors_m[:, 0] > -0.23)
+
+    def judged(now_s: float, silent_s: float, reached: np.ndarray) -> list[set[int]]:
+        coverage = Coverage(SENSORS, {}, {})
+        coverage.explained |= reached
+        silent = np.full(SENSORS, silent_s)
+        groups = unexplained.groups(now_s, covered, valid, coverage, silent)
+        return [{*group.tolist()} for group in unexplained.still(now_s, groups, changed_s)]
+
+    nowhere = np.zeros(SENSORS, dtype=bool)
+    assert judged(1.0, 0.0, edge) == [{*np.flatnonzero(covered & ~edge).tolist()}]
+    assert judged(1.1, 0.15, nowhere) == []
+    assert judged(1.2, 0.05, nowhere) == [{*np.flatnonzero(covered).tolist()}]
