@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.moves import LatticeMoves, Met, Moves
 from mdms_host.routes.route import Pace
 from mdms_host.routes.support import SLACK_M, ShapeSupport
@@ -83,7 +82,7 @@ class Roadmap:
         self.pairs = [(self.start_node, self.goal_node)]
         self._add_corners()
         self._add_windows()
-        self._need_m = MARGIN_M
+        self._need_m = self.standing.need_m
         if not self.standing.stands(self.start, self.start):
             self._need_m = self.standing.least_margin_m(self.start, self.start) - SLACK_M
         self.pairs = self._on_table()
@@ -177,7 +176,7 @@ class Roadmap:
         """
         if self.leaves and end == self.goal_node:
             return True
-        need_m = self._need_m if start == self.start_node else MARGIN_M
+        need_m = self._need_m if start == self.start_node else None
         return self.standing.stands(self.pose(start), self.pose(end), need_m)
 
     def _graph(self) -> Graph:
