@@ -210,6 +210,9 @@ class Named:
     def take_withdrawn(self):
         return []
 
+    def lay_there(self, name):
+        return False
+
 
 @pytest.mark.parametrize("kind", [BeliefKind.UNKNOWN, BeliefKind.HEAP, BeliefKind.PARCEL])
 def test_a_thing_that_was_named_gets_a_goal_and_no_other_does(kind):
