@@ -57,8 +57,8 @@ class Planner:
     parcels are tried if the first fails. `efforts` are weights of the search (`search`), and after
     how many moves the next effort is made. A route with more than `legs` straight ones gets as few
     as possible past the others (`straightening`). Where it `hangs`, ways may hang over the edge of
-    the table as far as the rim of tiles, else no farther than their own ends. Ways on which no
-    parcel tips that is so far `beside_m` them are sought first, if that is not 0.
+    the table as far as the rim of tiles, else no farther than their own ends. Unless `off_m`
+    is 0, ways are sought first on which no parcel tips that is so far beside them.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Planner:
         efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, MANY)),
         legs: int = MANY,
         hangs: bool = False,
-        beside_m: float = 0.0,
+        off_m: float = 0.0,
     ) -> None:
         if tiles.per_pitch % step:
             raise ValueError(
@@ -85,7 +85,7 @@ class Planner:
         self._gap_s = gap_s
         self._tries = tries
         self._legs = legs
-        self._beside_m = beside_m
+        self._off_m = off_m
         self._terms = Terms(self._ground, gap_s, efforts)
         self._standings: dict[tuple[Shape, float], ShapeSupport] = {}
         self._ways: dict[tuple[ShapeSupport, tuple[float, ...]], LatticeMoves] = {}
@@ -122,8 +122,8 @@ class Planner:
         closed = self._nothing() if closed is None else closed
         named = {task.parcel for task in tasks}
         kept = {name: route for name, route in (kept or {}).items() if name not in named}
-        for beside_m in dict.fromkeys((self._beside_m, 0.0)):
-            problems = {task.parcel: self._problem(task, now_s, beside_m) for task in tasks}
+        for off_m in dict.fromkeys((self._off_m, 0.0)):
+            problems = {task.parcel: self._problem(task, now_s, off_m) for task in tasks}
             plan = self._plan(problems, closed, kept, seed)
             if not plan.blocked:
                 break
@@ -193,13 +193,13 @@ class Planner:
             aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
             yield problems, random.sample(moving, len(moving)), number % 3 < 2, aside
 
-    def _problem(self, task: RouteTask, now_s: float, beside_m: float) -> PlanningProblem:
+    def _problem(self, task: RouteTask, now_s: float, off_m: float) -> PlanningProblem:
         base_rad = turned_rad(task)
         start, goal = own_ends(task, base_rad)
         yaws_rad = tuple(task.shape.yaws_rad(float(start[2]), float(goal[2])))
         layout = self._ground.tiles.layout
         standing = self._standings.setdefault(
-            (task.shape, beside_m), ShapeSupport(layout, task.shape, beside_m)
+            (task.shape, off_m), ShapeSupport(layout, task.shape, off_m)
         )
         key = standing, yaws_rad
         if key not in self._ways:

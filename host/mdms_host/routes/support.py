@@ -84,18 +84,18 @@ SLACK_M = 0.002
 class ShapeSupport:
     """A shape on the wheels of a table.
 
-    It stands at a pose if it does not tip so far `beside_m` it, or if its centre of mass is
-    `MARGIN_M` inside its supports where that is 0.
+    It stands at a pose if it does not tip `off_m` beside it. Where that is 0, its centre of mass is
+    to be `MARGIN_M` inside its supports.
     """
 
     layout: Layout
     shape: Shape
-    beside_m: float = 0.0
+    off_m: float = 0.0
 
     @property
     def need_m(self) -> float:
         """How far its centre of mass has to be inside its supports [m]."""
-        return self.beside_m or MARGIN_M
+        return self.off_m or MARGIN_M
 
     def least_margin_m(self, start: Floats, end: Floats) -> float:
         """The least margin of the centre of mass on the straight way between two poses [m]."""
@@ -116,7 +116,7 @@ class ShapeSupport:
     def _contacts(self) -> Contacts:
         """The wheels of the table under an outline that is inset."""
         edges = self.shape.outline.edges
-        inset_m = max(INSET_M, self.beside_m)
+        inset_m = max(INSET_M, self.off_m)
         distances_m = edges[:, 2] - inset_m
         corners_m = edges[:, 3:5] * (1 - inset_m / distances_m.min())
         outline = polygon_outline(corners_m)

@@ -26,9 +26,9 @@ _CLEARANCE_M = 0.008
 _GAP_S = 0.1
 #: Tiles reach so far beyond the edge of the table where parcels may hang far over it [m].
 _RIM_M = 0.15
-#: There a parcel may also be so far beside its way [m], where its wheels slip and as its belief is
-#: off; a box with sides of 0.28 m does not tip so far beside any.
-_BESIDE_M = 0.006
+#: There a parcel may also be so far off its way [m], where its wheels slip and as its belief is
+#: off; a box with sides of 0.28 m does not tip so far off any.
+_OFF_M = 0.006
 
 
 class TableTraffic(OrderedTraffic[Ride]):
@@ -53,7 +53,7 @@ class TableTraffic(OrderedTraffic[Ride]):
             step=_STEP,
             gap_s=_GAP_S,
             hangs=hangs,
-            beside_m=_BESIDE_M if hangs else 0.0,
+            off_m=_OFF_M if hangs else 0.0,
         )
         super().__init__(planner, executor, loads, kept_free=kept_free, told=told)
         self._traction = traction
