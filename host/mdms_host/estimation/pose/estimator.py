@@ -408,11 +408,14 @@ class ParcelEstimator:
         )
         sign = np.where(seen.covered[wrong], 1.0, -1.0)
         off_m = sign * self.footprint.distance_m(pose[:2] + then_m, pose)
-        agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
+        passed_m = sign * view.distance_m[wrong]
+        agreed = off_m < np.minimum(_TOLD_M, passed_m - off_m)
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
-        # A report that is newer than the pose tells of an edge that is about to be there.
+        # A report that is newer than the pose tells of an edge that is about to be there. One that
+        # has hardly passed is told of in a moment.
         newer = agreed & (silent_s < 0.0)
-        if _TOLD * (agreed & ~newer).sum() <= told.sum() + newer.sum():
+        silent = agreed & ~newer & (passed_m > _TOLD_M)
+        if _TOLD * silent.sum() <= told.sum() + newer.sum():
             unheard[wrong] = agreed
         return unheard
 

@@ -122,6 +122,32 @@ def test_a_report_that_got_lost_does_not_push_a_fast_parcel_aside() -> None:
     assert abs(estimator.pose[1]) < 0.001
 
 
+def test_a_sensor_that_is_just_passed_is_no_second_report_that_has_got_lost() -> None:
+    """Others have told of theirs, and one has not for 0.1 s. The next is due now."""
+    ahead_m = np.unique(SENSORS_M[:, 0].round(6))[-5]
+    pose = np.array([ahead_m - BOTTOM.length_m / 2 + 0.0003, 0.0, 0.0])
+    twist = np.array([0.3, 0.0, 0.0])
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    begun = pose - twist * 0.007
+    estimator.start(0.0, Location(begun, np.diag([1e-5, 1e-5, 4e-4]), 0))
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    pose = estimator.pose.copy()
+    view = estimator.view(0.01)
+    assert view is not None
+    x_m, y_m = view.near.sensors_m.T
+    under, behind = view.distance_m < 0, x_m < pose[0]
+    reached = np.flatnonzero(under & (abs(x_m - ahead_m) < 1e-6))
+    left = np.flatnonzero(~under & behind & (abs(y_m) < 0.14) & (view.distance_m < 0.025))
+    assert (len(reached), len(left)) == (3, 3)
+    covered, same_s = under.copy(), np.full(len(under), 1.0)
+    covered[reached[0]], covered[left[0]] = False, True
+    same_s[[*reached[1:], *left[1:]]] = 0.1
+    silent_s = np.full(len(under), 0.05)
+    silent_s[left[0]] = 0.1
+    estimator.agree(0.01, view, Shown(covered, np.ones(len(under), dtype=bool), silent_s, same_s))
+    assert np.abs(estimator.pose - pose).max() < 1e-6
+
+
 def test_wheels_beside_the_parcel_tell_nothing() -> None:
     estimator = resting_at(0.0, 0.0, 0.0)
     beside = BOTTOM.distance_m(LAYOUT.wheel_positions_m, estimator.pose) > 0
