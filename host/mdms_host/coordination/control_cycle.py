@@ -149,6 +149,8 @@ class ControlCycle:
         speeds = self._odometry.take()
         if speeds is None:
             return
+        if speeds.lost:
+            self._tracker.on_loss(speeds.time_s)
         # Of a wheel whose speed is not known nothing is expected.
         commanded_m_s = np.where(speeds.known, self._commanded_m_s, 0.0)
         for text in self.watch.wheels(commanded_m_s, speeds.speed_m_s, self._step_s):

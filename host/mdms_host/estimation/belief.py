@@ -5,7 +5,7 @@ Sensors confirm a belief: the parcel is found, doubtful or lost.
 
 from dataclasses import dataclass
 from enum import StrEnum
-from math import inf, sqrt
+from math import inf, radians, sqrt
 
 import numpy as np
 
@@ -59,6 +59,8 @@ class Confirmation:
 
 #: A place in the plane, and a turn, are within so many standard deviations with 95 %.
 _PLANE_DEVIATIONS, _TURN_DEVIATIONS = 2.45, 1.96
+#: The place of a parcel that has arrived is to be known so well, with 95 % [m, rad].
+_UNSURE_M, _UNSURE_RAD = 0.005, radians(2.0)
 
 
 class BeliefKind(StrEnum):
@@ -102,6 +104,11 @@ class Belief:
         """How far the parcel may be from its pose, and turned, each with 95 % [m, rad]."""
         variance_m2 = np.linalg.eigvalsh(self.covariance[:2, :2])[1]
         return _PLANE_DEVIATIONS * sqrt(variance_m2), _TURN_DEVIATIONS * sqrt(self.covariance[2, 2])
+
+    def is_sure(self, *, turned: bool) -> bool:
+        """Whether it is known within 5 mm, and if the turn matters within 2 degrees, with 95 %."""
+        off_m, off_rad = self.region
+        return off_m <= _UNSURE_M and not (turned and off_rad > _UNSURE_RAD)
 
     @property
     def named(self) -> bool:

@@ -53,6 +53,8 @@ class SensorReliability:
 _PERIODS = 3.0
 #: A report that comes so long after it was due follows a lost one [s].
 _LATE_S = 0.02
+#: Where a frame has got lost, so may others for so long [s].
+_LOSSY_S = 1.0
 #: A sensor is judged from this far inside or outside all parcels on [m].
 _DEEP_M = 0.02
 #: Of a longer time since the last judgement nothing is known [s].
@@ -78,6 +80,7 @@ class PresenceMap:
         self._sensors = sensors
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
+        self._lost_s = -inf
         self._period_s = status_period_s
         self._valid_s = _PERIODS * status_period_s
         self._debounce_s = tuple(debounce_s) or (0.0,) * cells
@@ -121,6 +124,16 @@ class PresenceMap:
                 self.late_s[first + place] = now_s
             if before is not None and timely and self._worth.believed[first + place]:
                 yield now_s - self._debounce_s[cell - 1], first + place
+
+    def on_loss(self, now_s: float) -> None:
+        """A frame of some cell has got lost."""
+        self._lost_s = now_s
+
+    def may_be_old(self, now_s: float) -> Bools:
+        """Sensors that may have changed unheard: a report has got lost, or may have, shape (S,)."""
+        overdue = now_s - self._reported_s > self._period_s + _LATE_S
+        lossy = now_s < self._lost_s + _LOSSY_S
+        return np.repeat(overdue | lossy, self._sensors)
 
     def valid(self, now_s: float) -> Bools:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""

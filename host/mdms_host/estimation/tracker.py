@@ -198,6 +198,10 @@ class Tracker:
         self._changes += misfits
         return found
 
+    def on_loss(self, now_s: float) -> None:
+        """A frame of a cell has got lost: others, with what sensors show, may have as well."""
+        self._presence.on_loss(now_s)
+
     def on_pushes(self, gains: Mapping[str, Gain], step_s: float) -> None:
         """Take in the gains of the wheels under parcels in the last step, and their pushes."""
         for name, gain in gains.items():
@@ -324,13 +328,14 @@ class Tracker:
     ) -> None:
         """Correct every parcel by its own sensors, and take in whether they show it."""
         covered, changed_s = self._presence.covered, self._presence.changed_s
-        silent_s = self._presence.silent_s(now_s)
+        silent_s, old = self._presence.silent_s(now_s), self._presence.may_be_old(now_s)
         usable = valid & ~self._unexplained.foreign & ~self._unknowns.sensors
         for number, (name, each) in enumerate(self._known.items()):
             if name in views:
                 sensors = views[name].near.sensors
                 mine = usable[sensors] & (coverage.owner[sensors] == number)
-                seen = Shown(covered[sensors], mine, silent_s[sensors], now_s - changed_s[sensors])
+                same_s = now_s - changed_s[sensors]
+                seen = Shown(covered[sensors], mine, silent_s[sensors], same_s, old[sensors])
                 each.estimator.agree(now_s, views[name], seen)
                 each.keep_place(now_s)
 

@@ -15,8 +15,10 @@ from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
-#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then.
+#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then. It
+#: moves so often where it might not be at its goal after all.
 _MOVES = 3
+_MOST_MOVES = 10
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
 #: A parcel that is farther from where it was a step before has been put there by hand [m].
@@ -60,6 +62,16 @@ class Limits:
         return self.friction_share * self.friction * self.gravity_m_s2
 
 
+def may_feel(goal: Goal, belief: Belief, move: Floats, moves: int, footholds: Footholds) -> bool:
+    """Whether a parcel at its goal may move so, after so many moves, to have its place made sure.
+
+    `move` is (x, y, yaw). A turn is not told where the parcel might tip.
+    """
+    stands = not move[:2].any() or footholds.stand(belief, move)
+    sure = belief.is_sure(turned=goal.yaw_rad is not None)
+    return stands and moves < (_MOVES if sure else _MOST_MOVES)
+
+
 class GoalController:
     """Takes one parcel to a goal, straight where it can; `arrived` once it is there.
 
@@ -68,7 +80,8 @@ class GoalController:
     to rest meanwhile. A parcel that has left its way comes to rest, and takes another from there.
 
     A place is not sure enough while a move by `feel` would show it better. A parcel there moves so
-    first, three times at most, and back. `leg` counts these ways, and each time that the parcel has
+    first, three times at most, and back. If it may still be beside its goal, it moves on, ten times
+    at most. `leg` counts these ways, and each time that the parcel has
     been put elsewhere. If it might tip on the straight way, it stands until another has been found.
     """
 
@@ -221,8 +234,10 @@ class GoalController:
         move = self.feel
         if self.arrived:
             return
-        if settled and move is not None and not self._may_feel(belief, move):
-            move = None
+        if settled and move is not None:
+            footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
+            if not may_feel(self.goal, belief, move, self._moves, footholds):
+                move = None
         if move is None:
             if self._felt is not None:
                 self._felt, self._within_s = None, 0.0
@@ -234,9 +249,3 @@ class GoalController:
             self.feels = True
             self._moves += 1
             self.leg += 1
-
-    def _may_feel(self, belief: Belief, move: Floats) -> bool:
-        """Whether a parcel may move so once more; a turn is not told where it might tip."""
-        footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-        stands = not move[:2].any() or footholds.stand(belief, move)
-        return stands and self._moves < _MOVES

@@ -69,6 +69,19 @@ def test_a_report_that_is_not_repeated_is_not_valid_any_more() -> None:
     assert presence.valid(0.8).nonzero()[0].tolist() == [5, 6, 7, 8, 9]
 
 
+def test_what_a_cell_has_not_repeated_in_time_may_be_old_and_all_after_a_frame_has_got_lost() -> (
+    None
+):
+    presence = reporting(RIGHT)
+    assert not presence.may_be_old(0.21).any()
+    list(presence.on_report(0.2, 2, 0b11111))
+    assert (~presence.may_be_old(0.23)).nonzero()[0].tolist() == [5, 6, 7, 8, 9]
+    presence.on_loss(0.24)
+    assert presence.may_be_old(0.25).all()
+    repeat(presence, RIGHT, 1.2)
+    assert not presence.may_be_old(1.3).any()
+
+
 def test_a_sensor_that_contradicts_all_others_is_not_believed_after_a_while() -> None:
     presence = reporting(WRONG)
     assert judged(presence, WRONG, 0.25) == []
