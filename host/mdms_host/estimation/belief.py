@@ -78,7 +78,8 @@ class Belief:
     `pose` is (x, y, yaw), `twist` its rate, shape (3,), `covariance` that of the pose, (3, 3).
     `outline` is as large as edges have shown it to be. `corrected` is whether a sensor has
     corrected the pose since the last belief. `feel` is the move (x, y, yaw) from here that would
-    make the place sure enough, if it was asked for. It is None where the place is sure.
+    make the place sure enough, if it was asked for. It is None where the place is sure. `noisy` is
+    whether sensors are wrong too often to show the place.
 
     A belief of another kind than PARCEL is an obstacle, and never steered. It rests, and its
     outline contains everything that may lie there, as far as sensors show.
@@ -93,6 +94,7 @@ class Belief:
     corrected: bool = True
     feel: Floats | None = None
     kind: BeliefKind = BeliefKind.PARCEL
+    noisy: bool = False
 
     @property
     def doubtful(self) -> bool:

@@ -59,6 +59,9 @@ _LOSSY_S = 1.0
 _DEEP_M = 0.02
 #: Of a longer time since the last judgement nothing is known [s].
 _JUDGED_S = 0.05
+#: Where each sensor turns wrong more often [Hz], as a mean over so long [s], edges show no place.
+_NOISY_HZ = 0.02
+_NOISE_S = 2.0
 #: Sensors are judged where at least this share of those under parcels is covered.
 _AGREEING = 0.8
 
@@ -81,6 +84,8 @@ class PresenceMap:
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
         self._lost_s = -inf
+        self._wrong: Bools = np.zeros(cells * sensors, dtype=bool)
+        self._noise_hz = 0.0
         self._period_s = status_period_s
         self._valid_s = _PERIODS * status_period_s
         self._debounce_s = tuple(debounce_s) or (0.0,) * cells
@@ -139,6 +144,11 @@ class PresenceMap:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""
         return self._current(now_s) & self._worth.believed
 
+    @property
+    def noisy(self) -> bool:
+        """Whether sensors turn wrong too often to show where a parcel is."""
+        return self._noise_hz > _NOISY_HZ
+
     def silent_s(self, now_s: float) -> Floats:
         """Age of the last reported state of each sensor [s], shape (S,)."""
         seen_s = self._reported_s - np.array(self._debounce_s)
@@ -161,9 +171,13 @@ class PresenceMap:
         self._judged_s = now_s
         deep = ~other & self._current(now_s) & (abs(distance_m) > _DEEP_M)
         inside = deep & (distance_m < 0)
+        wrong = deep & (inside != self.covered)
+        turned = int((wrong & ~self._wrong & self._worth.believed).sum())
+        self._wrong = wrong
+        self._noise_hz *= 1.0 - step_s / _NOISE_S
+        self._noise_hz += turned / max(1, int(deep.sum())) / _NOISE_S
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []
-        wrong = deep & (inside != self.covered)
         return self._fallen(self._worth.step(wrong, deep & ~wrong, step_s))
 
     def disbelieve(self, sensors: Bools) -> list[tuple[int, list[int]]]:

@@ -1,7 +1,7 @@
 """Which sensors belong to which parcel, and the estimates of all parcels."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -234,8 +234,13 @@ class Tracker:
         for name, each in self._known.items():
             belief = each.belief(at_s, valid if name in near else None)
             if belief is not None:
-                believed[name] = belief
+                believed[name] = replace(belief, noisy=True) if self.noisy else belief
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
+
+    @property
+    def noisy(self) -> bool:
+        """Whether sensors are wrong too often to show where parcels are."""
+        return self._presence.noisy
 
     @property
     def is_clear(self) -> bool | None:

@@ -15,10 +15,10 @@ from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
-#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then. It
-#: moves so often where it might not be at its goal after all.
+#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then. If
+#: it may still be beside its goal, it moves up to so often.
 _MOVES = 3
-_MOST_MOVES = 10
+_MOST_MOVES = 6
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
 #: A parcel that is farther from where it was a step before has been put there by hand [m].
@@ -80,9 +80,9 @@ class GoalController:
     to rest meanwhile. A parcel that has left its way comes to rest, and takes another from there.
 
     A place is not sure enough while a move by `feel` would show it better. A parcel there moves so
-    first, three times at most, and back. If it may still be beside its goal, it moves on, ten times
-    at most. `leg` counts these ways, and each time that the parcel has
-    been put elsewhere. If it might tip on the straight way, it stands until another has been found.
+    first, three times at most, and back. If it may still be beside its goal, it moves up to six
+    times. `leg` counts these ways, and each time that the parcel has been put elsewhere. If it
+    might tip on the straight way, it stands until another has been found.
     """
 
     def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
@@ -213,7 +213,8 @@ class GoalController:
     def _check_arrival(self, off: Floats, belief: Belief, step_s: float) -> None:
         """Arrived after a while within the tolerance; gone again outside twice of it.
 
-        A doubtful parcel does not arrive before sensors show it again.
+        A doubtful parcel does not arrive before sensors show it again, nor does any while they are
+        wrong too often.
         """
         slack = 2.0 if self.arrived else 1.0
         x_m, y_m, turn_rad = off.tolist()
@@ -223,6 +224,9 @@ class GoalController:
             hypot(x_m, y_m) <= slack * self.goal.tolerance_m
             and abs(turn_rad) <= slack * self.goal.tolerance_rad
         )
+        if belief.noisy:
+            # It waits there, and its time begins anew.
+            self._within_s = 0.0
         self._within_s = self._within_s + step_s if within and not belief.doubtful else 0.0
         self._feel(belief, settled=self._within_s >= self.goal.settle_s)
         within &= self._felt is None

@@ -102,6 +102,19 @@ def test_a_parcel_that_has_arrived_is_left_alone_until_it_is_well_away() -> None
     assert not controller.arrived
 
 
+def test_no_parcel_arrives_while_sensors_are_wrong_too_often() -> None:
+    controller = controller_of(Goal(0.0, 0.0, 0.0))
+    for _ in range(200):
+        step(controller, (0.0, 0.0, 0.0), noisy=True)
+        assert not controller.arrived
+        assert controller.settling
+    for _ in range(round(0.4 / STEP_S)):
+        step(controller, (0.0, 0.0, 0.0))
+    assert controller.arrived
+    step(controller, (0.0, 0.0, 0.0), noisy=True)
+    assert controller.arrived
+
+
 def test_passing_through_the_goal_is_not_arriving() -> None:
     controller = controller_of(Goal(0.0, 0.0, settle_s=0.3))
     for count in range(100):

@@ -145,7 +145,7 @@ class Stages:
             if reported:
                 self._move(belief, belief.feel)
         else:
-            return there
+            return there and not belief.noisy
         return False
 
     def overtaken(self) -> None:

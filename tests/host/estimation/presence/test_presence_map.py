@@ -107,6 +107,25 @@ def test_a_while_in_which_nothing_was_judged_makes_no_sensor_wrong() -> None:
     assert presence.valid(4.0).all()
 
 
+def test_sensors_that_turn_wrong_ever_again_are_noisy_and_one_that_is_stuck_is_not() -> None:
+    presence = reporting(RIGHT)
+    presence.judge(1.0, UNDER_M, NOTHING)
+    for step in range(1, 100):
+        repeat(presence, WRONG, 1.0 + step / 100)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+    assert not presence.noisy
+    for step in range(100, 200):
+        wrong = RIGHT.copy()
+        wrong[step // 10 % 6] ^= (step // 5 % 2) << step // 7 % 5
+        repeat(presence, wrong, 1.0 + step / 100)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+    assert presence.noisy
+    for step in range(200, 800):
+        repeat(presence, RIGHT, 1.0 + step / 100)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+    assert not presence.noisy
+
+
 def test_nothing_is_judged_by_a_belief_that_a_third_of_the_sensors_contradict() -> None:
     bits = [0, *RIGHT[1:]]
     assert judged(reporting(bits), bits, 2.0) == []
