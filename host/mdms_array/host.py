@@ -17,7 +17,7 @@ from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.carrying import AHEAD_M
 from mdms_host.motion.goal import Goal, Limits
-from mdms_host.motion.program import ByCells, FieldProgram, GoalProgram, Program
+from mdms_host.motion.program import ByCells, FieldProgram, Program
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
 from mdms_host.programs.newcomers import Comings, Infeed
@@ -140,7 +140,7 @@ def table_program(
     main: Main | None = None,
     executor: PlanExecutor | None = None,
 ) -> TableProgram:
-    """The program of a scenario's tasks, or `main`, with all that it needs to be run."""
+    """The program of a scenario's goals or tasks, or `main`, with all that it needs to be run."""
     named = {parcel.name: parcel for parcel in parcels}
     loads = _loads(named, masses)
     pace = TrapezoidPace(scenario.motion.speed_m_s, _acceleration_m_s2(traction, loads))
@@ -152,6 +152,8 @@ def table_program(
         kept_free=[
             _kept_free(number, stream, named) for number, stream in enumerate(scenario.stream)
         ],
+        told=_told(parcels, scenario),
+        hangs=scenario.motion.field == "goal",
     )
     infeeds = [_infeed(number, scenario, named) for number in range(len(scenario.stream))]
     gates = [gate_of(each, scenario, traction.layout) for each in scenario.exit]
@@ -162,6 +164,7 @@ def table_program(
         gates,
         traffic,
         comings=Comings(infeeds),
+        goals=goals_of(scenario),
     )
 
 
@@ -185,6 +188,16 @@ def cells_program(
 
 def _loads(named: Mapping[str, Parcel], masses: Mapping[str, Mass]) -> dict[str, Load]:
     return {name: Load(parcel.footprint, masses[name]) for name, parcel in named.items()}
+
+
+def _told(parcels: tuple[Parcel, ...], scenario: Scenario) -> dict[str, Floats]:
+    """Where parcels were put that may be elsewhere by some mm, and are to be found there."""
+    stock = in_stock(scenario)
+    return {
+        parcel.name: np.array([*parcel.near_m, parcel.yaw_hint_rad])
+        for parcel in parcels
+        if parcel.near_m is not None and parcel.name not in stock
+    }
 
 
 def _members(scenario: Scenario) -> list[Member]:
@@ -258,7 +271,8 @@ def has_failed(coordinator: Coordinator) -> bool:
 
 def late_text(coordinator: Coordinator) -> str:
     """Why a run has not come to its end, though no parcel is known to be off its goal."""
-    if isinstance(coordinator.program, TableProgram):
+    program = coordinator.program
+    if isinstance(program, TableProgram) and not program.keeps_goals:
         return f"the program has not come to its end{waits_text(coordinator)}"
     late = [name for name in coordinator.goals if name not in coordinator.arrived_s]
     return (
@@ -270,7 +284,7 @@ def late_text(coordinator: Coordinator) -> str:
 def waits_text(coordinator: Coordinator) -> str:
     """Reasons why a run's program waits, as part of a message; empty where it does not."""
     program = coordinator.program
-    if not isinstance(program, TableProgram):
+    if not isinstance(program, TableProgram) or program.keeps_goals:
         return ""
     missing = [name for name in sorted(program.awaits) if coordinator.estimate(name) is None]
     if missing:
@@ -306,8 +320,11 @@ def coordinator_of(
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
     stock = in_stock(scenario)
     program: Program | ByCells
-    if scenario.motion.field != "program":
-        program = _program(scenario, layout, parcels, cells)
+    goals = goals_of(scenario)
+    if scenario.motion.field not in ("goal", "program"):
+        program = _field_program(scenario)
+    elif goals is not None and scenario.motion.control == "cells":
+        program = _program(scenario, layout, parcels, goals)
     elif scenario.motion.control == "cells":
         _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario))
         limits = limits_of(scenario)
@@ -324,6 +341,9 @@ def coordinator_of(
             executor=executor,
         )
     else:
+        if goals is not None:
+            droop = drive_of(scenario.cell).droop
+            _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)
         traction, masses = traction_of(scenario, layout, cells), masses_of(scenario)
         program = table_program(scenario, parcels, masses, traction, main=main, executor=executor)
     coordinator = Coordinator(
@@ -496,43 +516,40 @@ def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
     )
 
 
-def goals_by_parcel(scenario: Scenario) -> list[Goal | None]:
-    """The goal that each parcel is steered to, in their order; None for those that are not."""
+def goals_of(scenario: Scenario) -> dict[str, Goal] | None:
+    """The goals of a scenario's parcels, by name; None for a scenario of another motion."""
     if scenario.motion.field != "goal":
-        return [None] * len(scenario.parcel)
-    return [goal_of(parcel) for parcel in scenario.parcel]
+        return None
+    goals = ((parcel.name, goal_of(parcel)) for parcel in scenario.parcel)
+    return {name: goal for name, goal in goals if goal is not None}
+
+
+def _field_program(scenario: Scenario) -> FieldProgram:
+    field_m_s = references_m_s(scenario)
+    _check_speed(scenario, float(abs(field_m_s).max()))
+    if scenario.stop is not None:
+        # The wheels of a cell push along directions of their own, and a parcel by all of them.
+        along_m_s = field_m_s.reshape(-1, len(scenario.cell.wheel))
+        fastest_m_s = float(np.linalg.norm(along_m_s, axis=1).max())
+        fastest_m_s *= drive_of(scenario.cell).droop
+        _refuse_faster(scenario.stop, "motion.field moves parcels at [m/s]", fastest_m_s)
+    return FieldProgram(field_m_s)
 
 
 def _program(
-    scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], cells: Cells
-) -> Program | ByCells:
-    if scenario.motion.field != "goal":
-        field_m_s = references_m_s(scenario)
-        _check_speed(scenario, float(abs(field_m_s).max()))
-        if scenario.stop is not None:
-            # The wheels of a cell push along directions of their own, and a parcel by all of them.
-            along_m_s = field_m_s.reshape(-1, len(scenario.cell.wheel))
-            fastest_m_s = float(np.linalg.norm(along_m_s, axis=1).max())
-            fastest_m_s *= drive_of(scenario.cell).droop
-            _refuse_faster(scenario.stop, "motion.field moves parcels at [m/s]", fastest_m_s)
-        return FieldProgram(field_m_s)
+    scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], goals: Mapping[str, Goal]
+) -> CellsProgram:
     droop = drive_of(scenario.cell).droop
     _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)
-    steered = zip(scenario.parcel, goals_by_parcel(scenario), strict=True)
-    goals = {parcel.name: goal for parcel, goal in steered if goal is not None}
-    if scenario.motion.control == "cells":
-        limits = limits_of(scenario)
-        centres_m, go_on = centres_of_mass_m(scenario), scenario.motion.go_on
-        return CellsProgram(
-            layout,
-            parcels,
-            goals,
-            limits,
-            go_on=go_on,
-            planned=len(parcels) < 2,
-            centres_of_mass_m=centres_m,
-        )
-    return GoalProgram(traction_of(scenario, layout, cells), parcels, goals, masses_of(scenario))
+    return CellsProgram(
+        layout,
+        parcels,
+        goals,
+        limits_of(scenario),
+        go_on=scenario.motion.go_on,
+        planned=len(parcels) < 2,
+        centres_of_mass_m=centres_of_mass_m(scenario),
+    )
 
 
 def limits_of(scenario: Scenario) -> Limits:

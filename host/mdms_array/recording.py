@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
-from operator import is_
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from mdms_array.host import estimates_of
 from mdms_array.revision import git_revision
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.program import GoalProgram
 from mdms_host.programs.program import Main, TableProgram
 from mdms_model.arrays import Floats
 from mdms_model.log import LOG
@@ -48,57 +46,39 @@ class PlanLog:
         self._goals: dict[str, Goal] = {}
         self._ways: tuple[str, ...] = ()
         self._again_s = 0.0
-        #: The sources of the ways: as long as these are the same objects, so are the ways.
-        self._sources: tuple[object, ...] = ()
+        #: As long as this is the same object, the ways are the same.
+        self._planned: object = None
 
     def look(self, time_s: float) -> None:
         """Keep the plan, if it is another than before."""
-        goals, ways, sources = (
-            dict(self._coordinator.goals),
-            self._under_way(),
-            self._find_sources(),
-        )
-        same = goals == self._goals and ways == self._ways and _are_same(sources, self._sources)
+        program = self._program
+        goals = dict(self._coordinator.goals)
+        ways = () if program is None else tuple(program.under_way)
+        planned = None if program is None else program.plan
+        same = goals == self._goals and ways == self._ways and planned is self._planned
         if same and not (ways and time_s >= self._again_s):
             return
         self._again_s = time_s + AGAIN_S
-        self._goals, self._ways, self._sources = goals, ways, sources
+        self._goals, self._ways, self._planned = goals, ways, planned
         self.plans.append(self._plan(time_s))
         del self.plans[:-MOST_PLANS]
 
-    def _under_way(self) -> tuple[str, ...]:
+    @property
+    def _program(self) -> TableProgram | None:
         program = self._coordinator.program
-        return tuple(program.under_way) if isinstance(program, TableProgram) else ()
-
-    def _find_sources(self) -> tuple[object, ...]:
-        program = self._coordinator.program
-        if isinstance(program, TableProgram):
-            return (program.plan,)
-        if isinstance(program, GoalProgram):
-            return tuple(one.follower for one in program.controllers.values())
-        return ()
+        return program if isinstance(program, TableProgram) else None
 
     def _plan(self, time_s: float) -> Plan:
-        program = self._coordinator.program
+        program = self._program
         ways: dict[str, Floats] = {}
         due_s: dict[str, Floats] = {}
         tiles: tuple[Tile, ...] = ()
-        if isinstance(program, TableProgram):
+        if program is not None:
             ways = dict(program.ways)
             due_s = {name: time_s + in_s for name, in_s in program.due_in_s.items()}
             tiles = tuple(Tile(*tile) for tile in program.reserved)
-        elif isinstance(program, GoalProgram):
-            for name, one in program.controllers.items():
-                if one.follower is not None:
-                    ways[name], in_s = one.follower.ahead
-                    due_s[name] = time_s + in_s
         goals = {name: _pose(goal) for name, goal in self._goals.items()}
         return Plan(time_s, ways, tiles, due_s, goals)
-
-
-def _are_same(some: tuple[object, ...], others: tuple[object, ...]) -> bool:
-    """Whether these are the same objects; plans that are alike are still others."""
-    return len(some) == len(others) and all(map(is_, some, others))
 
 
 def _pose(goal: Goal) -> Floats:

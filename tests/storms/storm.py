@@ -313,7 +313,7 @@ def _parcels(random: Random, setting: Setting) -> Table:
         goal = place(random, setting, parcel, goals)
         if start is None or goal is None:
             continue
-        # Goals of the host are taken straight, even past others; programs plan.
+        # Goals of the host are drawn with straight ways apart from each other, so each has a way.
         way = _way(parcel, start, goal)
         if (setting.control, setting.field) == ("host", "goal"):
             if any(gap_m(*one, *other) < APART_M for one in way for other in ways):

@@ -58,6 +58,7 @@ class ControlCycle:
         self._step_s = timing.sync_period_s
         #: How fast each wheel is to run under its reference, as far as that is known.
         self._commanded_m_s: Floats = np.zeros(wheels)
+        self._noisy = False
         #: Since when parcels are held, and the references at which they were to be.
         self._braking: tuple[float, Floats] | None = None
 
@@ -149,6 +150,8 @@ class ControlCycle:
         speeds = self._odometry.take()
         if speeds is None:
             return
+        if speeds.lost:
+            self._tracker.on_loss(speeds.time_s)
         # Of a wheel whose speed is not known nothing is expected.
         commanded_m_s = np.where(speeds.known, self._commanded_m_s, 0.0)
         for text in self.watch.wheels(commanded_m_s, speeds.speed_m_s, self._step_s):
@@ -173,6 +176,12 @@ class ControlCycle:
         poses = self._tracker.poses(time_s)
         for text, is_trouble in self.standings.step(time_s, self._tracker.take_changes(), poses):
             (self._journal.warn if is_trouble else self._journal.note)(now_s, text)
+        if self._tracker.noisy and not self._noisy:
+            text = (
+                "sensors are wrong too often to show where parcels are: none arrives while they are"
+            )
+            self._journal.warn(now_s, text)
+        self._noisy |= self._tracker.noisy
         for cell, sensors in self._tracker.take_faulty():
             which = ", ".join(map(str, sensors))
             name = self._cells[cell - 1].name

@@ -1,7 +1,7 @@
 """Watches on a run in motion: reports to a person of parcels, wheels and cells that fail."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from math import degrees, radians
+from math import degrees
 
 import numpy as np
 
@@ -141,10 +141,6 @@ def _size(change: BeliefChange) -> str:
     return f"{along_m:.2f} m x {across_m:.2f} m at most"
 
 
-#: The place of a parcel that has arrived is to be known so well, with 95 % [m, rad].
-UNSURE_M, UNSURE_RAD = 0.005, radians(2.0)
-
-
 class Watch:
     """Watches the wheels of `axes` axes a cell, and the parcels that are steered, by name.
 
@@ -196,9 +192,9 @@ class Watch:
 
 def _doubt(belief: Belief, goal: Goal) -> str | None:
     """How well a parcel's place is known, where it may well be beside its goal; else None."""
-    off_m, off_rad = belief.region
     turned = goal.yaw_rad is not None
-    if off_m <= UNSURE_M and not (turned and off_rad > UNSURE_RAD):
+    if belief.is_sure(turned=turned):
         return None
+    off_m, off_rad = belief.region
     turn = f" and {degrees(off_rad):.1f} degrees" if turned else ""
     return f"{belief.name} is known to {1e3 * off_m:.1f} mm{turn}: no move shows its place better"

@@ -140,12 +140,16 @@ _STANDSTILL_SYNCS = 3
 
 @dataclass(frozen=True, slots=True)
 class SyncedSpeeds:
-    """Speeds of all wheels at a SYNC, those that are known, and wheels that stand, shape (W,)."""
+    """Speeds of all wheels at a SYNC, those that are known, and wheels that stand, shape (W,).
+
+    `lost` is whether a cell is missing that has answered the SYNC before.
+    """
 
     time_s: float
     speed_m_s: Floats
     known: Bools
     standing: Bools
+    lost: bool
 
 
 class Odometry:
@@ -163,6 +167,7 @@ class Odometry:
         self._timing = timing
         self._reports = SpeedReports(len(cells))
         self._held_syncs = np.zeros(axes * len(cells), dtype=np.int64)
+        self._known: Bools = np.zeros(axes * len(cells), dtype=bool)
         self._mute: frozenset[RemoteCell] = frozenset()
 
     @property
@@ -194,7 +199,9 @@ class Odometry:
         speed_m_s = self._velocities.actual_m_s([sync.data.get(n, _NO_SPEEDS) for n in numbers])
         known = np.repeat([number in sync.data for number in numbers], self._axes)
         standing = (self._held_syncs >= _STANDSTILL_SYNCS) & (abs(speed_m_s) < _STANDSTILL_M_S)
-        return SyncedSpeeds(sync.time_s, speed_m_s, known, standing)
+        lost = bool((self._known & ~known).any())
+        self._known = known
+        return SyncedSpeeds(sync.time_s, speed_m_s, known, standing, lost)
 
     def answers(self, cell: RemoteCell) -> bool:
         """Whether a cell answers SYNC."""

@@ -5,7 +5,7 @@ Sensors confirm a belief: the parcel is found, doubtful or lost.
 
 from dataclasses import dataclass
 from enum import StrEnum
-from math import inf, sqrt
+from math import inf, radians, sqrt
 
 import numpy as np
 
@@ -59,6 +59,8 @@ class Confirmation:
 
 #: A place in the plane, and a turn, are within so many standard deviations with 95 %.
 _PLANE_DEVIATIONS, _TURN_DEVIATIONS = 2.45, 1.96
+#: The place of a parcel that has arrived is to be known so well, with 95 % [m, rad].
+_UNSURE_M, _UNSURE_RAD = 0.005, radians(2.0)
 
 
 class BeliefKind(StrEnum):
@@ -76,7 +78,8 @@ class Belief:
     `pose` is (x, y, yaw), `twist` its rate, shape (3,), `covariance` that of the pose, (3, 3).
     `outline` is as large as edges have shown it to be. `corrected` is whether a sensor has
     corrected the pose since the last belief. `feel` is the move (x, y, yaw) from here that would
-    make the place sure enough, if it was asked for. It is None where the place is sure.
+    make the place sure enough, if it was asked for. It is None where the place is sure. `noisy` is
+    whether sensors are wrong too often to show the place.
 
     A belief of another kind than PARCEL is an obstacle, and never steered. It rests, and its
     outline contains everything that may lie there, as far as sensors show.
@@ -91,6 +94,7 @@ class Belief:
     corrected: bool = True
     feel: Floats | None = None
     kind: BeliefKind = BeliefKind.PARCEL
+    noisy: bool = False
 
     @property
     def doubtful(self) -> bool:
@@ -102,6 +106,11 @@ class Belief:
         """How far the parcel may be from its pose, and turned, each with 95 % [m, rad]."""
         variance_m2 = np.linalg.eigvalsh(self.covariance[:2, :2])[1]
         return _PLANE_DEVIATIONS * sqrt(variance_m2), _TURN_DEVIATIONS * sqrt(self.covariance[2, 2])
+
+    def is_sure(self, *, turned: bool) -> bool:
+        """Whether it is known within 5 mm, and if the turn matters within 2 degrees, with 95 %."""
+        off_m, off_rad = self.region
+        return off_m <= _UNSURE_M and not (turned and off_rad > _UNSURE_RAD)
 
     @property
     def named(self) -> bool:

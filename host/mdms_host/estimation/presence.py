@@ -53,10 +53,15 @@ class SensorReliability:
 _PERIODS = 3.0
 #: A report that comes so long after it was due follows a lost one [s].
 _LATE_S = 0.02
+#: Where a frame has got lost, so may others for so long [s].
+_LOSSY_S = 1.0
 #: A sensor is judged from this far inside or outside all parcels on [m].
 _DEEP_M = 0.02
 #: Of a longer time since the last judgement nothing is known [s].
 _JUDGED_S = 0.05
+#: Where each sensor turns wrong more often [Hz], as a mean over so long [s], edges show no place.
+_NOISY_HZ = 0.02
+_NOISE_S = 2.0
 #: Sensors are judged where at least this share of those under parcels is covered.
 _AGREEING = 0.8
 
@@ -78,6 +83,9 @@ class PresenceMap:
         self._sensors = sensors
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
+        self._lost_s = -inf
+        self._wrong: Bools = np.zeros(cells * sensors, dtype=bool)
+        self._noise_hz = 0.0
         self._period_s = status_period_s
         self._valid_s = _PERIODS * status_period_s
         self._debounce_s = tuple(debounce_s) or (0.0,) * cells
@@ -122,9 +130,24 @@ class PresenceMap:
             if before is not None and timely and self._worth.believed[first + place]:
                 yield now_s - self._debounce_s[cell - 1], first + place
 
+    def on_loss(self, now_s: float) -> None:
+        """A frame of some cell has got lost."""
+        self._lost_s = now_s
+
+    def may_be_old(self, now_s: float) -> Bools:
+        """Sensors that may have changed unheard: a report has got lost, or may have, shape (S,)."""
+        overdue = now_s - self._reported_s > self._period_s + _LATE_S
+        lossy = now_s < self._lost_s + _LOSSY_S
+        return np.repeat(overdue | lossy, self._sensors)
+
     def valid(self, now_s: float) -> Bools:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""
         return self._current(now_s) & self._worth.believed
+
+    @property
+    def noisy(self) -> bool:
+        """Whether sensors turn wrong too often to show where a parcel is."""
+        return self._noise_hz > _NOISY_HZ
 
     def silent_s(self, now_s: float) -> Floats:
         """Age of the last reported state of each sensor [s], shape (S,)."""
@@ -148,9 +171,13 @@ class PresenceMap:
         self._judged_s = now_s
         deep = ~other & self._current(now_s) & (abs(distance_m) > _DEEP_M)
         inside = deep & (distance_m < 0)
+        wrong = deep & (inside != self.covered)
+        turned = int((wrong & ~self._wrong & self._worth.believed).sum())
+        self._wrong = wrong
+        self._noise_hz *= 1.0 - step_s / _NOISE_S
+        self._noise_hz += turned / max(1, int(deep.sum())) / _NOISE_S
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []
-        wrong = deep & (inside != self.covered)
         return self._fallen(self._worth.step(wrong, deep & ~wrong, step_s))
 
     def disbelieve(self, sensors: Bools) -> list[tuple[int, list[int]]]:

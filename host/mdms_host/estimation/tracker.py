@@ -1,7 +1,7 @@
 """Which sensors belong to which parcel, and the estimates of all parcels."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -198,6 +198,10 @@ class Tracker:
         self._changes += misfits
         return found
 
+    def on_loss(self, now_s: float) -> None:
+        """A frame of a cell has got lost: others, with what sensors show, may have as well."""
+        self._presence.on_loss(now_s)
+
     def on_pushes(self, gains: Mapping[str, Gain], step_s: float) -> None:
         """Take in the gains of the wheels under parcels in the last step, and their pushes."""
         for name, gain in gains.items():
@@ -230,8 +234,13 @@ class Tracker:
         for name, each in self._known.items():
             belief = each.belief(at_s, valid if name in near else None)
             if belief is not None:
-                believed[name] = belief
+                believed[name] = replace(belief, noisy=True) if self.noisy else belief
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
+
+    @property
+    def noisy(self) -> bool:
+        """Whether sensors are wrong too often to show where parcels are."""
+        return self._presence.noisy
 
     @property
     def is_clear(self) -> bool | None:
@@ -324,13 +333,14 @@ class Tracker:
     ) -> None:
         """Correct every parcel by its own sensors, and take in whether they show it."""
         covered, changed_s = self._presence.covered, self._presence.changed_s
-        silent_s = self._presence.silent_s(now_s)
+        silent_s, old = self._presence.silent_s(now_s), self._presence.may_be_old(now_s)
         usable = valid & ~self._unexplained.foreign & ~self._unknowns.sensors
         for number, (name, each) in enumerate(self._known.items()):
             if name in views:
                 sensors = views[name].near.sensors
                 mine = usable[sensors] & (coverage.owner[sensors] == number)
-                seen = Shown(covered[sensors], mine, silent_s[sensors], now_s - changed_s[sensors])
+                same_s = now_s - changed_s[sensors]
+                seen = Shown(covered[sensors], mine, silent_s[sensors], same_s, old[sensors])
                 each.estimator.agree(now_s, views[name], seen)
                 each.keep_place(now_s)
 

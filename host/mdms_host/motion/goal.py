@@ -1,6 +1,5 @@
 """Closed-loop steering of one parcel to a goal pose, as fast as its wheels still roll."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, inf
 
@@ -10,16 +9,16 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower
 from mdms_host.motion.trajectory.grip import Grip
-from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
+from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
-#: A parcel is about to be at its goal within so many tolerances.
-_NEAR = 5.0
-#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then.
+#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then. If
+#: it may still be beside its goal, it moves up to so often.
 _MOVES = 3
+_MOST_MOVES = 6
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
 #: A parcel that is farther from where it was a step before has been put there by hand [m].
@@ -63,36 +62,39 @@ class Limits:
         return self.friction_share * self.friction * self.gravity_m_s2
 
 
+def may_feel(goal: Goal, belief: Belief, move: Floats, moves: int, footholds: Footholds) -> bool:
+    """Whether a parcel at its goal may move so, after so many moves, to have its place made sure.
+
+    `move` is (x, y, yaw). A turn is not told where the parcel might tip.
+    """
+    stands = not move[:2].any() or footholds.stand(belief, move)
+    sure = belief.is_sure(turned=goal.yaw_rad is not None)
+    return stands and moves < (_MOVES if sure else _MOST_MOVES)
+
+
 class GoalController:
     """Takes one parcel to a goal, straight where it can; `arrived` once it is there.
 
     Translation and rotation are one motion, so that both end together. A parcel that has arrived is
-    held until a sensor shows it outside twice the tolerance. A parcel that is `stopped` is brought
-    to rest and not steered any more. A parcel that is `paused` is brought to rest meanwhile. A
-    parcel that has left its way comes to rest, and takes another from there.
+    held until a sensor shows it outside twice the tolerance. A parcel that is `paused` is brought
+    to rest meanwhile. A parcel that has left its way comes to rest, and takes another from there.
 
     A place is not sure enough while a move by `feel` would show it better. A parcel there moves so
-    first, three times at most, and back. `leg` counts these ways, and each time that the parcel has
-    been put elsewhere. If it might tip on the straight way, it stands until another has been found.
-    `has_room` is whether one may lead around, given the pose to go to.
+    first, three times at most, and back. If it may still be beside its goal, it moves up to six
+    times. `leg` counts these ways, and each time that the parcel has been put elsewhere. If it
+    might tip on the straight way, it stands until another has been found.
     """
 
-    def __init__(
-        self,
-        goal: Goal,
-        traction: Traction,
-        mass: Mass,
-        has_room: Callable[[Floats], bool] = lambda _: True,
-    ) -> None:
+    def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
         self.goal = goal
         self.arrived = False
-        self.stopped = False
         self.paused = False
         self.feel: Floats | None = None
         self.grip = Grip()
         self._traction = traction
         self._mass = mass
-        self._has_room = has_room
+        #: Whether it has moved away to be felt, and is not back yet.
+        self.feels = False
         self._felt: Floats | None = None
         self._moves = 0
         self.leg = 0
@@ -102,25 +104,14 @@ class GoalController:
         self._within_s = 0.0
         self._pose: Floats | None = None
 
-    def go_over_from(self, other: "GoalController") -> None:
-        """Begin with the motion that another controller has commanded last."""
-        self._follower, self.grip, self.paused = other._follower, other.grip, other.paused
-
-    @property
-    def follower(self) -> Follower | None:
-        """The follower of the parcel's way, for records and pictures; None where it is to stand."""
-        follower = self._follower
-        return None if follower is None or follower.finished else follower
+    def go_on_with(self, follower: Follower) -> None:
+        """Begin with the motion that this follower of the parcel has commanded last."""
+        self._follower, self.grip = follower, follower.grip
 
     @property
     def left_m(self) -> float:
         """The way left at the last step, a corner's way included [m]; inf before it."""
         return self._left_m
-
-    @property
-    def near(self) -> bool:
-        """Whether the parcel is at its goal, or about to be."""
-        return self._left_m <= _NEAR * self.goal.tolerance_m or self._felt is not None
 
     @property
     def settling(self) -> bool:
@@ -139,24 +130,8 @@ class GoalController:
         return STIFFNESS_PER_S * min(self._left_m, _CREEP_M)
 
     @property
-    def stopping_s(self) -> float:
-        """How long it takes to come to rest from the commanded speed [s]."""
-        return 0.0 if self._follower is None else self._follower.stopping_s
-
-    @property
     def _still(self) -> bool:
-        return self.stopped or self.paused or self.arrived
-
-    def stop(self) -> None:
-        """Bring the parcel to rest, and do not steer it any more."""
-        self.stopped = True
-
-    def lose(self) -> None:
-        """Where the parcel is is not known: it is not steered, and begins anew from rest."""
-        self.arrived, self._within_s, self._left_m = False, 0.0, inf
-        self._follower = None
-        self._felt, self._moves = None, 0
-        self._put_elsewhere()
+        return self.paused or self.arrived
 
     def _put_elsewhere(self) -> None:
         """Forget the slip, which may have been the parcel's leaving; its way begins anew."""
@@ -179,18 +154,10 @@ class GoalController:
         follower.paused = self._still or self._leads_elsewhere(follower, belief.pose)
         return follower.step(belief, step_s)
 
-    def way_from(self, belief: Belief) -> Path:
-        """The rest of the way; straight to the goal as long as none has been found."""
-        ends, follower = [self._target(belief.pose)], self.follower
-        if follower is not None:
-            pieces = [one for one in follower.path.pieces if one.end_s_m > follower.s_m]
-            ends = [one.pose_at(one.end_s_m) for one in pieces]
-        return Path(np.array([belief.pose, *ends]), belief.outline.reach_m)
-
     def _left_along_m(self, off: Floats, belief: Belief) -> float:
         """The way left straight to the target, or on a way with corners along that."""
-        follower = self.follower
-        if follower is None or len(follower.path.pieces) < 2:
+        follower = self._follower
+        if follower is None or follower.finished or len(follower.path.pieces) < 2:
             return hypot(off[0], off[1], off[2] * belief.outline.reach_m)
         path, s_m = follower.path, follower.s_m
         return path.length_m - s_m + path.distance_m(path.off(belief.pose, s_m))
@@ -213,8 +180,7 @@ class GoalController:
         """The follower of the way from here; None while a way is sought."""
         if self._search is None:
             footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-            target = self._target(belief.pose)
-            self._search = WaySearch(footholds, belief, target, room=self._has_room(target))
+            self._search = WaySearch(footholds, belief, self._target(belief.pose), room=False)
         path = self._search.step()
         if path is None:
             return None
@@ -247,7 +213,8 @@ class GoalController:
     def _check_arrival(self, off: Floats, belief: Belief, step_s: float) -> None:
         """Arrived after a while within the tolerance; gone again outside twice of it.
 
-        A doubtful parcel does not arrive before sensors show it again.
+        A doubtful parcel does not arrive before sensors show it again, nor does any while they are
+        wrong too often.
         """
         slack = 2.0 if self.arrived else 1.0
         x_m, y_m, turn_rad = off.tolist()
@@ -257,9 +224,13 @@ class GoalController:
             hypot(x_m, y_m) <= slack * self.goal.tolerance_m
             and abs(turn_rad) <= slack * self.goal.tolerance_rad
         )
+        if belief.noisy:
+            # It waits there, and its time begins anew.
+            self._within_s = 0.0
         self._within_s = self._within_s + step_s if within and not belief.doubtful else 0.0
         self._feel(belief, settled=self._within_s >= self.goal.settle_s)
         within &= self._felt is None
+        self.feels &= self._felt is not None or self._within_s == 0.0
         self.arrived = within and (self.arrived or self._within_s >= self.goal.settle_s)
 
     def _feel(self, belief: Belief, *, settled: bool) -> None:
@@ -267,8 +238,10 @@ class GoalController:
         move = self.feel
         if self.arrived:
             return
-        if settled and move is not None and not self._may_feel(belief, move):
-            move = None
+        if settled and move is not None:
+            footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
+            if not may_feel(self.goal, belief, move, self._moves, footholds):
+                move = None
         if move is None:
             if self._felt is not None:
                 self._felt, self._within_s = None, 0.0
@@ -277,11 +250,6 @@ class GoalController:
             x_m, y_m, turn_rad = move.tolist()
             end = self.goal.x_m + x_m, self.goal.y_m + y_m, float(belief.pose[2]) + turn_rad
             self._felt, self._within_s = np.array(end), 0.0
+            self.feels = True
             self._moves += 1
             self.leg += 1
-
-    def _may_feel(self, belief: Belief, move: Floats) -> bool:
-        """Whether a parcel may move so once more; a turn is not told where it might tip."""
-        footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-        stands = not move[:2].any() or footholds.stand(belief, move)
-        return stands and self._moves < _MOVES

@@ -382,7 +382,7 @@ class LiveTable:
 
     def _send_signal(self, command: commands.Signal) -> None:
         program = self._running().program
-        if not isinstance(program, TableProgram):
+        if not isinstance(program, TableProgram) or program.keeps_goals:
             raise RefusedError("the program that runs has no tasks, and takes no signals")
         try:
             program.table.send_signal(command.name, command.value)

@@ -43,12 +43,14 @@ class Order:
 
     `refused` is why it never will be: there is no way, or the parcel is lost or stands. An order
     that is `replaced` by another order for the parcel counts as done, because the other one is in
-    force.
+    force. An order that is `kept` stays in force: a parcel that has been moved away from its goal
+    is brought back, however long it was lost.
     """
 
-    def __init__(self, parcel: str, goal: Goal | Gate) -> None:
+    def __init__(self, parcel: str, goal: Goal | Gate, *, kept: bool = False) -> None:
         self.parcel = parcel
         self.goal = goal
+        self.kept = kept
         self.done = False
         self.replaced = False
         self.refused: str | None = None
@@ -56,4 +58,5 @@ class Order:
     @property
     def over(self) -> bool:
         """Whether nothing more comes of it."""
-        return self.done or self.replaced or self.refused is not None
+        done = self.done and not self.kept
+        return done or self.replaced or self.refused is not None

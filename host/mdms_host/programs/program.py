@@ -10,7 +10,7 @@ from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
-from mdms_host.motion.trajectory.pushes import Mass
+from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
 from mdms_host.programs.carrier import Traffic
 from mdms_host.programs.newcomers import Comings, NamingRegister, TrackedNewcomers, tracker_gate
 from mdms_host.programs.order import Gate, Order
@@ -44,6 +44,10 @@ class TableProgram:
 
     It begins when all parcels that are to lie on the table have been found. A parcel of the members
     that comes to be believed on it has arrived.
+
+    With `goals` it has no other aim than these: each parcel is taken to its goal once it has been
+    found, and kept there (`keeps_goals`). A person may give other goals, which take the places of
+    these.
     """
 
     def __init__(
@@ -55,29 +59,37 @@ class TableProgram:
         traffic: Traffic,
         *,
         comings: Comings | None = None,
+        goals: Mapping[str, Goal] | None = None,
     ) -> None:
         self._main = main
+        self.keeps_goals = goals is not None
         self._comings = comings
         self._register: NamingRegister | None = None
         self._members = {member.name: member for member in members}
-        self._awaited = {member.name for member in members if member.lies}
+        lying = () if goals is not None else (member for member in members if member.lies)
+        self._awaited = {member.name for member in lying}
         self._traffic = traffic
         self.table = Table(half_m, gates, traffic)
         self.driver = TableDriver(self.table)
         self.table.expects = any(not member.lies for member in members)
-        self._left: set[str] = set()
+        self._gone: set[str] = set()
         #: Parcels that have not come after all, and are on the table until they are taken out.
         self._withdrawn: set[str] = set()
         #: The exit that each parcel has set out to.
         self._exits: dict[str, str] = {}
         self._serves_orders = False
-        #: The last order for each parcel that a person has given beside the program.
-        self._by_hand: dict[str, Order] = {}
+        #: The last order for each parcel that was given beside the program, and why some were
+        #: given up whose goals are kept.
+        self._given: dict[str, Order] = {}
+        self._given_up: dict[str, str] = {}
+        self._doubts = False
         self._task: Task[None] | None = None
         self._failure: str | None = None
         self._raised = False
         self._rested_s = 0.0
         self._notices: list[str] = []
+        for name, goal in (goals or {}).items():
+            self._give(name, goal)
 
     def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
@@ -115,12 +127,25 @@ class TableProgram:
         """Whether the program has come to its end, and parcels to where a person wants them."""
         if self._task is None or not self._task.done or self._failure is not None:
             return False
-        return all(order.over for order in self._by_hand.values())
+        if self.keeps_goals:
+            return not (self._doubts or self._left)
+        return all(order.over for order in self._given.values())
 
     @property
     def stuck(self) -> str | None:
-        """Why the program was broken off, once all parcels rest; None before."""
-        return self._failure if self._rested_s >= _RESTED_S else None
+        """Why the program was broken off, once all parcels rest; None before.
+
+        A program of goals is, once it has given up all parcels that are not at their goals.
+        """
+        reason, left = self._failure, self._left
+        if self.keeps_goals and left and left <= self._given_up.keys():
+            reason = "; ".join(self._given_up[name] for name in self._given if name in left)
+        return reason if self._rested_s >= _RESTED_S else None
+
+    @property
+    def _left(self) -> set[str]:
+        """Parcels that are not at their goals."""
+        return {name for name, one in self._traffic.steered.items() if not one.arrived}
 
     @property
     def failed(self) -> bool:
@@ -139,7 +164,9 @@ class TableProgram:
 
     @property
     def awaits(self) -> Collection[str]:
-        """Parcels that must be found before the program begins; none once it has begun."""
+        """Parcels that must be found before the program begins, or before their goals count."""
+        if self.keeps_goals:
+            return self._traffic.steered.keys()
         return self._awaited if self._task is None else ()
 
     @property
@@ -180,11 +207,15 @@ class TableProgram:
     def set_goal(self, name: str, goal: Goal) -> None:
         """Order a parcel to a place, whatever the program has ordered.
 
-        Raises KeyError for a parcel that is not on the table.
+        Raises KeyError for a parcel that neither is on the table nor has a goal.
         """
-        if name not in {parcel.name for parcel in self.table.parcels}:
+        if name not in self._given and name not in {one.name for one in self.table.parcels}:
             raise KeyError(name)
-        self._by_hand[name] = order = Order(name, goal)
+        self._give(name, goal)
+
+    def _give(self, name: str, goal: Goal) -> None:
+        self._given[name] = order = Order(name, goal, kept=self.keeps_goals)
+        self._given_up.pop(name, None)
         self._traffic.give(order)
 
     def take_notices(self) -> list[str]:
@@ -204,7 +235,8 @@ class TableProgram:
         if self._task is not None and self._failure is None:
             self._go_on(step_s)
         references_m_s = self._traffic.step(beliefs, step_s)
-        self._drop_refused()
+        self._doubts = any(belief.doubtful for belief in beliefs.values())
+        self._note_refused()
         self._rested_s = self._rested_s + step_s if self._traffic.at_rest else 0.0
         if self._register is not None:
             for name, gate in self._traffic.take_leaving():
@@ -237,11 +269,19 @@ class TableProgram:
             if self._comings is None or not self._comings.brings(parcel.name):
                 self._register.announce(parcel, region)
 
-    def _drop_refused(self) -> None:
-        """Say of places given by hand that no parcel will come there; nothing is at fault then."""
-        for name, order in list(self._by_hand.items()):
-            if order.refused is not None:
-                del self._by_hand[name]
+    def _note_refused(self) -> None:
+        """Say of given goals that no parcel will come there.
+
+        Beside a program of its own nothing is at fault then.
+        """
+        for name, order in list(self._given.items()):
+            if order.refused is None or name in self._given_up:
+                continue
+            if order.kept:
+                self._given_up[name] = order.refused
+                self._notices.append(order.refused)
+            else:
+                del self._given[name]
                 self._traffic.forget(name)
                 self._notices.append(f"{name} is not taken to the given place: {order.refused}")
 
@@ -250,12 +290,14 @@ class TableProgram:
         for name in self._traffic.take_left():
             self.driver.remove(name, self._exits.pop(name, None), withdrawn=name in self._withdrawn)
             self._withdrawn.discard(name)
-            self._left.add(name)
-        self._left &= beliefs.keys()
+            self._gone.add(name)
+        self._gone &= beliefs.keys()
 
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:
-        there = self._left.union(parcel.name for parcel in self.table.parcels)
-        for name in beliefs:
+        there = self._gone.union(parcel.name for parcel in self.table.parcels)
+        for name, belief in beliefs.items():
+            if belief.named and name not in self._members and self._register is not None:
+                self._take_named(self._register.parcels[name])
             member = self._members.get(name)
             if member is not None and name not in there:
                 size = member.length_m, member.width_m, member.shape
@@ -263,6 +305,10 @@ class TableProgram:
                 lay_there = self._register is not None and self._register.lay_there(name)
                 self.driver.put(parcel, arrives=not member.lies, lay_there=lay_there)
         self.driver.see(beliefs)
+
+    def _take_named(self, parcel: Parcel) -> None:
+        """A person has given a name to an unknown thing."""
+        self._know(parcel, uniform_mass(parcel.footprint), "", comes=False)
 
     def _go_on(self, step_s: float) -> None:
         try:
@@ -300,8 +346,10 @@ class CellsTableProgram(TableProgram):
         members: Sequence[Member],
         traffic: CellsTraffic,
         cells: CellsProgram,
+        *,
+        goals: Mapping[str, Goal] | None = None,
     ) -> None:
-        super().__init__(main, half_m, members, (), traffic)
+        super().__init__(main, half_m, members, (), traffic, goals=goals)
         self._by_cells = traffic
         self._cells = cells
 

@@ -11,7 +11,7 @@ from mdms_host.routes.support import Shape
 from mdms_host.routes.sweep import Body, Sweeps, sweeps, swept
 from mdms_model.arrays import Floats, Ints
 
-#: Parcels that hang over the edge are on tiles of a rim this wide [m].
+#: Parcels that hang over the edge are on tiles of a rim this wide, unless it is given [m].
 RIM_M = 0.05
 
 
@@ -25,6 +25,7 @@ class Tiles:
 
     layout: Layout
     per_pitch: int = 2
+    rim_m: float = RIM_M
 
     def __post_init__(self) -> None:
         if self.per_pitch < 1:
@@ -38,7 +39,7 @@ class Tiles:
     @cached_property
     def rim(self) -> int:
         """How many tiles the rim is wide."""
-        return ceil(RIM_M / self.side_m)
+        return ceil(self.rim_m / self.side_m)
 
     @cached_property
     def columns(self) -> int:

@@ -7,7 +7,7 @@ all: at worst it waits until those before it have come to their goals.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from random import Random
 
@@ -45,6 +45,8 @@ class Plan:
     """The parcels with routes, in the order in which they were planned."""
     reservations: Reservations
     authority: Authority
+    beside: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict)
+    """By parcel the places of those, no part of it, beside which its route begins or ends."""
 
 
 class Planner:
@@ -54,7 +56,9 @@ class Planner:
     parcels, `step` how many tiles lattice places are apart. `tries` is how many orders of the
     parcels are tried if the first fails. `efforts` are weights of the search (`search`), and after
     how many moves the next effort is made. A route with more than `legs` straight ones gets as few
-    as possible past the others (`straightening`).
+    as possible past the others (`straightening`). Where it `hangs`, ways may hang over the edge of
+    the table as far as the rim of tiles, else no farther than their own ends. Unless `off_m`
+    is 0, ways are sought first on which no parcel tips that is so far beside them.
     """
 
     def __init__(
@@ -68,20 +72,23 @@ class Planner:
         tries: int = 6,
         efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, MANY)),
         legs: int = MANY,
+        hangs: bool = False,
+        off_m: float = 0.0,
     ) -> None:
         if tiles.per_pitch % step:
             raise ValueError(
                 f"places must come alike in every cell: a step of {step} tiles does not divide the "
                 f"{tiles.per_pitch} of a cell"
             )
-        self._ground = Ground(tiles, pace or TrapezoidPace(), clearance_m)
+        self._ground = Ground(tiles, pace or TrapezoidPace(), clearance_m, hangs)
         self._step = step
         self._gap_s = gap_s
         self._tries = tries
         self._legs = legs
+        self._off_m = off_m
         self._terms = Terms(self._ground, gap_s, efforts)
-        self._standings: dict[Shape, ShapeSupport] = {}
-        self._ways: dict[tuple[Shape, tuple[float, ...]], LatticeMoves] = {}
+        self._standings: dict[tuple[Shape, float], ShapeSupport] = {}
+        self._ways: dict[tuple[ShapeSupport, tuple[float, ...]], LatticeMoves] = {}
 
     @property
     def tiles(self) -> Tiles:
@@ -115,7 +122,20 @@ class Planner:
         closed = self._nothing() if closed is None else closed
         named = {task.parcel for task in tasks}
         kept = {name: route for name, route in (kept or {}).items() if name not in named}
-        problems = {task.parcel: self._problem(task, now_s) for task in tasks}
+        for off_m in dict.fromkeys((self._off_m, 0.0)):
+            problems = {task.parcel: self._problem(task, now_s, off_m) for task in tasks}
+            plan = self._plan(problems, closed, kept, seed)
+            if not plan.blocked:
+                break
+        return plan
+
+    def _plan(
+        self,
+        problems: Mapping[str, PlanningProblem],
+        closed: Bools,
+        kept: Mapping[str, Route],
+        seed: int,
+    ) -> Plan:
         best: dict[str, Route] = {}
         for going, order, sure, aside in self._orders(problems, closed, kept, seed):
             attempt = Attempt(self._terms, going, closed, kept, sure)
@@ -173,14 +193,15 @@ class Planner:
             aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
             yield problems, random.sample(moving, len(moving)), number % 3 < 2, aside
 
-    def _problem(self, task: RouteTask, now_s: float) -> PlanningProblem:
+    def _problem(self, task: RouteTask, now_s: float, off_m: float) -> PlanningProblem:
         base_rad = turned_rad(task)
         start, goal = own_ends(task, base_rad)
         yaws_rad = tuple(task.shape.yaws_rad(float(start[2]), float(goal[2])))
+        layout = self._ground.tiles.layout
         standing = self._standings.setdefault(
-            task.shape, ShapeSupport(self._ground.tiles.layout, task.shape)
+            (task.shape, off_m), ShapeSupport(layout, task.shape, off_m)
         )
-        key = task.shape, yaws_rad
+        key = standing, yaws_rad
         if key not in self._ways:
             lattice = Lattice(
                 self._ground.tiles, task.shape, yaws_rad, self._step, self._ground.clearance_m

@@ -52,6 +52,8 @@ class Ground:
     tiles: Tiles
     pace: Pace
     clearance_m: float
+    hangs: bool = False
+    """Whether ways may hang over the edge of the table as far as the rim of tiles."""
 
     def stand(self, shape: Shape, pose: Floats) -> Ints:
         """The tiles under a parcel at a pose, those beyond the rim left out."""
@@ -80,7 +82,8 @@ class PlanningProblem:
     def roadmap(self) -> Roadmap:
         """Start and goal joined to the lattice."""
         start, goal = own_ends(self.task, self.turned_rad)
-        return Roadmap(self.ways, self.standing, self.ground.pace, start, goal, self.task.leaves)
+        ground, leaves = self.ground, self.task.leaves
+        return Roadmap(self.ways, self.standing, ground.pace, start, goal, leaves, ground.hangs)
 
     @cached_property
     def goal_stand(self) -> Ints:

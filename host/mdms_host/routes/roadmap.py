@@ -5,8 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.routes.grid import RIM_M
 from mdms_host.routes.moves import LatticeMoves, Met, Moves
 from mdms_host.routes.route import Pace
 from mdms_host.routes.support import SLACK_M, ShapeSupport
@@ -72,6 +70,8 @@ class Roadmap:
     goal: Floats
     leaves: bool = False
     """Whether it leaves the table at its goal, over whose edge it may hang or tip."""
+    hangs: bool = False
+    """Whether it may hang over the edge as far as the rim of tiles wherever it is joined."""
     extras: list[Floats] = field(init=False)
     pairs: list[tuple[int, int]] = field(init=False)
     graph: Graph = field(init=False)
@@ -82,7 +82,7 @@ class Roadmap:
         self.pairs = [(self.start_node, self.goal_node)]
         self._add_corners()
         self._add_windows()
-        self._need_m = MARGIN_M
+        self._need_m = self.standing.need_m
         if not self.standing.stands(self.start, self.start):
             self._need_m = self.standing.least_margin_m(self.start, self.start) - SLACK_M
         self.pairs = self._on_table()
@@ -137,17 +137,19 @@ class Roadmap:
                 self.pairs.append((node, self.goal_node))
 
     def _on_table(self) -> list[tuple[int, int]]:
-        """The pairs between which the way hangs over the edge no more than its own end does.
+        """The pairs between which the way hangs over the edge no more than it may.
 
-        That end is the start or the goal. Beyond the rim of tiles no goal may hang, since nothing
-        keeps others apart from it there.
+        That is as far as its own end does, the start or the goal, or as far as the rim of tiles.
+        Beyond the rim no goal may hang, since nothing keeps others apart from it there.
         """
         starts, ends = self._ends()
         over_m = self.standing.overhangs_m(starts, ends)
         own = np.array([self.start, self.goal])
         at_start_m, at_goal_m = np.maximum(self.standing.overhangs_m(own, own), 0.0)
-        if at_goal_m > RIM_M - self.ways.lattice.clearance_m:
+        rim_m = self.ways.lattice.tiles.rim_m - self.ways.lattice.clearance_m
+        if at_goal_m > rim_m:
             at_goal_m = 0.0
+        least_m = rim_m if self.hangs else 0.0
         return [
             (start, end)
             for (start, end), way_m in zip(self.pairs, over_m.tolist(), strict=True)
@@ -155,6 +157,7 @@ class Roadmap:
             or way_m
             <= _HAIR_M
             + max(
+                least_m,
                 at_start_m if start == self.start_node else 0.0,
                 at_goal_m if end == self.goal_node else 0.0,
             )
@@ -173,7 +176,7 @@ class Roadmap:
         """
         if self.leaves and end == self.goal_node:
             return True
-        need_m = self._need_m if start == self.start_node else MARGIN_M
+        need_m = self._need_m if start == self.start_node else None
         return self.standing.stands(self.pose(start), self.pose(end), need_m)
 
     def _graph(self) -> Graph:

@@ -82,19 +82,29 @@ SLACK_M = 0.002
 
 @dataclass(frozen=True)
 class ShapeSupport:
-    """A shape on the wheels of a table."""
+    """A shape on the wheels of a table.
+
+    It stands at a pose if it does not tip `off_m` beside it. Where that is 0, its centre of mass is
+    to be `MARGIN_M` inside its supports.
+    """
 
     layout: Layout
     shape: Shape
+    off_m: float = 0.0
+
+    @property
+    def need_m(self) -> float:
+        """How far its centre of mass has to be inside its supports [m]."""
+        return self.off_m or MARGIN_M
 
     def least_margin_m(self, start: Floats, end: Floats) -> float:
         """The least margin of the centre of mass on the straight way between two poses [m]."""
         poses = _between(start, end, self.shape.footprint.reach_m)
         return float(margins_m(self._contacts, poses).min())
 
-    def stands(self, start: Floats, end: Floats, need_m: float = MARGIN_M) -> bool:
+    def stands(self, start: Floats, end: Floats, need_m: float | None = None) -> bool:
         """Whether it stands safely all the straight way between two poses that are on the table."""
-        return self.least_margin_m(start, end) >= need_m
+        return self.least_margin_m(start, end) >= (self.need_m if need_m is None else need_m)
 
     def overhangs_m(self, starts: Floats, ends: Floats) -> Floats:
         """How far it hangs over the edge of the table at most on straight ways (M, 3), (M,)."""
@@ -106,8 +116,9 @@ class ShapeSupport:
     def _contacts(self) -> Contacts:
         """The wheels of the table under an outline that is inset."""
         edges = self.shape.outline.edges
-        distances_m = edges[:, 2] - INSET_M
-        corners_m = edges[:, 3:5] * (1 - INSET_M / distances_m.min())
+        inset_m = max(INSET_M, self.off_m)
+        distances_m = edges[:, 2] - inset_m
+        corners_m = edges[:, 3:5] * (1 - inset_m / distances_m.min())
         outline = polygon_outline(corners_m)
         outline.edges[:, 2] = distances_m
         return contacts(self.layout.wheel_positions_m, outline, self.shape.centre_of_mass_m)

@@ -112,7 +112,7 @@ def test_cells_of_a_file_are_set_and_driven_by_their_own_node_ids(believed, roll
 
 
 def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(believed):
-    goal = ["motion.field=goal", "parcel.0.goal={x_m=0.1, y_m=0.0}"]
+    goal = ["motion.field=goal", "parcel.0.goal={x_m=0.02, y_m=0.0}"]
 
     def references_m_s(gain):
         own = f"settings.axis1.gain = {gain}" if gain else ""
@@ -120,7 +120,8 @@ def test_steered_wheel_with_a_gain_of_its_own_gets_the_reference_that_suits_it(b
         pose = {"box": np.array([0.0, 0.0, 0.3])}
         believed_there = beliefs(pose, parcels_of(belief.scenario))
         program = coordinator_of(belief.scenario, belief.cells)._program
-        return program.references_m_s(believed_there, 0.01)
+        cycles = (program.references_m_s(believed_there, 0.01) for _ in range(10))
+        return next(references_m_s for references_m_s in cycles if references_m_s.any())
 
     usual, strong, stronger = (references_m_s(gain) for gain in (None, 20, 40))
     np.testing.assert_allclose(np.delete(strong, 2), np.delete(usual, 2))

@@ -1,7 +1,7 @@
 """Coordinators of 18 cells and a box, as tests of coordination need them."""
 
 import numpy as np
-from tests.host.motion.driving import traction_of
+from tests.host.programs.goals import program_to
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import Policy
@@ -10,7 +10,7 @@ from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.program import FieldProgram, GoalProgram
+from mdms_host.motion.program import FieldProgram
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
 BOX = Parcel("box", 0.36, 0.30)
@@ -24,9 +24,7 @@ def still(layout: Layout = LAYOUT) -> FieldProgram:
 
 
 def steering(goal: Goal) -> Coordinator:
-    return Coordinator(
-        LAYOUT, GoalProgram(traction_of(LAYOUT), (BOX,), {"box": goal}), parcels=(BOX,)
-    )
+    return Coordinator(LAYOUT, program_to(goal, BOX, LAYOUT), parcels=(BOX,))
 
 
 def running(rolling_array, coordinator: Coordinator, layout: Layout = LAYOUT):

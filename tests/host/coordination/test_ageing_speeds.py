@@ -115,6 +115,19 @@ def test_a_cell_that_misses_two_syncs_does_not_matter(resting) -> None:
     assert texts(coordinator, "no speeds") == []
 
 
+def test_the_tracker_learns_of_a_lost_frame_once(resting, monkeypatch) -> None:
+    coordinator, array, _ = resting()
+    lost: list[float] = []
+    monkeypatch.setattr(coordinator.tracker, "on_loss", lost.append)
+    array.run(coordinator, array.now_s + 0.1)
+    assert lost == []
+    since_s = array.now_s
+    losing(array, 9, frames=3)
+    array.run(coordinator, since_s + 0.2)
+    (time_s,) = lost
+    assert 0.0 <= time_s - since_s < 0.03
+
+
 def test_a_cell_whose_speeds_do_not_come_is_reported_soon_and_then_a_fault(resting) -> None:
     coordinator, array, program = resting()
     program.started = True

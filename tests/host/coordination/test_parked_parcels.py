@@ -64,10 +64,11 @@ def way_m(record, parcel: int) -> float:
     return float(np.hypot(*(record.pose[:, parcel] - record.pose[0, parcel])[:, :2].T).max())
 
 
-def held_s(coordinator) -> float:
-    """When both were reported to wait."""
-    told = "first and second would press each other: they wait, 5 s at most"
-    (time_s,) = [time_s for time_s, text in coordinator.events if text == told]
+def held_s(coordinator, name: str, by: str) -> float:
+    """When a parcel was reported to wait for another."""
+    told = f"{name} waits, for 5 s at most: parcel '{name}' has no way from "
+    ((time_s, text),) = [each for each in coordinator.events if each[1].startswith(told)]
+    assert f"blocked by '{by}' at its place" in text
     return time_s
 
 
@@ -103,7 +104,7 @@ def test_a_parcel_that_goes_straight_at_a_parked_one_waits_before_it(carried) ->
         second=(-0.27, 0.0),
         goal=(0.28, 0.0),
     )
-    assert held_s(coordinator) < 4.0
+    assert held_s(coordinator, "second", by="first") < 4.0
     assert not [event for event in record.events if event.kind == "touch"]
     assert way_m(record, 0) < 0.0005
     assert np.abs(record.twist[-1]).max() < 1e-3
@@ -123,7 +124,9 @@ def test_two_that_want_one_place_are_both_stopped(carried) -> None:
         second=(-0.22, 0.01),
         goal=(0.0, 0.0),
     )
-    stopped = held_s(coordinator)
+    stopped = max(
+        held_s(coordinator, "second", by="first"), held_s(coordinator, "first", by="second")
+    )
     assert not [event for event in record.events if event.kind == "touch"]
     assert np.abs(record.twist[-1]).max() < 1e-3
     after = record.time_s > stopped + 0.6

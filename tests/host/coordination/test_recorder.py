@@ -6,6 +6,7 @@ import pytest
 from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.recording import PlanLog
 from mdms_host.coordination.recorder import Recorder
+from mdms_host.programs.traffic.planning import DELAY_CYCLES
 from mdms_model.run.record import Contact, Event
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.simulation import simulate
@@ -73,15 +74,19 @@ def test_sensors_are_as_the_cells_reported_them(recorded):
     assert differs <= 1
 
 
-def test_goal_and_way_of_a_parcel_that_the_host_steers_are_planned_once(recorded):
+def test_goal_and_way_of_a_parcel_that_the_host_steers_are_kept_as_planned(recorded):
     record, _, outcome = recorded
-    goals, under_way = record.plans
+    goals, under_way, *again = record.plans
+    # The tiles that it has left are no longer reserved.
+    assert np.diff([plan.time_s for plan in (under_way, *again)]) == pytest.approx(0.5, abs=0.02)
+    assert len(again[-1].tiles) < len(under_way.tiles)
     assert goals.goals["box"] == pytest.approx((0.1, 0.0, np.pi / 6))
     assert goals.ways == {}
     way, due_s = under_way.ways["box"], under_way.due_s["box"]
     assert way[0] == pytest.approx(outcome.record.pose[0, 0], abs=0.01)
     assert way[-1] == pytest.approx(goals.goals["box"])
-    assert due_s[0] == under_way.time_s
+    # Its times are those for which the plan was asked.
+    assert under_way.time_s - due_s[0] == pytest.approx(0.01 * DELAY_CYCLES)
     assert (np.diff(due_s) > 0).all()
     # 0.2 m at 0.1 m/s, a corner's way included.
     assert 2.0 < due_s[-1] - due_s[0] < 4.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from tests.host.motion.believing import beliefs
-from tests.host.motion.driving import traction_of
+from tests.host.programs.goals import program_to
 
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import Phase
@@ -12,7 +12,7 @@ from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.program import FieldProgram, GoalProgram
+from mdms_host.motion.program import FieldProgram
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
 BOX = Parcel("box", 0.36, 0.30)
@@ -26,8 +26,7 @@ def array(rolling_array):
 
 
 def carrying() -> Coordinator:
-    program = GoalProgram(traction_of(LAYOUT), (BOX,), {"box": Goal(0.1, 0.0, 0.3)})
-    return Coordinator(LAYOUT, program, parcels=(BOX,))
+    return Coordinator(LAYOUT, program_to(Goal(0.1, 0.0, 0.3), BOX, LAYOUT), parcels=(BOX,))
 
 
 def start(array, coordinator: Coordinator) -> float:

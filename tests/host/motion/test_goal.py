@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
 from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.goal import Goal, GoalController
-from mdms_host.motion.trajectory.follower import Carried
+from mdms_host.motion.trajectory.follower import Carried, Follower
+from mdms_host.motion.trajectory.path import straight
 
 REACH_M = BOX.footprint.reach_m
 POSE = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.03, 0.03), st.floats(-3, 3)).map(np.array)
@@ -100,6 +102,19 @@ def test_a_parcel_that_has_arrived_is_left_alone_until_it_is_well_away() -> None
     assert not controller.arrived
 
 
+def test_no_parcel_arrives_while_sensors_are_wrong_too_often() -> None:
+    controller = controller_of(Goal(0.0, 0.0, 0.0))
+    for _ in range(200):
+        step(controller, (0.0, 0.0, 0.0), noisy=True)
+        assert not controller.arrived
+        assert controller.settling
+    for _ in range(round(0.4 / STEP_S)):
+        step(controller, (0.0, 0.0, 0.0))
+    assert controller.arrived
+    step(controller, (0.0, 0.0, 0.0), noisy=True)
+    assert controller.arrived
+
+
 def test_passing_through_the_goal_is_not_arriving() -> None:
     controller = controller_of(Goal(0.0, 0.0, settle_s=0.3))
     for count in range(100):
@@ -115,18 +130,6 @@ def test_a_parcel_that_has_arrived_is_held_until_a_sensor_contradicts() -> None:
         assert not step(controller, (0.01, 0.0, 0.0), corrected=False).any()
     assert step(controller, (0.01, 0.0, 0.0), corrected=True)[0] < 0
     assert not controller.arrived
-
-
-def test_a_parcel_that_is_stopped_brakes_and_is_not_steered_any_more() -> None:
-    controller, table = controller_of(Goal(0.2, 0.0)), Table(np.array([-0.1, 0.0, 0.0]))
-    drive(controller, table, 0.5)
-    assert table.twist[0] > 0.08
-    x_m = table.pose[0]
-    controller.stop()
-    drive(controller, table, 0.5)
-    assert abs(table.twist).max() < 1e-4
-    assert 0.004 < table.pose[0] - x_m < 0.012
-    assert not step(controller, (0.0, 0.0, 0.0)).any()
 
 
 def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is_turned() -> None:
@@ -157,6 +160,20 @@ def test_a_parcel_whose_place_no_turn_makes_sure_arrives_after_three() -> None:
     drive(controller, Table(np.zeros(3)), 10.0)
     assert controller.arrived
     assert controller.leg == 4
+
+
+def test_a_parcel_that_may_be_beside_its_goal_is_felt_for_more_than_three_times() -> None:
+    """It arrived 5.6 mm off after three moves, known to 6 mm."""
+    controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(np.zeros(3))
+    controller.feel = np.array([0.0, 0.0, 0.05])
+    unsure = np.diag([0.003**2, 0.001**2, 1e-6])
+    while controller.leg < 6:
+        table.step(
+            lambda belief, step_s: controller.step(replace(belief, covariance=unsure), step_s)
+        )
+        assert not controller.arrived
+    drive(controller, table, 10.0)
+    assert controller.arrived
 
 
 def test_a_parcel_that_cannot_be_felt_any_further_goes_back_and_arrives() -> None:
@@ -205,17 +222,19 @@ def test_a_parcel_that_is_set_down_beside_its_way_stops_and_takes_another_from_t
     np.testing.assert_allclose(elsewhere.pose, (0.15, 0.0, 0.0), atol=0.003)
 
 
-def test_a_goal_that_is_changed_on_the_way_is_gone_to_from_rest_without_slip() -> None:
+def test_a_parcel_goes_on_with_the_motion_that_it_has() -> None:
+    traction = traction_of(speed_m_s=0.5)
+    start, end = np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.0])
+    profile = traction.profile(straight(start, end, REACH_M), BOX.footprint, mass_of(BOX))
+    follower, table = Follower(traction, profile), Table(start)
+    while table.pose[0] < 0.1:
+        table.step(follower.step)
     controller = controller_of(Goal(0.15, 0.0), speed_m_s=0.5)
-    table = Table(np.array([-0.15, 0.0, 0.0]))
-    drive(controller, table, 0.4)
-    assert table.pose[0] < 0.1
-    before, controller = controller, controller_of(Goal(-0.1, 0.02, 0.2), speed_m_s=0.5)
-    controller.go_over_from(before)
-    drive(controller, table, 4.0)
+    controller.go_on_with(follower)
+    speeds_m_s = drive(controller, table, 1.0)[:, 0]
     assert controller.arrived
-    assert table.pose == pytest.approx((-0.1, 0.02, 0.2), abs=0.003)
-    assert table.most_slip_m_s < 0.005
+    assert speeds_m_s[0] > 0.2
+    assert table.pose == pytest.approx(end, abs=0.002)
 
 
 def test_a_box_that_would_tip_on_the_straight_way_goes_around_and_gets_on_all_the_time() -> None:

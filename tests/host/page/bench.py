@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from mdms_array.simulation import host_report_of
+from mdms_host.cli.simulation import live
 from mdms_host.cli.simulation.live import slot_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.estimation.size import Size
@@ -15,6 +16,7 @@ from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
 from mdms_host.page.description import HEAD, SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
 from mdms_host.programs.program import Main
+from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank
@@ -53,6 +55,8 @@ class Desk:
     ) -> None:
         self.wall_ns = 0
         monkeypatch.setattr(clock.time, "monotonic_ns", lambda: self.wall_ns)
+        # A plan takes time of this clock, and not of the machine that runs the test.
+        monkeypatch.setattr(live, "ThreadExecutor", VirtualExecutor)
         self.scenario = scenario or load_scenario("array18")
         self.slot = slot_of(self.scenario, main)
         bank = PythonBank(addresses_of(self.scenario).node_ids)

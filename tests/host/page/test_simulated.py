@@ -62,7 +62,7 @@ def test_new_goal_reaches_the_bus_within_fifty_milliseconds_and_the_parcel_arriv
     assert abs(running.shown["wheel_reference"]).max() < 1e-3
     running.messages.clear()
     running.table.do(commands.Goal("box", 0.0, 0.05, 0.0))
-    running.run(0.03)
+    running.run(0.05)
     assert abs(running.shown["wheel_reference"]).max() > 1e-3
     running.run_until(lambda: "box has arrived" in running.texts, 6.0)
     assert running.shown["parcel_true"][0] == pytest.approx([0.0, 0.05, 0.0], abs=0.01)

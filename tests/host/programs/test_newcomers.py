@@ -6,6 +6,7 @@ from tests.host.programs.hands import Stage
 
 from mdms_host.estimation.belief import Belief, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.estimation.size import Size
 from mdms_host.programs.table import Newcomer, ProgramError
 
@@ -21,12 +22,13 @@ class Register:
         self._size = size
         stage.program.attend(self)
 
-    @property
-    def parcels(self):
-        return self.expected
-
     def announce(self, parcel, region=None):
         self._add(parcel, region)
+
+    @property
+    def parcels(self):
+        there = {name: Parcel(name, 0.3, 0.3) for name in self.stage.beliefs}
+        return there | {name: parcel for name, (parcel, _) in self.expected.items()}
 
     def name(self, unknown, parcel):
         if unknown not in self.stage.beliefs:

@@ -1,12 +1,18 @@
 """The routes of parcels, and the reasons for a missing route."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from tests.host.routes.parcels import LONG, task
 
+from mdms_array.host import layout_of
+from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
+from mdms_host.routes.support import Shape, ShapeSupport
+from mdms_model.scenario.file import load_scenario
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +70,43 @@ def test_a_goal_at_which_a_corner_hangs_over_the_edge_is_reached_if_it_stands_th
     # Beyond the rim of tiles, 50 mm less the clearance, nothing keeps others apart from it.
     over_far = planner.plan([task("a", (-0.1, 0.0, 0.0), (0.1, 0.09, 0.0), LONG)])
     assert "hang over the edge" in str(over_far.blocked["a"])
+
+
+def test_ways_hang_over_the_edge_as_far_as_the_rim_of_tiles_where_they_may() -> None:
+    layout = Layout(6, 3)
+    wide, usual = Planner(Tiles(layout, rim_m=0.15), hangs=True), Planner(Tiles(layout))
+    # At the goal by 50 mm; in the middle of half a turn whose ends are on the table, by 60 mm.
+    ways = [((-0.1, 0.0, 0.0), (0.1, 0.09, 0.0)), ((0.0, 0.0, 0.0), (0.0, 0.0, 3.1))]
+    for way in ways:
+        task_ = task("a", *way, LONG)
+        assert "hang over the edge" in str(usual.plan([task_]).blocked["a"])
+        plan = wide.plan([task_])
+        assert np.allclose(plan.routes["a"].poses[-1], way[1])
+        # The tiles under all of it are the parcel's own.
+        under = wide.stand(task_.shape, plan.routes["a"].poses[-1])
+        assert set(under) <= set(plan.routes["a"].visits.tile)
+    beyond = wide.plan([task("a", (-0.1, 0.0, 0.0), (0.1, 0.2, 0.0), LONG)])
+    assert "hang over the edge" in str(beyond.blocked["a"])
+
+
+def test_a_way_on_which_a_parcel_tips_beside_it_is_taken_only_where_there_is_no_other() -> None:
+    layout, box = layout_of(load_scenario("array18")), Shape(Rectangle(0.282, 0.222))
+    beside = ShapeSupport(layout, box, 0.006)
+    # On its straight way it comes to lie along a row of cells, amid two of them.
+    ends = (0.101, -0.041, 1.125), (0.002, -0.005, -0.777)
+    tiles = Tiles(layout, rim_m=0.15)
+    usual, careful = Planner(tiles, hangs=True), Planner(tiles, hangs=True, off_m=0.006)
+    straight = usual.plan([task("a", *ends, box)]).routes["a"].poses
+    assert len(straight) == 2
+    assert not beside.stands(*straight)
+    poses = careful.plan([task("a", *ends, box)]).routes["a"].poses
+    assert np.allclose(poses[-1], ends[1])
+    assert all(beside.stands(*way) for way in pairwise(poses))
+    # A goal where it tips so far beside is no reason to stay.
+    unsure = np.array([0.0, 0.0, 0.2])
+    assert not beside.stands(unsure, unsure)
+    plan = careful.plan([task("a", ends[0], tuple(unsure), box)])
+    assert np.allclose(plan.routes["a"].poses[-1], unsure)
 
 
 def test_two_parcels_change_places_when_one_stands_aside(planner: Planner) -> None:

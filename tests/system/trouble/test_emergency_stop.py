@@ -13,7 +13,7 @@ from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
 
 #: The demo's box is at its fastest.
-PRESSED_S = 0.9
+PRESSED_S = 0.93
 
 
 def demo(fault):

@@ -67,7 +67,8 @@ def test_an_unknown_thing_is_found_at_its_place(blocked):
 
 
 def test_a_box_waits_before_it_and_touches_nothing(blocked):
-    assert len(times_of(blocked, "box waits: unknown-1 is in its way")) == 1
+    (waits,) = (event.detail for event in blocked.events if "box waits, for 60 s" in event.detail)
+    assert "blocked by 'unknown-1' at its place" in waits
     record = blocked.record
     assert gaps_m(record).min() > 0.005
     assert np.abs(record.pose[-1, 1] - record.pose[0, 1]).max() < 1e-4

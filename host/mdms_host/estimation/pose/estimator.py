@@ -48,9 +48,9 @@ _AT_REST_DEVIATIONS = 2.0
 _LIKELY_M = 0.001
 #: A parcel is shown where more of the sensors deep under it are covered.
 _COVERED_SHARE = 0.5
-#: Reports of a cell may have got lost where sensors that an edge has passed show nothing of it, and
-#: so many times as many have told of a change within this [s]; where the edge was when the cell
-#: reported last is known give or take this [m].
+#: A report has got lost where sensors that an edge has passed show nothing of it, and so many times
+#: as many have told of a change within this [s]; where the edge was when the cell reported last is
+#: known give or take this [m].
 _TOLD = 3
 _TOLD_S = 0.2
 _TOLD_M = 0.003
@@ -78,12 +78,14 @@ class Shown:
     """Bits of the sensors of a view, (N,): whether each is `covered`, and whether it is `mine`.
 
     They are as of `silent_s` ago, when the cell reported last, and have not changed for `same_s`.
+    `old` are those that may have changed since, as a report has got lost, or may have.
     """
 
     covered: Bools
     mine: Bools
     silent_s: Floats
     same_s: Floats
+    old: Bools
 
 
 class ParcelEstimator:
@@ -387,8 +389,9 @@ class ParcelEstimator:
         """Sensors (N,) that contradict by silence, where a report that has got lost explains it.
 
         They agreed with where the parcel was when their cells reported last. That an edge has
-        passed them since would be known but for a lost report, and most others have told of theirs.
-        Where few have, the parcel does not move as its wheels do.
+        passed them since would be known but for a lost report. One may have got lost if frames do
+        now, or if most other sensors have told of an edge. Where few have, the parcel does not move
+        as its wheels do.
         """
         wrong: Bools = seen.mine & ((view.distance_m < 0) != seen.covered)
         if not wrong.any():
@@ -408,12 +411,15 @@ class ParcelEstimator:
         )
         sign = np.where(seen.covered[wrong], 1.0, -1.0)
         off_m = sign * self.footprint.distance_m(pose[:2] + then_m, pose)
-        agreed = off_m < np.minimum(_TOLD_M, sign * view.distance_m[wrong] - off_m)
-        unheard: Bools = np.zeros(len(wrong), dtype=bool)
-        # A report that is newer than the pose tells of an edge that is about to be there.
+        passed_m = sign * view.distance_m[wrong]
+        agreed = off_m < np.minimum(_TOLD_M, passed_m - off_m)
+        # A report that is newer than the pose tells of an edge that is about to be there. One that
+        # has hardly passed is told of in a moment.
         newer = agreed & (silent_s < 0.0)
-        if _TOLD * (agreed & ~newer).sum() <= told.sum() + newer.sum():
-            unheard[wrong] = agreed
+        silent = agreed & ~newer & (passed_m > _TOLD_M)
+        most = _TOLD * silent.sum() <= told.sum() + newer.sum()
+        unheard: Bools = np.zeros(len(wrong), dtype=bool)
+        unheard[wrong] = agreed & (most | seen.old[wrong])
         return unheard
 
     def _is_late(self, off_m: float, slope: Floats, rate_m_s: float, covered: bool) -> bool:

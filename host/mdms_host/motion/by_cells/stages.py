@@ -13,7 +13,7 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.goal import PUT_M, Goal, Limits
+from mdms_host.motion.goal import PUT_M, Goal, Limits, may_feel
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, Standstill, miss_of
 from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
@@ -88,8 +88,6 @@ class Followed:
 
 #: A parcel is at a corner, from where it goes on to the next place, within this [m].
 _CORNER_M = 0.008
-#: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then.
-_MOVES = 3
 
 
 class Stages:
@@ -141,11 +139,13 @@ class Stages:
         elif not self.final:
             if there or _away_m(self.places[0], belief) <= _CORNER_M:
                 self.places = self.places[1:]
-        elif belief.feel is not None and self._may_feel(belief, belief.feel):
+        elif belief.feel is not None and may_feel(
+            self._goal, belief, belief.feel, self._moves, self._footholds
+        ):
             if reported:
                 self._move(belief, belief.feel)
         else:
-            return there
+            return there and not belief.noisy
         return False
 
     def overtaken(self) -> None:
@@ -162,10 +162,6 @@ class Stages:
         if path is not None:
             corners = (path.pose_at(s_m).tolist() for s_m in path.corners_m[:-1])
             self.places = (*(Goal(*corner) for corner in corners), goal)
-
-    def _may_feel(self, belief: Belief, move: Floats) -> bool:
-        stands = not move[:2].any() or self._footholds.stand(belief, move)
-        return stands and self._moves < _MOVES
 
     def _move(self, belief: Belief, move: Floats) -> None:
         goal, yaw_rad = self._goal, float(belief.pose[2])

@@ -283,7 +283,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
             gap_s=_GAP_S,
             legs=_LEGS,
         )
-        super().__init__(planner, executor, loads, over_lost=False)
+        super().__init__(planner, executor, loads, over_lost=False, beside=False)
         self._cells = cells
         self._limits = limits
         self._orders_due_s = -inf

@@ -1,6 +1,7 @@
 """Orders carried out by the host: it sets every wheel, and each parcel follows its trajectory."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.motion.carrying import Carrying
@@ -12,7 +13,7 @@ from mdms_host.programs.traffic.dispatch import KeptFree
 from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Ride
-from mdms_host.routes.grid import Tiles
+from mdms_host.routes.grid import RIM_M, Tiles
 from mdms_host.routes.planner import Planner
 from mdms_host.routes.route import Pace, Route
 from mdms_model.arrays import Floats
@@ -23,6 +24,11 @@ _TILES, _STEP = 4, 2
 #: Outlines are planned so much larger on all sides [m], and so much apart in time [s].
 _CLEARANCE_M = 0.008
 _GAP_S = 0.1
+#: Tiles reach so far beyond the edge of the table where parcels may hang far over it [m].
+_RIM_M = 0.15
+#: There a parcel may also be so far off its way [m], where its wheels slip and as its belief is
+#: off; a box with sides of 0.28 m does not tip so far off any.
+_OFF_M = 0.006
 
 
 class TableTraffic(OrderedTraffic[Ride]):
@@ -36,13 +42,25 @@ class TableTraffic(OrderedTraffic[Ride]):
         loads: Mapping[str, Load],
         *,
         kept_free: Sequence[KeptFree] = (),
+        told: Mapping[str, Floats] = MappingProxyType({}),
+        hangs: bool = False,
     ) -> None:
-        tiles = Tiles(traction.layout, _TILES)
-        planner = Planner(tiles, pace, clearance_m=_CLEARANCE_M, step=_STEP, gap_s=_GAP_S)
-        super().__init__(planner, executor, loads, kept_free=kept_free)
+        tiles = Tiles(traction.layout, _TILES, _RIM_M if hangs else RIM_M)
+        planner = Planner(
+            tiles,
+            pace,
+            clearance_m=_CLEARANCE_M,
+            step=_STEP,
+            gap_s=_GAP_S,
+            hangs=hangs,
+            off_m=_OFF_M if hangs else 0.0,
+        )
+        super().__init__(planner, executor, loads, kept_free=kept_free, told=told)
         self._traction = traction
         self._carrying = Carrying(traction.layout, traction.drives)
         self._grips: dict[str, Grip] = {}
+        #: Parcels whose wheels slip by the present estimate.
+        self._slipping: set[str] = set()
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """See `OrderedTraffic`; their wheels drag."""
@@ -75,10 +93,22 @@ class TableTraffic(OrderedTraffic[Ride]):
         super()._remove(name)
         self._grips.pop(name, None)
 
+    def _report_slip(self, name: str, grip: Grip) -> None:
+        """Report the first time that a parcel's wheels slip."""
+        if not grip.slips:
+            self._slipping.discard(name)
+        elif name not in self._slipping:
+            self._slipping.add(name)
+            self._notices.append(
+                f"wheels slip under {name}: they push with {100 * grip.share:.0f} % of the plan, "
+                "and slowly with more again"
+            )
+
     def _drive(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Carried]]:
         """How each parcel that is under way is carried."""
         for name, ride, belief, limit_m in self._under_way(beliefs):
             room = belief.feel is not None and self._where.has_room(name, belief.feel)
             carried = ride.step(belief, step_s, limit_m, room)
+            self._report_slip(name, ride.grip)
             if carried is not None:
                 yield name, carried

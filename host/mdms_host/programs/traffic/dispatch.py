@@ -1,7 +1,7 @@
 """Has plans made for those that stand and are to go somewhere, and gives them their routes."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -30,6 +30,8 @@ _LITTLE_M, _LITTLE_RAD = 0.1, 0.01
 #: is looked at in steps of so much [m].
 _APART_M, _NEARER_M = 0.01, 0.001
 _LOOKED_M = 0.01
+#: A goal may be so near to where another parcel stands [m].
+_BESIDE_M = 0.003
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,8 @@ class NoWay:
 class Dispatch:
     """Between orders and planner: `blocked` are parcels without a way by the last plan, and why.
 
-    Ways lead around lost cells, or `over_lost` ones if more parcels have a way then.
+    Ways lead around lost cells, or `over_lost` ones if more parcels have a way then. Goals may be
+    `beside` where others stand, on tiles of these.
     """
 
     def __init__(
@@ -69,6 +72,7 @@ class Dispatch:
         *,
         kept_free: Sequence[KeptFree] = (),
         over_lost: bool = True,
+        beside: bool = True,
     ) -> None:
         self.blocked: dict[str, NoWay] = {}
         self._planner = planner
@@ -78,6 +82,7 @@ class Dispatch:
         self._timetable = timetable
         self._kept_free_places = kept_free
         self._over_lost = over_lost
+        self._beside = beside
         self._closed: Bools = np.zeros(planner.tiles.count, dtype=bool)
         #: Tiles that were closed after the plan that is being made was asked for.
         self._closed_since: Bools = self._closed.copy()
@@ -148,8 +153,11 @@ class Dispatch:
         self._timetable.asked()
         plan = self._timetable.plan
         under = self._where.under()
-        near = self._too_near(under)
-        tasks = [*self._tasks(riding_m.keys() | near), *self._kept_free(under.values())]
+        old = {} if plan is None else plan.beside
+        beside = {name: its for name, its in old.items() if name in riding_m}
+        passed = {other for its in beside.values() for other in its if other in under}
+        out = self._too_near(under) | passed
+        tasks = [*self._tasks(riding_m.keys() | out), *self._kept_free(under.values())]
         # Parcels that stopped on their ways are left time for the rest of these.
         stopped_m = self._timetable.stopped_m(
             {task.parcel: task.start for task in tasks if task.parcel in wanting}
@@ -157,9 +165,10 @@ class Dispatch:
         come_m = {**stopped_m, **riding_m}
         kept = {} if plan is None else self._planner.kept(plan, come_m, now_s)
         never = np.zeros_like(self._closed)
-        for name in near:
+        for name in out:
             never[under[name]] = True
-        self._executor.ask(partial(self._planned, tasks, now_s, kept, never, self._closed.copy()))
+        lost = self._closed.copy()
+        self._executor.ask(partial(self._planned, tasks, now_s, kept, never, lost, beside=beside))
 
     def _planned(
         self,
@@ -168,28 +177,77 @@ class Dispatch:
         kept: dict[str, Route],
         never: Bools,
         lost: Bools,
+        *,
+        beside: Mapping[str, Mapping[str, Floats]],
     ) -> Plan:
         """A plan around the tiles of lost cells; see above.
 
-        Where two stand on the same tile neither has a way. Then one goes first, by a way on which
-        it comes no nearer to the other, which is planned for when it has gone.
+        Where two stand on the same tile neither has a way, nor has a parcel whose goal is on a tile
+        of another. Then it goes by a way on which it comes no nearer to the other than at the ends.
+        The other is planned for later. `beside` are those that are passed so now.
         """
         plan = self._around(tasks, now_s, kept, never, lost)
         under = {task.parcel: self._planner.stand(task.shape, task.start) for task in tasks}
         for name in plan.blocked:
-            beside = [task for task in tasks if task.parcel != name and _meet(under, name, task)]
-            if not beside:
+            (mine,) = (task for task in tasks if task.parcel == name)
+            near = [task for task in tasks if task is not mine and self._meet(mine, task)]
+            if not near:
                 continue
             shut = never.copy()
-            for task in beside:
+            for task in near:
                 shut[under[task.parcel]] = True
-            stay = {task.parcel for task in beside}
+            goal = self._goal_tiles(mine)
+            shared = goal[shut[goal] & ~never[goal]]
+            shut[shared] = False
+            stay = {task.parcel for task in near}
             others = [task for task in tasks if task.parcel not in stay]
             rest = {other: route for other, route in kept.items() if other not in stay}
             first = self._around(others, now_s, rest, shut, lost)
-            if name not in first.blocked and _parts(first.routes[name], name, tasks, beside):
-                return first
-        return plan
+            others_meet = (
+                route.meets(shared) for other, route in first.routes.items() if other != name
+            )
+            if name in first.blocked or any(others_meet):
+                continue
+            if self._parts(first.routes[name], mine, near):
+                own = {task.parcel: task.start for task in near}
+                return replace(first, beside={**beside, name: own})
+        return replace(plan, beside=beside)
+
+    def _goal_tiles(self, task: RouteTask) -> Ints:
+        """The tiles that a parcel is to stand on at last; none if it leaves the table there."""
+        if task.goal is None or task.leaves:
+            return np.zeros(0, dtype=np.intp)
+        return self._planner.stand(task.shape, task.goal)
+
+    def _meet(self, mine: RouteTask, other: RouteTask) -> bool:
+        """Whether another stands on a tile of a parcel's place, or of its goal, and near enough."""
+        under = self._planner.stand(other.shape, other.start)
+        if np.isin(under, self._planner.stand(mine.shape, mine.start)).any():
+            return True
+        goal = mine.goal
+        return (
+            self._beside
+            and goal is not None
+            and other.parcel not in {free.name for free in self._kept_free_places}
+            and bool(np.isin(under, self._goal_tiles(mine)).any())
+            and _gap_m(mine, goal, other) >= self._beside_m(other)
+        )
+
+    def _beside_m(self, other: RouteTask) -> float:
+        """How near to another a goal may be [m]; no nearer than a way to something unknown."""
+        return _BESIDE_M if other.parcel in self._loads else _APART_M
+
+    def _parts(self, route: Route, mine: RouteTask, near: Sequence[RouteTask]) -> bool:
+        """Whether a parcel comes no nearer to those near its route than it may be."""
+        count = int(route.length_m / _LOOKED_M) + 2
+        along_m = np.linspace(0.0, route.length_m, count).tolist()
+        poses = [route.pose_at(each_m) for each_m in along_m]
+        for other in near:
+            gaps_m = [_gap_m(mine, pose, other) for pose in poses]
+            goal_m = max(gaps_m[-1], self._beside_m(other))
+            if min(gaps_m) < min(gaps_m[0], goal_m, _APART_M) - _NEARER_M:
+                return False
+        return True
 
     def _around(
         self,
@@ -256,20 +314,6 @@ class Dispatch:
         return np.array([*gate.place_m(end_m, along_m), float(pose[2])])
 
 
-def _meet(under: Mapping[str, Ints], name: str, other: RouteTask) -> bool:
-    """Whether two stand on the same tile."""
-    return bool(np.isin(under[name], under[other.parcel]).any())
-
-
-def _parts(
-    route: Route, name: str, tasks: Sequence[RouteTask], beside: Sequence[RouteTask]
-) -> bool:
-    """Whether a parcel comes no nearer to those beside it on its route than it may be."""
-    (outline,) = (task.shape.footprint for task in tasks if task.parcel == name)
-    count = int(route.length_m / _LOOKED_M) + 2
-    poses = [route.pose_at(along_m) for along_m in np.linspace(0.0, route.length_m, count).tolist()]
-    for other in beside:
-        gaps_m = [gap_m(outline, pose, other.shape.footprint, other.start) for pose in poses]
-        if min(gaps_m) < min(gaps_m[0], _APART_M) - _NEARER_M:
-            return False
-    return True
+def _gap_m(mine: RouteTask, pose: Floats, other: RouteTask) -> float:
+    """How far a parcel at a pose is from another at its place [m]."""
+    return gap_m(mine.shape.footprint, pose, other.shape.footprint, other.start)

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf
+from types import MappingProxyType
 from typing import Generic, TypeVar
 
 from mdms_host.estimation.belief import Belief
@@ -67,7 +68,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     Anything else that is believed to lie on the table is an obstacle. Places of `kept_free` are not
     crossed: somebody may set a parcel down there at any time. Ways lead `over_lost` cells where
-    there are no others, if parcels can be carried over these.
+    there are no others, if parcels can be carried over these. Goals may be `beside` where others
+    stand, on tiles of these. Parcels lie where they were `told` to until they are found.
     """
 
     def __init__(
@@ -78,11 +80,13 @@ class OrderedTraffic(ABC, Generic[Ride]):
         *,
         kept_free: Sequence[KeptFree] = (),
         over_lost: bool = True,
+        beside: bool = True,
+        told: Mapping[str, Floats] = MappingProxyType({}),
     ) -> None:
         self.steered: dict[str, OrderedGoal] = {}
         self._loads = loads = dict(loads)
         self._tiles = planner.tiles
-        self._where = WorldState(loads, planner.stand)
+        self._where = WorldState(loads, planner.stand, told)
         self._timetable = Timetable()
         self._dispatch = Dispatch(
             planner,
@@ -92,6 +96,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
             self._timetable,
             kept_free=kept_free,
             over_lost=over_lost,
+            beside=beside,
         )
         self._now_s = 0.0
         self._orders: dict[str, Order] = {}
@@ -228,7 +233,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._ask(beliefs)
 
     def _is_planned(self, name: str, place: Floats) -> bool:
-        return name in self._rides or self._timetable.has_at(name, place)
+        timetable = self._timetable
+        planned = timetable.has_at(name, place) or timetable.leads_beside(name, place)
+        return name in self._rides or planned
 
     def _settle(self, beliefs: Mapping[str, Belief]) -> None:
         """End rides that have come to their end, and orders with them."""
@@ -244,22 +251,22 @@ class OrderedTraffic(ABC, Generic[Ride]):
                 ride.stopping = True
             elif ride.arrived:
                 order.done = True
-                if self._orders.get(name) is order:
+                if self._orders.get(name) is order and not order.kept:
                     del self._orders[name]
                 # A parcel that has been ordered elsewhere since is not there yet.
-                if name not in self._orders and name in self.steered:
+                if self._orders.get(name, order) is order and name in self.steered:
                     self.steered[name].arrived = True
             elif name in self.steered:
                 self.steered[name].arrived = False
             # A parcel that needs another way begins it at rest.
-            away = belief is None or ride.off_path or ride.obstructed
+            away = belief is None or ride.off_path or (ride.obstructed and not ride.arrived)
             if (ride.stopping or away) and ride.at_rest and name in self._rides:
                 self._end_ride(name)
         for name, order in list(self._orders.items()):
             gone = name not in beliefs and name not in sought
             if gone and self._reaches_out(name, order):
                 self._remove(name)
-            elif self._now_s - self._where.seen_s(name) > _LOST_S:
+            elif not order.kept and self._now_s - self._where.seen_s(name) > _LOST_S:
                 self._refuse(name, f"{name} is lost: no sensor has shown it for {_LOST_S:g} s")
 
     def _reaches_out(self, name: str, order: Order) -> bool:
@@ -277,15 +284,20 @@ class OrderedTraffic(ABC, Generic[Ride]):
         if stood is None or got_on or stood.order is not order:
             stood = self._stood[name] = _Stood(order, place.copy(), 0, 0.0)
         stood.times, stood.last_s = stood.times + 1, self._now_s
-        if stood.times < _TRIES:
-            if stood.times == 1:
-                self._notices.append(f"{name} does not get on: it is tried again")
-        else:
-            self._refuse(name, f"{name} does not get on, tried {_TRIES} times: stopped")
+        text, goal = f"{name} does not get on", order.goal
+        if isinstance(goal, Goal):
+            left_m = hypot(goal.x_m - place[0], goal.y_m - place[1])
+            text += f", {1e3 * left_m:.0f} mm from its goal"
+        if stood.times == _TRIES:
+            self._refuse(name, f"{text}, tried {_TRIES} times: stopped")
+        elif stood.times == 1:
+            self._notices.append(f"{text}: it is tried again")
 
     def _end_ride(self, name: str) -> None:
         """A parcel goes no further on its route."""
         del self._rides[name]
+        if name in self._orders and name in self.steered:
+            self.steered[name].arrived = False
 
     def _remove(self, name: str) -> None:
         """A parcel has left the table."""

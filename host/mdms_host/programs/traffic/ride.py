@@ -120,6 +120,10 @@ _WEAK_SHARE = 0.5
 #: nowhere any more has left from so far before it on [m].
 _OUT_M = 0.02
 _NEARLY_OUT_M = -0.08
+#: The last part of a way, which is one motion with settling at a goal that is kept [m].
+_LAST_M = 0.01
+#: A parcel that has come to its goal and is farther from it by now needs another way [m].
+_ASTRAY_M = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,18 +177,32 @@ class Ride:
 
     @property
     def off_path(self) -> bool:
-        """Whether the parcel has left its way, and is brought to rest."""
-        return self.follower.off_path
+        """Whether the parcel has left its way, or its goal, and is brought to rest."""
+        return self.follower.off_path or (self._is_asked and self._has_left_goal)
+
+    @property
+    def _is_asked(self) -> bool:
+        return self.order.kept or not self.order.done
+
+    @property
+    def _has_left_goal(self) -> bool:
+        controller = self.controller
+        return controller is not None and not controller.feels and self._behind_m > _ASTRAY_M
 
     @property
     def has_come(self) -> bool:
         """Whether the way is done, and the parcel is brought to the goal itself, or held there."""
-        return self.controller is not None
+        return self.controller is not None and self.at_rest
 
     @property
     def arrived(self) -> bool:
         """Whether the parcel is at its goal and has settled."""
         return self.controller is not None and self.controller.arrived
+
+    @property
+    def grip(self) -> Grip:
+        """The estimate of the slip of its wheels."""
+        return self.follower.grip if self.controller is None else self.controller.grip
 
     def has_left(self, belief: Belief | None, last: Floats) -> bool:
         """Whether it has left, given its present belief, and its last believed pose."""
@@ -200,11 +218,7 @@ class Ride:
         `room` is whether it may move to be felt.
         """
         if self.controller is not None:
-            self.controller.paused = belief.doubtful
-            self.controller.feel = belief.feel if room else None
-            carried = self.controller.step(belief, step_s)
-            self._look(belief)
-            return carried
+            return self._settle(self.controller, belief, step_s, room)
         follower = self.follower
         follower.paused = belief.doubtful or self.stopping
         if limit_m > self.route.length_m - _SAME_M:
@@ -219,8 +233,24 @@ class Ride:
         elif not follower.paused:
             left_m = follower.profile.path.length_m - self.progress_m
             self.stands |= self._standstill.step(left_m, follower.speed_m_s, step_s)
-        if follower.finished and not self.stopping:
+        length_m = follower.path.length_m
+        near = self.order.kept and limit_m >= length_m and follower.s_m > length_m - _LAST_M
+        if (follower.finished or near) and not self.stopping:
             self._come()
+        return carried
+
+    def _settle(
+        self, controller: GoalController, belief: Belief, step_s: float, room: bool
+    ) -> Carried | None:
+        controller.paused = belief.doubtful or self.stopping
+        controller.feel = belief.feel if room else None
+        carried = controller.step(belief, step_s)
+        self._look(belief)
+        if controller.arrived or controller.settling:
+            self._standstill.clear()
+        elif not controller.paused:
+            left_m, speed_m_s = controller.left_m, controller.speed_m_s
+            self.stands |= self._standstill.step(left_m, speed_m_s, step_s, controller.leg)
         return carried
 
     def _look(self, belief: Belief) -> None:
@@ -232,14 +262,10 @@ class Ride:
     def _come(self) -> None:
         goal = self.order.goal
         if isinstance(goal, Goal):
-            mass, grip = self._load.mass, self.follower.grip
-            self.controller = GoalController(goal, self._traction, mass, _no_room)
-            self.controller.grip = grip
-
-
-def _no_room(_: Floats) -> bool:
-    """A parcel's goal is near the end of its route, and the tiles around may be others'."""
-    return False
+            self.controller = GoalController(goal, self._traction, self._load.mass)
+            self.controller.grip = self.follower.grip
+            if self.order.kept:
+                self.controller.go_on_with(self.follower)
 
 
 def _driven_on(profile: SpeedProfile) -> SpeedProfile:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from math import hypot, inf
+from types import MappingProxyType
 
 import numpy as np
 
@@ -57,6 +58,12 @@ class Timetable:
         planned = self.plan.routes[name].pose_at(self.progress_m.get(name, 0.0))
         return bool(hypot(*(planned - place)[:2].tolist()) < _ASTRAY_M)
 
+    def leads_beside(self, name: str, place: Floats) -> bool:
+        """Whether something still stands where a route of the plan begins or ends beside it."""
+        beside = () if self.plan is None else self.plan.beside.values()
+        places = (its[name] for its in beside if name in its)
+        return any(np.abs(its - place).max() < _SAME for its in places)
+
     def stopped_m(self, places: Mapping[str, Floats]) -> dict[str, float]:
         """How far those have come that stand where the plan has them, of these."""
         return {
@@ -107,12 +114,18 @@ class Obstacle:
 class WorldState:
     """All things that are believed to lie on the table: parcels of known loads, and others.
 
-    `places` are poses by name. A parcel that is not believed anywhere has its last pose; an unknown
-    thing lies only where it is seen. `stand` returns the tiles that a shape takes at a pose.
+    `places` are poses by name, at first as `told`. A parcel that is not believed anywhere has its
+    last pose; an unknown thing lies only where it is seen. `stand` returns the tiles that a shape
+    takes at a pose.
     """
 
-    def __init__(self, loads: Mapping[str, Load], stand: Stand) -> None:
-        self.places: dict[str, Floats] = {}
+    def __init__(
+        self,
+        loads: Mapping[str, Load],
+        stand: Stand,
+        told: Mapping[str, Floats] = MappingProxyType({}),
+    ) -> None:
+        self.places: dict[str, Floats] = dict(told)
         self._loads = loads
         self._stand = stand
         self._shapes: dict[str, tuple[Load, Shape]] = {}

@@ -69,6 +69,19 @@ def test_a_report_that_is_not_repeated_is_not_valid_any_more() -> None:
     assert presence.valid(0.8).nonzero()[0].tolist() == [5, 6, 7, 8, 9]
 
 
+def test_what_a_cell_has_not_repeated_in_time_may_be_old_and_all_after_a_frame_has_got_lost() -> (
+    None
+):
+    presence = reporting(RIGHT)
+    assert not presence.may_be_old(0.21).any()
+    list(presence.on_report(0.2, 2, 0b11111))
+    assert (~presence.may_be_old(0.23)).nonzero()[0].tolist() == [5, 6, 7, 8, 9]
+    presence.on_loss(0.24)
+    assert presence.may_be_old(0.25).all()
+    repeat(presence, RIGHT, 1.2)
+    assert not presence.may_be_old(1.3).any()
+
+
 def test_a_sensor_that_contradicts_all_others_is_not_believed_after_a_while() -> None:
     presence = reporting(WRONG)
     assert judged(presence, WRONG, 0.25) == []
@@ -92,6 +105,25 @@ def test_a_while_in_which_nothing_was_judged_makes_no_sensor_wrong() -> None:
     repeat(presence, WRONG, 4.0)
     assert presence.judge(4.0, UNDER_M, NOTHING) == []
     assert presence.valid(4.0).all()
+
+
+def test_sensors_that_turn_wrong_ever_again_are_noisy_and_one_that_is_stuck_is_not() -> None:
+    presence = reporting(RIGHT)
+    presence.judge(1.0, UNDER_M, NOTHING)
+    for step in range(1, 100):
+        repeat(presence, WRONG, 1.0 + step / 100)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+    assert not presence.noisy
+    for step in range(100, 200):
+        wrong = RIGHT.copy()
+        wrong[step // 10 % 6] ^= (step // 5 % 2) << step // 7 % 5
+        repeat(presence, wrong, 1.0 + step / 100)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+    assert presence.noisy
+    for step in range(200, 800):
+        repeat(presence, RIGHT, 1.0 + step / 100)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+    assert not presence.noisy
 
 
 def test_nothing_is_judged_by_a_belief_that_a_third_of_the_sensors_contradict() -> None:

@@ -37,6 +37,7 @@ def test_a_box_that_tips_nowhere_is_taken_straight_to_its_goal() -> None:
     assert box.places == (GOAL,)
     assert not box.step(at(0.14, 0.0, 0.2), reported=False, there=False)
     assert box.places == (GOAL,)
+    assert not box.step(at(0.13, 0.0, 0.1, noisy=True), reported=True, there=True)
     assert box.step(at(0.13, 0.0, 0.1), reported=True, there=True)
 
 
@@ -93,6 +94,16 @@ def test_a_box_that_no_turn_makes_sure_has_arrived_after_three() -> None:
         turns += len(box.places) == 2
     assert arrived
     assert turns == 3
+
+
+def test_a_box_that_may_be_beside_its_goal_is_moved_six_times_at_most() -> None:
+    unsure = at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]), covariance=np.diag([9e-6, 1e-6, 1e-6]))
+    box, turns = stages(), 0
+    for _ in range(50):
+        arrived = box.step(unsure, reported=True, there=True)
+        turns += len(box.places) == 2
+    assert arrived
+    assert turns == 6
 
 
 def test_the_way_is_the_rest_where_cells_have_gone_on_by_themselves() -> None:
