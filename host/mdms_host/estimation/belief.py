@@ -77,8 +77,8 @@ class Belief:
 
     `pose` is (x, y, yaw), `twist` its rate, shape (3,), `covariance` that of the pose, (3, 3).
     `outline` is as large as edges have shown it to be. `corrected` is whether a sensor has
-    corrected the pose since the last belief. `feel` is the move (x, y, yaw) from here that would
-    make the place sure enough, if it was asked for. It is None where the place is sure. `noisy` is
+    corrected the pose since the last belief. `feel` are moves (x, y, yaw) from here that would make
+    the place surer, best first, if they were asked for. There are none where it is sure. `noisy` is
     whether sensors are wrong too often to show the place.
 
     A belief of another kind than PARCEL is an obstacle, and never steered. It rests, and its
@@ -92,7 +92,7 @@ class Belief:
     covariance: Floats
     standing: Standing = Standing.FOUND
     corrected: bool = True
-    feel: Floats | None = None
+    feel: tuple[Floats, ...] = ()
     kind: BeliefKind = BeliefKind.PARCEL
     noisy: bool = False
 

@@ -59,7 +59,8 @@ _LOSSY_S = 1.0
 _DEEP_M = 0.02
 #: Of a longer time since the last judgement nothing is known [s].
 _JUDGED_S = 0.05
-#: Where each sensor turns wrong more often [Hz], as a mean over so long [s], edges show no place.
+#: Where each sensor turns wrong and back more often [Hz], as a mean over so long [s], edges show no
+#: place.
 _NOISY_HZ = 0.02
 _NOISE_S = 2.0
 #: Sensors are judged where at least this share of those under parcels is covered.
@@ -85,6 +86,7 @@ class PresenceMap:
         self._reported_s = np.full(cells, -inf)
         self._lost_s = -inf
         self._wrong: Bools = np.zeros(cells * sensors, dtype=bool)
+        self._judged: Bools = self.covered.copy()
         self._noise_hz = 0.0
         self._period_s = status_period_s
         self._valid_s = _PERIODS * status_period_s
@@ -172,10 +174,11 @@ class PresenceMap:
         deep = ~other & self._current(now_s) & (abs(distance_m) > _DEEP_M)
         inside = deep & (distance_m < 0)
         wrong = deep & (inside != self.covered)
-        turned = int((wrong & ~self._wrong & self._worth.believed).sum())
-        self._wrong = wrong
+        # A newcomer covers sensors as well, but these stay so until it has been found.
+        back = deep & self._wrong & ~wrong & (self.covered != self._judged)
+        self._wrong, self._judged = wrong, self.covered.copy()
         self._noise_hz *= 1.0 - step_s / _NOISE_S
-        self._noise_hz += turned / max(1, int(deep.sum())) / _NOISE_S
+        self._noise_hz += int(back.sum()) / max(1, int(deep.sum())) / _NOISE_S
         if (self.covered & inside).sum() < _AGREEING * inside.sum():
             return []
         return self._fallen(self._worth.step(wrong, deep & ~wrong, step_s))

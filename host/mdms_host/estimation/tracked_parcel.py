@@ -112,14 +112,14 @@ class TrackedParcel:
     def belief(self, at_s: float, usable: Bools | None) -> Belief | None:
         """The belief of it at a time near now; None without a pose.
 
-        With `usable` sensors (S,), the belief has the move that would make the place sure enough.
+        With `usable` sensors (S,), the belief has the moves that would make the place surer.
         """
         one = self.estimator
         corrected, one.corrected = one.corrected, False
         pose = one.pose_at(at_s)
         if pose is None:
             return None
-        feel = None if usable is None else one.move_to_feel(usable)
+        feel = () if usable is None else one.moves_to_feel(usable)
         return Belief(
             self.parcel.name,
             one.footprint,

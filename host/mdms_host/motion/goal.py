@@ -1,5 +1,6 @@
 """Closed-loop steering of one parcel to a goal pose, as fast as its wheels still roll."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import hypot, inf
 
@@ -62,14 +63,17 @@ class Limits:
         return self.friction_share * self.friction * self.gravity_m_s2
 
 
-def may_feel(goal: Goal, belief: Belief, move: Floats, moves: int, footholds: Footholds) -> bool:
-    """Whether a parcel at its goal may move so, after so many moves, to have its place made sure.
+def next_move(
+    goal: Goal, belief: Belief, moves: Iterable[Floats], made: int, footholds: Footholds
+) -> Floats | None:
+    """The first of these moves, (3,), that a parcel at its goal may make to be felt, or None.
 
-    `move` is (x, y, yaw). A turn is not told where the parcel might tip.
+    It has made so many. A turn is not told where the parcel might tip.
     """
-    stands = not move[:2].any() or footholds.stand(belief, move)
-    sure = belief.is_sure(turned=goal.yaw_rad is not None)
-    return stands and moves < (_MOVES if sure else _MOST_MOVES)
+    if made >= (_MOVES if belief.is_sure(turned=goal.yaw_rad is not None) else _MOST_MOVES):
+        return None
+    safe = (move for move in moves if not move[:2].any() or footholds.stand(belief, move))
+    return next(safe, None)
 
 
 class GoalController:
@@ -79,7 +83,7 @@ class GoalController:
     held until a sensor shows it outside twice the tolerance. A parcel that is `paused` is brought
     to rest meanwhile. A parcel that has left its way comes to rest, and takes another from there.
 
-    A place is not sure enough while a move by `feel` would show it better. A parcel there moves so
+    A place is not sure enough while a move of `feel` would show it better. A parcel there moves so
     first, three times at most, and back. If it may still be beside its goal, it moves up to six
     times. `leg` counts these ways, and each time that the parcel has been put elsewhere. If it
     might tip on the straight way, it stands until another has been found.
@@ -89,7 +93,7 @@ class GoalController:
         self.goal = goal
         self.arrived = False
         self.paused = False
-        self.feel: Floats | None = None
+        self.feel: Sequence[Floats] = ()
         self.grip = Grip()
         self._traction = traction
         self._mass = mass
@@ -235,13 +239,12 @@ class GoalController:
 
     def _feel(self, belief: Belief, *, settled: bool) -> None:
         """Move away from the goal while that shows the place better, and back when it is sure."""
-        move = self.feel
         if self.arrived:
             return
-        if settled and move is not None:
+        move = self.feel[0] if self.feel else None
+        if settled and self.feel:
             footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-            if not may_feel(self.goal, belief, move, self._moves, footholds):
-                move = None
+            move = next_move(self.goal, belief, self.feel, self._moves, footholds)
         if move is None:
             if self._felt is not None:
                 self._felt, self._within_s = None, 0.0

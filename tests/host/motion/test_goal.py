@@ -141,13 +141,13 @@ def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is
 
 def test_a_parcel_whose_place_is_not_sure_turns_before_it_has_arrived_and_turns_back() -> None:
     controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(np.zeros(3))
-    controller.feel = np.array([0.0, 0.0, 0.1])
+    controller.feel = (np.array([0.0, 0.0, 0.1]),)
     most_rad = 0.0
     for _ in range(500):
         table.step(controller.step)
         most_rad = max(most_rad, float(table.pose[2]))
         if table.pose[2] > 0.08:
-            controller.feel = None
+            controller.feel = ()
     assert most_rad > 0.08
     assert controller.arrived
     assert abs(table.pose[2]) < 0.01
@@ -156,7 +156,7 @@ def test_a_parcel_whose_place_is_not_sure_turns_before_it_has_arrived_and_turns_
 
 def test_a_parcel_whose_place_no_turn_makes_sure_arrives_after_three() -> None:
     controller = controller_of(Goal(0.0, 0.0, 0.0))
-    controller.feel = np.array([0.0, 0.0, 0.05])
+    controller.feel = (np.array([0.0, 0.0, 0.05]),)
     drive(controller, Table(np.zeros(3)), 10.0)
     assert controller.arrived
     assert controller.leg == 4
@@ -165,7 +165,7 @@ def test_a_parcel_whose_place_no_turn_makes_sure_arrives_after_three() -> None:
 def test_a_parcel_that_may_be_beside_its_goal_is_felt_for_more_than_three_times() -> None:
     """It arrived 5.6 mm off after three moves, known to 6 mm."""
     controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(np.zeros(3))
-    controller.feel = np.array([0.0, 0.0, 0.05])
+    controller.feel = (np.array([0.0, 0.0, 0.05]),)
     unsure = np.diag([0.003**2, 0.001**2, 1e-6])
     while controller.leg < 6:
         table.step(
@@ -178,14 +178,25 @@ def test_a_parcel_that_may_be_beside_its_goal_is_felt_for_more_than_three_times(
 
 def test_a_parcel_that_cannot_be_felt_any_further_goes_back_and_arrives() -> None:
     controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(np.zeros(3))
-    controller.feel = np.array([0.0, 0.0, 0.1])
+    controller.feel = (np.array([0.0, 0.0, 0.1]),)
     for _ in range(500):
         table.step(controller.step)
         if table.pose[2] > 0.08:
             # It would tip over the edge of the table there.
-            controller.feel = np.array([0.0, 2.0, 0.0])
+            controller.feel = (np.array([0.0, 2.0, 0.0]),)
     assert controller.arrived
     assert abs(table.pose[2]) < 0.01
+
+
+def test_a_parcel_that_would_tip_by_one_move_makes_the_next() -> None:
+    controller, table = controller_of(Goal(0.0, 0.0, 0.0)), Table(np.zeros(3))
+    controller.feel = np.array([0.0, 2.0, 0.0]), np.array([0.0, 0.0, 0.1])
+    most_rad = 0.0
+    for _ in range(150):
+        table.step(controller.step)
+        most_rad = max(most_rad, float(table.pose[2]))
+    assert most_rad > 0.08
+    assert abs(table.pose[1]) < 0.001
 
 
 def test_a_parcel_that_is_paused_comes_to_rest_and_goes_on() -> None:

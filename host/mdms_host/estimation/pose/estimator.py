@@ -11,7 +11,7 @@ import numpy as np
 from mdms_host.estimation.belief import Confirmation, Standing
 from mdms_host.estimation.footprint import Footprint, Rectangle
 from mdms_host.estimation.locating import Location
-from mdms_host.estimation.pose.feeling import edge_of, move_to_feel
+from mdms_host.estimation.pose.feeling import edge_of, moves_to_feel
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
 from mdms_host.estimation.pose.sliding import Sliding
@@ -240,13 +240,13 @@ class ParcelEstimator:
             wrong[numbers] = shows & (abs(distance_m) > self._deep_m)
         return wrong
 
-    def move_to_feel(self, usable: Bools) -> Floats | None:
-        """The move, (3,), that would make the place sure enough; None where it is, or none does."""
+    def moves_to_feel(self, usable: Bools) -> tuple[Floats, ...]:
+        """Moves, (3,), that would make the place surer, best first; none where it is sure."""
         if self._filter is None:
-            return None
+            return ()
         pose, covariance = self._filter.mean[:3], self._filter.covariance
         near = self.near(pose)
-        return move_to_feel(self.footprint, near.sensors_m, usable[near.sensors], pose, covariance)
+        return moves_to_feel(self.footprint, near.sensors_m, usable[near.sensors], pose, covariance)
 
     def kept_twist(self, now_s: float, *, missing: bool) -> Floats:
         """The twist that stays as far as no wheel shows another: 0 unless speeds are `missing`.

@@ -1,6 +1,7 @@
 """The move after which an edge passes a sensor, and makes an unsure place surer."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from math import cos, sin, sqrt
 from typing import NamedTuple
 
@@ -20,6 +21,10 @@ _SHIFTED_M, _SHIFTED_RAD = 0.002, 0.018
 _MOST_RAD = 0.35
 _MOST_M = 0.07
 _BEYOND = 2.5
+#: An edge shows a direction if it moves by this part of a change of it, or more.
+_SHOWN = 0.01
+#: A shift by so much takes edges over sensors, wherever they are [m].
+_BLIND_M = 0.032
 #: A parcel that reaches so far from its centre all around does not tip at this pitch of 127 mm,
 #: however it lies [m]. The worst place is between four cells.
 _SAFE_M = 0.14
@@ -39,33 +44,60 @@ def edge_of(footprint: Footprint, point_m: Floats, pose: Floats) -> tuple[float,
     return off_m, np.array([*slope, -along * along, -across * across])
 
 
-def move_to_feel(
+def moves_to_feel(
     footprint: Footprint, sensors_m: Floats, usable: Bools, pose: Floats, covariance: Floats
-) -> Floats | None:
-    """The move (x, y, yaw) after which an edge has made the place surer [m, m, rad].
+) -> tuple[Floats, ...]:
+    """Moves (x, y, yaw) after each of which an edge has made the place surer [m, m, rad].
 
     Of `sensors_m` (S, 2) those that are `usable` (S,) count; the covariance (5, 5) is of pose and
-    growth: an edge shows less where the size is not known. It is the least turn about the centre:
-    that moves no centre of mass, and is not made where the parcel does not stand safely however it
-    is turned. Where no turn helps it is the least shift, which may take the parcel to where it
-    tips. None where the place is sure, or nothing helps.
+    growth: an edge shows less where the size is not known. The first is the least turn about the
+    centre: that moves no centre of mass, and is not made where the parcel does not stand safely
+    however it is turned. Where no turn helps it is the least shift, which may take the parcel to
+    where it tips. None where the place is sure, or nothing helps.
+
+    Others follow only where a shift is worth it: the way back, or another axis. The last are shifts
+    by half a cell: where a place is hardly known, none is sure to help, and most will.
     """
     stands = -footprint.distance_m(pose[None, :2], pose)[0] >= _SAFE_M
     near_m = max(_MOST_RAD * footprint.reach_m, _MOST_M)
     near = sensors_m[usable & (abs(footprint.distance_m(sensors_m, pose)) < near_m)]
-    for one in _unsure(covariance):
+    unsure = list(_unsure(covariance))
+    found = _found(footprint, near, pose, covariance, unsure, stands=stands)
+    slopes = [edge_of(footprint, sensor_m, pose)[1] for sensor_m in near]
+    # No edge shows how a disc is turned.
+    felt = (one for one in unsure if any(abs(slope @ one.axis) > _SHOWN for slope in slopes))
+    shifts = [shift for one in felt for shift in one.shifts]
+    if not shifts:
+        return tuple(islice(found, 1))
+    return (*found, *(shift * way_m for shift in shifts for way_m in (_BLIND_M, -_BLIND_M)))
+
+
+def _found(
+    footprint: Footprint,
+    near: Floats,
+    pose: Floats,
+    covariance: Floats,
+    unsure: Iterable["_Unsure"],
+    *,
+    stands: bool,
+) -> Iterator[Floats]:
+    """Moves (3,) after which an edge over a sensor `near` (N, 2) has surely made the place surer.
+
+    It may turn where it `stands` however it is turned.
+    """
+    for one in unsure:
         moves = [(_TURN, _MOST_RAD)] if stands else []
         moves += [(shift, _MOST_M) for shift in one.shifts]
         passed = [
-            (move, most, list(_passed(footprint, pose, covariance, near, move * most)))
+            (move * most, list(_passed(footprint, pose, covariance, near, move * most)))
             for move, most in moves
         ]
         for left in (0.0, _LEFT):
-            for move, most, ends in passed:
-                for share, slope in ends:
-                    if one.is_shown_by(slope, covariance, left):
-                        return move * most * share
-    return None
+            for most, ends in passed:
+                shares = [e for e, slope in ends if one.is_shown_by(slope, covariance, left)]
+                # The least, and the least the other way.
+                other = (share for share in shares if share * shares[0] < 0.0)
+                yield from (most * share for share in (*shares[:1], *islice(other, 1)))
 
 
 class _Unsure(NamedTuple):

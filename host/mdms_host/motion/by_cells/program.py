@@ -367,10 +367,9 @@ def _stopped_text(name: str) -> str:
 
 
 def _felt(name: str, beliefs: Mapping[str, Belief]) -> Belief:
-    """The belief of a parcel, without the wish to move it where that has no room."""
+    """The belief of a parcel, with those of its moves to be felt that have room."""
     poses = {other: each.pose for other, each in beliefs.items()}
     outlines = {other: each.outline for other, each in beliefs.items()}
     belief = beliefs[name]
-    if belief.feel is None or has_room(name, belief.feel, poses, outlines):
-        return belief
-    return replace(belief, feel=None)
+    moves = (move for move in belief.feel if has_room(name, move, poses, outlines))
+    return replace(belief, feel=tuple(moves))

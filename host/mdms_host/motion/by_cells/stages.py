@@ -13,7 +13,7 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.goal import PUT_M, Goal, Limits, may_feel
+from mdms_host.motion.goal import PUT_M, Goal, Limits, next_move
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, Standstill, miss_of
 from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
@@ -94,7 +94,7 @@ class Stages:
     """The places that a parcel is still to be taken to; `places` is empty while they are sought.
 
     The goal is the last of them; `felt` is whether it is moved there now to be felt. A belief has
-    the move that would make it surer (`feel`) only where there is room for that. `has_room` is
+    only those moves that would make it surer (`feel`) for which there is room. `has_room` is
     whether a way may lead around, given the pose to go to. A parcel that is `led` is on the last
     leg of a way of the caller's, so no way is sought.
     """
@@ -139,11 +139,11 @@ class Stages:
         elif not self.final:
             if there or _away_m(self.places[0], belief) <= _CORNER_M:
                 self.places = self.places[1:]
-        elif belief.feel is not None and may_feel(
-            self._goal, belief, belief.feel, self._moves, self._footholds
-        ):
+        elif (
+            move := next_move(self._goal, belief, belief.feel, self._moves, self._footholds)
+        ) is not None:
             if reported:
-                self._move(belief, belief.feel)
+                self._move(belief, move)
         else:
             return there and not belief.noisy
         return False
@@ -171,7 +171,7 @@ class Stages:
         self._moves += 1
 
     def _move_back(self, belief: Belief, reported: bool) -> None:
-        if reported or belief.feel is None:
+        if reported or not belief.feel:
             self.places, self.felt = (self._goal,), False
 
 

@@ -107,8 +107,8 @@ class TableTraffic(OrderedTraffic[Ride]):
     def _drive(self, beliefs: Mapping[str, Belief], step_s: float) -> Iterator[tuple[str, Carried]]:
         """How each parcel that is under way is carried."""
         for name, ride, belief, limit_m in self._under_way(beliefs):
-            room = belief.feel is not None and self._where.has_room(name, belief.feel)
-            carried = ride.step(belief, step_s, limit_m, room)
+            moves = [move for move in belief.feel if self._where.has_room(name, move)]
+            carried = ride.step(belief, step_s, limit_m, moves)
             self._report_slip(name, ride.grip)
             if carried is not None:
                 yield name, carried

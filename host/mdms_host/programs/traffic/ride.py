@@ -3,7 +3,7 @@
 A parcel goes along its route as far as that is free, and is then held at its goal, or has left."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -212,13 +212,15 @@ class Ride:
         out_m = gate.out_m(*last[:2].tolist())
         return out_m > (_NEARLY_OUT_M if belief is None else _OUT_M)
 
-    def step(self, belief: Belief, step_s: float, limit_m: float, room: bool) -> Carried | None:
+    def step(
+        self, belief: Belief, step_s: float, limit_m: float, moves: Sequence[Floats]
+    ) -> Carried | None:
         """Motion of its wheels, with the way free up to `limit_m`; None: they stand.
 
-        `room` is whether it may move to be felt.
+        It may make one of these `moves` to be felt.
         """
         if self.controller is not None:
-            return self._settle(self.controller, belief, step_s, room)
+            return self._settle(self.controller, belief, step_s, moves)
         follower = self.follower
         follower.paused = belief.doubtful or self.stopping
         if limit_m > self.route.length_m - _SAME_M:
@@ -240,10 +242,14 @@ class Ride:
         return carried
 
     def _settle(
-        self, controller: GoalController, belief: Belief, step_s: float, room: bool
+        self,
+        controller: GoalController,
+        belief: Belief,
+        step_s: float,
+        moves: Sequence[Floats],
     ) -> Carried | None:
         controller.paused = belief.doubtful or self.stopping
-        controller.feel = belief.feel if room else None
+        controller.feel = moves
         carried = controller.step(belief, step_s)
         self._look(belief)
         if controller.arrived or controller.settling:

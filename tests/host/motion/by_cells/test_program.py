@@ -91,7 +91,9 @@ def test_box_is_not_called_arrived_where_a_turn_would_show_its_place_better():
     table.run(0.2, poses=THERE, reports=reports())
     (turned, *_) = [
         page
-        for _, page in table.run(0.1, poses=THERE, reports=arrived, feel=np.array([0.0, 0.0, 0.2]))
+        for _, page in table.run(
+            0.1, poses=THERE, reports=arrived, feel=(np.array([0.0, 0.0, 0.2]),)
+        )
         if isinstance(page, messages.Goal)
     ]
     assert not table.program.finished

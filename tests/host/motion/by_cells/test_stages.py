@@ -68,7 +68,7 @@ def test_a_box_that_is_elsewhere_at_once_is_taken_on_from_there() -> None:
 
 
 def test_a_box_has_not_arrived_before_a_turn_has_made_its_place_sure() -> None:
-    box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
+    box, unsure = stages(), at(*AT_GOAL, feel=(np.array([0.0, 0.0, 0.2]),))
     box.step(unsure, reported=False, there=False)
     assert not box.step(unsure, reported=True, there=True)
     turned, goal = box.places
@@ -80,14 +80,14 @@ def test_a_box_has_not_arrived_before_a_turn_has_made_its_place_sure() -> None:
 
 
 def test_an_edge_decides_where_cells_report_a_box_at_its_goal_and_the_host_is_not_sure() -> None:
-    box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
+    box, unsure = stages(), at(*AT_GOAL, feel=(np.array([0.0, 0.0, 0.2]),))
     box.step(unsure, reported=False, there=False)
     assert not box.step(unsure, reported=True, there=False)
     assert len(box.places) == 2
 
 
 def test_a_box_that_no_turn_makes_sure_has_arrived_after_three() -> None:
-    box, unsure = stages(), at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]))
+    box, unsure = stages(), at(*AT_GOAL, feel=(np.array([0.0, 0.0, 0.2]),))
     turns = 0
     for _ in range(20):
         arrived = box.step(unsure, reported=True, there=True)
@@ -97,7 +97,7 @@ def test_a_box_that_no_turn_makes_sure_has_arrived_after_three() -> None:
 
 
 def test_a_box_that_may_be_beside_its_goal_is_moved_six_times_at_most() -> None:
-    unsure = at(*AT_GOAL, feel=np.array([0.0, 0.0, 0.2]), covariance=np.diag([9e-6, 1e-6, 1e-6]))
+    unsure = at(*AT_GOAL, feel=(np.array([0.0, 0.0, 0.2]),), covariance=np.diag([9e-6, 1e-6, 1e-6]))
     box, turns = stages(), 0
     for _ in range(50):
         arrived = box.step(unsure, reported=True, there=True)

@@ -95,7 +95,7 @@ def test_an_order_is_done_only_when_a_turn_has_shown_the_place():
                 latest = page if isinstance(page, messages.Goal) else latest
         return latest.yaw * np.pi / 2048
 
-    assert run(1.0, 0.0, feel=np.array([0.0, 0.0, 0.2])) == pytest.approx(0.2, abs=1e-3)
+    assert run(1.0, 0.0, feel=(np.array([0.0, 0.0, 0.2]),)) == pytest.approx(0.2, abs=1e-3)
     assert any(asked)
     assert not order.done
     assert run(1.0, 0.2) == pytest.approx(0.0, abs=1e-3)

@@ -35,7 +35,7 @@ def test_a_way_that_is_free_to_its_end_ends_there_however_its_length_is_rounded(
     ride = ride_of(LENGTH_M + off_m)
     table = Table(POSES[0])
     for _ in range(300):
-        table.step(lambda belief, step_s: ride.step(belief, step_s, ride.route.length_m, room=True))
+        table.step(lambda belief, step_s: ride.step(belief, step_s, ride.route.length_m, moves=()))
     assert ride.arrived
 
 
@@ -45,7 +45,7 @@ def test_a_parcel_that_ends_its_way_beside_it_has_come_when_it_is_at_its_goal() 
 
     def steered(belief: Belief, step_s: float) -> Carried | None:
         off = replace(belief, pose=belief.pose + aside_m)
-        return ride.step(off, step_s, LENGTH_M, room=True)
+        return ride.step(off, step_s, LENGTH_M, moves=())
 
     while not ride.has_come:
         # The belief goes wrong just as the way ends, until a sensor shows it.
