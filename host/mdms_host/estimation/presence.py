@@ -169,6 +169,8 @@ class PresenceMap:
 
         Returns cells (from 1) with their sensors (from 0) that are not believed from now on.
         """
+        if now_s > self._judged_s + _JUDGED_S:
+            self._wrong[:] = False
         step_s = min(max(0.0, now_s - self._judged_s), _JUDGED_S)
         self._judged_s = now_s
         deep = ~other & self._current(now_s) & (abs(distance_m) > _DEEP_M)

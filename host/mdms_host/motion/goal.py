@@ -17,9 +17,9 @@ from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
 #: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then. If
-#: it may still be beside its goal, it moves up to so often.
+#: it may still be beside its goal, it moves so often.
 _MOVES = 3
-_MOST_MOVES = 6
+_MOST_MOVES = 4
 #: A target that differs by less is the same.
 _SAME_M = 1e-6
 #: A parcel that is farther from where it was a step before has been put there by hand [m].
@@ -84,9 +84,10 @@ class GoalController:
     to rest meanwhile. A parcel that has left its way comes to rest, and takes another from there.
 
     A place is not sure enough while a move of `feel` would show it better. A parcel there moves so
-    first, three times at most, and back. If it may still be beside its goal, it moves up to six
-    times. `leg` counts these ways, and each time that the parcel has been put elsewhere. If it
-    might tip on the straight way, it stands until another has been found.
+    first, three times at most, and back. If it may still be beside its goal, it moves once more.
+    `moves` counts that, until it has arrived for sure. `leg` counts these ways, and each time that
+    the parcel has been put elsewhere. If it might tip on the straight way, it stands until another
+    has been found.
     """
 
     def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
@@ -100,7 +101,7 @@ class GoalController:
         #: Whether it has moved away to be felt, and is not back yet.
         self.feels = False
         self._felt: Floats | None = None
-        self._moves = 0
+        self.moves = 0
         self.leg = 0
         self._follower: Follower | None = None
         self._search: WaySearch | None = None
@@ -236,6 +237,8 @@ class GoalController:
         within &= self._felt is None
         self.feels &= self._felt is not None or self._within_s == 0.0
         self.arrived = within and (self.arrived or self._within_s >= self.goal.settle_s)
+        if self.arrived and belief.is_sure(turned=self.goal.yaw_rad is not None):
+            self.moves = 0
 
     def _feel(self, belief: Belief, *, settled: bool) -> None:
         """Move away from the goal while that shows the place better, and back when it is sure."""
@@ -244,7 +247,7 @@ class GoalController:
         move = self.feel[0] if self.feel else None
         if settled and self.feel:
             footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-            move = next_move(self.goal, belief, self.feel, self._moves, footholds)
+            move = next_move(self.goal, belief, self.feel, self.moves, footholds)
         if move is None:
             if self._felt is not None:
                 self._felt, self._within_s = None, 0.0
@@ -254,5 +257,5 @@ class GoalController:
             end = self.goal.x_m + x_m, self.goal.y_m + y_m, float(belief.pose[2]) + turn_rad
             self._felt, self._within_s = np.array(end), 0.0
             self.feels = True
-            self._moves += 1
+            self.moves += 1
             self.leg += 1

@@ -44,7 +44,8 @@ class Order:
     `refused` is why it never will be: there is no way, or the parcel is lost or stands. An order
     that is `replaced` by another order for the parcel counts as done, because the other one is in
     force. An order that is `kept` stays in force: a parcel that has been moved away from its goal
-    is brought back, however long it was lost.
+    is brought back, however long it was lost. `moves` is how often the parcel has been moved at its
+    goal to have its place made sure.
     """
 
     def __init__(self, parcel: str, goal: Goal | Gate, *, kept: bool = False) -> None:
@@ -54,6 +55,7 @@ class Order:
         self.done = False
         self.replaced = False
         self.refused: str | None = None
+        self.moves = 0
 
     @property
     def over(self) -> bool:

@@ -251,6 +251,7 @@ class Ride:
         controller.paused = belief.doubtful or self.stopping
         controller.feel = moves
         carried = controller.step(belief, step_s)
+        self.order.moves = controller.moves
         self._look(belief)
         if controller.arrived or controller.settling:
             self._standstill.clear()
@@ -270,6 +271,7 @@ class Ride:
         if isinstance(goal, Goal):
             self.controller = GoalController(goal, self._traction, self._load.mass)
             self.controller.grip = self.follower.grip
+            self.controller.moves = self.order.moves
             if self.order.kept:
                 self.controller.go_on_with(self.follower)
 
