@@ -23,10 +23,12 @@ from mdms_model.statics.support_margin import TIP_M
 MARGIN_M = 0.010
 #: Wheels count as supports only this far under the parcel, which may be as much beside its way [m].
 INSET_M = 0.002
-#: A parcel is taken to be within so many deviations of where it is believed to be, and of a shift
-#: no more is asked than of a way: to be safe so far beside [m]. It is looked at in so many places.
+#: A parcel may be so far beside its way [m], where its wheels slip and as its belief is off. A box
+#: with sides of 0.28 m does not tip so far beside any.
+BESIDE_M = 0.006
+#: A parcel is taken to be within so many deviations of where it is believed to be, but no farther
+#: than it may be beside a way. A shift is looked at in so many places.
 _DEVIATIONS = 2.5
-_BESIDE_M = 0.006
 _SHIFTS = 8
 #: Wheels at one place are one support; rows nearer to each other than this are one [m].
 _SAME_M = 1e-9
@@ -90,7 +92,7 @@ class Footholds:
     def stand(self, belief: Belief, move: Floats) -> bool:
         """Whether a parcel that is shifted so from where it is believed to be tips nowhere."""
         deviation_m = sqrt(np.linalg.eigvalsh(belief.covariance[:2, :2])[1])
-        unsure_m = min(_DEVIATIONS * deviation_m, _BESIDE_M)
+        unsure_m = min(_DEVIATIONS * deviation_m, BESIDE_M)
         poses = belief.pose + np.linspace(0.0, 1.0, _SHIFTS)[:, None] * move
         return bool((self.margins_m(poses, unsure_m) >= MARGIN_M).all())
 

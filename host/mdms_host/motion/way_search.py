@@ -6,13 +6,10 @@ from math import ceil
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.motion.footholds import INSET_M, MARGIN_M, Footholds
+from mdms_host.motion.footholds import BESIDE_M, INSET_M, MARGIN_M, Footholds
 from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
 from mdms_model.arrays import Bools, Floats
 
-#: A parcel may be so far beside its way [m], where its wheels slip and as its belief is off; a box
-#: with sides of 0.28 m does not tip so far beside any.
-_BESIDE_M = 0.006
 #: The margin at the ends of a way is found in so many steps.
 _STEPS = 6
 #: A corner moves so far from one pose that is looked at to the next, at most [m].
@@ -47,7 +44,7 @@ class WaySearch:
         # How far the parcel may be beside its way: as far as both ends are safe. A start that is
         # not safe at all is to be left.
         self._goal_m = self._safe_within_m(self._end)
-        self._within_m = min(self._goal_m, self._safe_within_m(self._start) or _BESIDE_M)
+        self._within_m = min(self._goal_m, self._safe_within_m(self._start) or BESIDE_M)
         self._room = room
         self._ways: Iterator[list[Floats]] | None = None
         self._best: Path | None = None
@@ -81,7 +78,7 @@ class WaySearch:
 
     def _safe_within_m(self, pose: Floats) -> float:
         """How far the parcel may be beside a pose without tipping; 0 where it might tip there."""
-        for within_m in np.linspace(_BESIDE_M, INSET_M, _STEPS).tolist():
+        for within_m in np.linspace(BESIDE_M, INSET_M, _STEPS).tolist():
             if self._are_safe(pose[None], within_m)[0]:
                 return float(within_m)
         return 0.0
