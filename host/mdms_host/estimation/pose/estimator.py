@@ -123,6 +123,8 @@ class ParcelEstimator:
         self._sliding = Sliding(self.corner_m)
         self._pushed_s = -inf
         self.corrected = False
+        #: Places of sensors that an edge has passed, as most others have told, and that have not.
+        self._untold_m: set[tuple[float, ...]] = set()
 
     @property
     def standing(self) -> Standing:
@@ -303,7 +305,7 @@ class ParcelEstimator:
         """A sensor there has just been covered, or not: the edge was over it when the cell saw it.
 
         Near a corner the nearest side may not be the one that crossed it: where the parcel moves
-        the other way, it was not.
+        the other way, it was not. A report of an edge that most others have told of comes late.
         """
         pose = self.pose_at(now_s - _LATENCY_S)
         if self._filter is None or pose is None or self.standing is not Standing.FOUND:
@@ -311,6 +313,8 @@ class ParcelEstimator:
         off_m, slope = self._off(pose, point_m)
         rate_m_s = float(slope[:3] @ self.twist)
         if abs(rate_m_s) > _RESTING_M_S and covered != (rate_m_s < 0):
+            return
+        if tuple(point_m.tolist()) in self._untold_m:
             return
         late_m = _LATENCY_S * rate_m_s
         if self._cloud is not None:
@@ -394,6 +398,7 @@ class ParcelEstimator:
         as its wheels do.
         """
         wrong: Bools = seen.mine & ((view.distance_m < 0) != seen.covered)
+        self._untold_m = set()
         if not wrong.any():
             return wrong
         told = seen.mine & ~wrong & (seen.same_s < _TOLD_S)
@@ -418,6 +423,8 @@ class ParcelEstimator:
         newer = agreed & (silent_s < 0.0)
         silent = agreed & ~newer & (passed_m > _TOLD_M)
         most = _TOLD * silent.sum() <= told.sum() + newer.sum()
+        if most:
+            self._untold_m = {*map(tuple, view.near.sensors_m[wrong][silent].tolist())}
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
         unheard[wrong] = agreed & (most | seen.old[wrong])
         return unheard

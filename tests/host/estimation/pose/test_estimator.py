@@ -212,6 +212,30 @@ def test_an_edge_that_is_told_of_late_throws_no_fast_parcel_about() -> None:
     assert abs(estimator.pose[0] - pose[0]) > 0.005
 
 
+def test_an_edge_is_late_that_others_have_told_of_however_unsure_the_place_is() -> None:
+    """A box that slips got the edge 28 mm behind it as news, and was lost half a second later."""
+    behind_m = np.unique(SENSORS_M[:, 0].round(6))[5]
+    pose = np.array([behind_m + BOTTOM.length_m / 2 + 0.025, 0.0, 0.0])
+    twist = np.array([0.55, 0.0, 0.0])
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    begun = pose - twist * 0.007
+    estimator.start(0.0, Location(begun, np.diag([3.6e-5, 3e-4, 7e-4]), 0))
+    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    view = estimator.view(0.01)
+    assert view is not None
+    x_m, y_m = view.near.sensors_m.T
+    covered, same_s = view.distance_m < 0, np.full(len(x_m), 1.0)
+    passed = np.flatnonzero((abs(x_m - behind_m) < 1e-6) & (abs(y_m) < 0.14))
+    others = np.flatnonzero(~covered & (abs(y_m) < 0.14) & (x_m < pose[0]))
+    covered[passed[0]], same_s[others] = True, 0.1
+    same_s[passed[0]] = 1.0
+    mine, silent_s = np.ones(len(x_m), dtype=bool), np.full(len(x_m), 0.1)
+    estimator.agree(0.01, view, Shown(covered, mine, silent_s, same_s, ~mine))
+    pose = estimator.pose.copy()
+    estimator.edge(0.015, view.near.sensors_m[passed[0]], covered=False)
+    np.testing.assert_array_equal(estimator.pose, pose)
+
+
 def test_a_motion_goes_on_while_reports_of_the_wheels_that_show_it_are_missing() -> None:
     estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.4, 0.0, 0.0])
     speeds_m_s = LAYOUT.surface_jacobian(0.0, 0.0) @ twist
