@@ -210,9 +210,9 @@ class Sought:
     place: Floats | None = None
     region: Region | None = None
 
-    def may_be_at(self, middle_m: Floats) -> bool:
-        """Whether it may be where a group has its middle."""
-        return self.region is None or bool(self.region.holds(middle_m[None])[0])
+    def may_be_in(self, places_m: Floats) -> bool:
+        """Whether its middle may be at any of these places (N, 2)."""
+        return self.region is None or bool(self.region.holds(places_m).any())
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,7 +316,7 @@ class RollCall:
         middle_m, extent_m = self._spread(group)
         # One cell may be left out.
         most_m = 2 * one.footprint.reach_m + 1.5 * self._layout.pitch_m
-        if extent_m > most_m or not one.may_be_at(middle_m):
+        if extent_m > most_m or not one.may_be_in(middle_m[None]):
             return _IMPOSSIBLE
         cost = -_EXPLAINED * len(group)
         if one.place is not None:
@@ -382,8 +382,7 @@ class RollCall:
 
     def _divide(self, group: Ints, sought: Sequence[Sought], scene: Scene) -> bool:
         """Divide a group in the next way there is; False if there is none."""
-        middle_m = self._sensors_m[group].mean(axis=0)
-        there = [one for one in sought if one.may_be_at(middle_m)]
+        there = [one for one in sought if one.may_be_in(self._sensors_m[group])]
         names = frozenset(one.name for one in there)
         division = self._divisions.get(group.tobytes())
         if len(there) < 2:

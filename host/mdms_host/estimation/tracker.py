@@ -335,6 +335,7 @@ class Tracker:
         covered, changed_s = self._presence.covered, self._presence.changed_s
         silent_s, old = self._presence.silent_s(now_s), self._presence.may_be_old(now_s)
         usable = valid & ~self._unexplained.foreign & ~self._unknowns.sensors
+        usable &= ~self._unexplained.beside(covered & valid, coverage)
         for number, (name, each) in enumerate(self._known.items()):
             if name in views:
                 sensors = views[name].near.sensors

@@ -103,6 +103,19 @@ class UnexplainedSensors:
             self._last = key, groups
         return self._last[1]
 
+    def beside(self, covered: Bools, coverage: Coverage) -> Bools:
+        """Covered sensors (S,) outside all parcels that show something else, however near it is.
+
+        They hang together, and most are farther beside every parcel than its own may be.
+        """
+        others: Bools = np.zeros(len(covered), dtype=bool)
+        outside = covered & (coverage.distance_m > 0.0)
+        if (outside & (coverage.distance_m > BESIDE_M)).any():
+            for group in self._grouping.of(outside, others):
+                far = coverage.distance_m[group] > BESIDE_M
+                others[group] = 2 * far.sum() > len(group)
+        return others
+
     def still(self, now_s: float, groups: Iterable[Ints], changed_s: Floats) -> tuple[Ints, ...]:
         """Those of the groups in and around which no sensor has changed of late.
 

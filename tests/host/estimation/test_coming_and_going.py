@@ -398,6 +398,38 @@ def test_a_parcel_of_a_very_unsure_place_explains_no_sensor_of_a_newcomer_far_be
     assert table.events() == [("box", BeliefEvent.FOUND), ("medium", BeliefEvent.FOUND)]
 
 
+@pytest.mark.parametrize("unsure_m", [0.01, 0.014, 0.02])
+def test_a_newcomer_does_not_draw_a_moving_parcel_of_an_unsure_place_to_it(unsure_m) -> None:
+    """A box 60 mm beside one that came was believed 57 mm off at once, and lost after that."""
+    table, twist, off_m = Lying(LAYOUT, (BOX,)), {"box": (0.03, 0.0, 0.0)}, []
+    table.put("box", BOTTOM, 0.005, 0.0, 0.0)
+    table.run(0.2)
+    table.run(0.05, twist)
+    table.tracker.announce(Parcel("one", 0.30, 0.30), INFEED)
+    table.tracker.look_away()
+    table.tracker.look_again(unsure_m)
+    table.put("one", Rectangle(0.30, 0.30), -0.36, 0.0, 0.0)
+    table.run(0.4, twist, lambda: off_m.append(table.off_m("box")))
+    assert max(off_m) < 0.01
+    assert table.events() == [("box", BeliefEvent.FOUND), ("one", BeliefEvent.FOUND)]
+
+
+def test_a_newcomer_and_a_displaced_parcel_beside_it_are_told_apart() -> None:
+    """The middle of both is beside the infeed, so the newcomer seemed to be none of them."""
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, 0.005, 0.0, 0.0)
+    table.run(0.2)
+    table.tracker.announce(Parcel("one", 0.30, 0.30), Region((-0.5, -0.15), (-0.2, 0.15)))
+    table.tracker.look_away()
+    table.put("box", BOTTOM, 0.005, 0.15, 0.3)
+    table.put("one", Rectangle(0.30, 0.30), -0.36, 0.0, 0.0)
+    table.tracker.look_again(0.002)
+    table.run(2.0)
+    assert table.events("one") == [("one", BeliefEvent.FOUND)]
+    assert table.events("box")[-1] == ("box", BeliefEvent.FOUND)
+    assert max(map(table.off_m, ("box", "one"))) < 0.02
+
+
 def test_a_newcomer_is_not_found_where_a_parcel_is_though_something_sticks_out_beside_it() -> None:
     large, medium = Parcel("large", 0.40, 0.30), Parcel("medium", 0.36, 0.30)
     table = Lying(LAYOUT)
