@@ -71,8 +71,8 @@ class PresenceMap:
     """The presence sensors of so many cells, all in a row, shape (S,).
 
     `covered` is the state of each, `changed_s` (S,) its last change, and `late_s` (S,) the last
-    time a change was learned after a lost report. Cells repeat their bits every `status_period_s`,
-    and report changes `debounce_s` late.
+    time a change was learned that may be older: a report has got lost, or may have. Cells repeat
+    their bits every `status_period_s`, and report changes `debounce_s` late.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class PresenceMap:
                 continue
             self.covered[first + place] = bits >> place & 1
             self.changed_s[first + place] = now_s
-            if not timely:
+            if not timely or self._is_lossy(now_s):
                 self.late_s[first + place] = now_s
             if before is not None and timely and self._worth.believed[first + place]:
                 yield now_s - self._debounce_s[cell - 1], first + place
@@ -139,8 +139,10 @@ class PresenceMap:
     def may_be_old(self, now_s: float) -> Bools:
         """Sensors that may have changed unheard: a report has got lost, or may have, shape (S,)."""
         overdue = now_s - self._reported_s > self._period_s + _LATE_S
-        lossy = now_s < self._lost_s + _LOSSY_S
-        return np.repeat(overdue | lossy, self._sensors)
+        return np.repeat(overdue | self._is_lossy(now_s), self._sensors)
+
+    def _is_lossy(self, now_s: float) -> bool:
+        return now_s < self._lost_s + _LOSSY_S
 
     def valid(self, now_s: float) -> Bools:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""
