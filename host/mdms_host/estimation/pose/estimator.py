@@ -3,6 +3,7 @@
 Wheels that roll give the twist; a sensor that changes shows that the parcel's edge is over it.
 """
 
+from collections import deque
 from dataclasses import dataclass
 from math import hypot, inf, log, pi, sqrt
 
@@ -56,6 +57,8 @@ _TOLD_S = 0.2
 _TOLD_M = 0.003
 #: A pose is carried on without new speeds for so long.
 _CARRIED_S = 0.1
+#: So many of the last steps are kept: more than the 0.4 s for which a report may be looked back.
+_STEPS = 64
 #: A larger outline is worked out again from this change on [m].
 _GROWN_M = 5e-5
 #: A box that has grown into itself turned a quarter is that: where its sides differ by so much [m],
@@ -122,6 +125,8 @@ class ParcelEstimator:
         self.twist: Floats = np.zeros(3)
         self._sliding = Sliding(self.corner_m)
         self._pushed_s = -inf
+        #: How far wheels have carried the parcel by the times of the last steps, with those.
+        self._way: deque[tuple[float, Floats]] = deque(maxlen=_STEPS)
         self.corrected = False
         #: Places of sensors that an edge has passed, as most others have told, and that have not.
         self._untold_m: set[tuple[float, ...]] = set()
@@ -157,6 +162,8 @@ class ParcelEstimator:
         self._confirmation.find(now_s)
         self.twist = np.zeros(3)
         self._at_s = now_s
+        self._way.clear()
+        self._way.append((now_s, np.zeros(3)))
         self._corrected()
         if self._cloud is not None and found.growths is not None:
             self._settle(self._cloud)
@@ -285,6 +292,7 @@ class ParcelEstimator:
         if self._cloud is not None:
             self._cloud.move(moved)
         self._at_s = now_s
+        self._way.append((now_s, moved + (self._way[-1][1] if self._way else 0.0)))
 
     def slide(self, missing: Floats, gained: Floats, step_s: float) -> None:
         """In the last step the wheels gained so much [a second], so much more than they pushed to.
@@ -405,15 +413,10 @@ class ParcelEstimator:
         pose = self.pose_at(self._at_s)
         assert pose is not None
         # The parcel was as far back there as the sensor would now be ahead.
-        vx_m_s, vy_m_s, rate_rad_s = self.twist.tolist()
         silent_s = np.minimum(seen.silent_s[wrong], 2 * _TOLD_S)
+        dx_m, dy_m, turned_rad = self._carried_since(silent_s).T
         x_m, y_m = (view.near.sensors_m[wrong] - pose[:2]).T
-        then_m = np.column_stack(
-            (
-                x_m + silent_s * (vx_m_s - rate_rad_s * y_m),
-                y_m + silent_s * (vy_m_s + rate_rad_s * x_m),
-            )
-        )
+        then_m = np.column_stack((x_m + dx_m - turned_rad * y_m, y_m + dy_m + turned_rad * x_m))
         sign = np.where(seen.covered[wrong], 1.0, -1.0)
         off_m = sign * self.footprint.distance_m(pose[:2] + then_m, pose)
         passed_m = sign * view.distance_m[wrong]
@@ -428,6 +431,17 @@ class ParcelEstimator:
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
         unheard[wrong] = agreed & (most | seen.old[wrong])
         return unheard
+
+    def _carried_since(self, ago_s: Floats) -> Floats:
+        """How far wheels have carried the parcel since so long ago (N,), by the last steps (N, 3).
+
+        Of a time to come (less than 0), it is how far they will, with the other sign.
+        """
+        times_s, ways = map(np.array, zip(*self._way, strict=True))
+        then = [np.interp(self._at_s - ago_s, times_s, way) for way in ways.T]
+        carried: Floats = ways[-1] - np.column_stack(then)
+        carried += np.minimum(ago_s, 0.0)[:, None] * self.twist
+        return carried
 
     def _is_late(self, off_m: float, slope: Floats, rate_m_s: float, covered: bool) -> bool:
         """Whether an edge has passed a sensor a while ago, as is believed, and is told of now.

@@ -52,6 +52,16 @@ def carry(
     return pose
 
 
+def moving(pose: np.ndarray, twist: np.ndarray, variances: list[float]) -> ParcelEstimator:
+    """Of a parcel that is at a pose at 0.01 s, and has been carried by this twist for 0.2 s."""
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    # The first step begins at rest, and its speeds are 2 ms late.
+    estimator.start(-0.19, Location(pose - twist * 0.197, np.diag(variances), 0))
+    for step in range(-18, 2):
+        roll_on([estimator], 0.01 * step, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    return estimator
+
+
 def test_wheels_that_roll_tell_the_twist_exactly() -> None:
     estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.05, -0.02, 0.3])
     roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*estimator.pose[:2]) @ twist))
@@ -103,10 +113,7 @@ def test_a_report_that_got_lost_does_not_push_a_fast_parcel_aside() -> None:
     ahead_m = np.unique(SENSORS_M[:, 0])[-6]
     pose = np.array([ahead_m - BOTTOM.length_m / 2 - 0.001, 0.0, 0.0])
     twist = np.array([0.45, 0.0, 0.0])
-    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
-    begun = pose - twist * 0.007
-    estimator.start(0.0, Location(begun, np.diag([1e-6, 5e-4, 1e-4]), 0))
-    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    estimator = moving(pose, twist, [1e-6, 5e-4, 1e-4])
     view = estimator.view(0.01)
     assert view is not None
     x_m, y_m = view.near.sensors_m.T
@@ -131,9 +138,7 @@ def last_silent(*, old: bool) -> float:
     twist = np.array([0.1, 0.0, 0.0])
     ahead_m = np.unique(SENSORS_M[:, 0])[-6]
     pose = np.array([ahead_m - BOTTOM.length_m / 2 + 0.004, 0.0, 0.0])
-    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
-    estimator.start(0.0, Location(pose - twist * 0.007, np.diag([1e-6, 1e-6, 1e-6]), 0))
-    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    estimator = moving(pose, twist, [1e-6, 1e-6, 1e-6])
     before = estimator.pose.copy()
     view = estimator.view(0.01)
     assert view is not None
@@ -158,10 +163,7 @@ def test_a_sensor_that_is_just_passed_is_no_second_report_that_has_got_lost() ->
     ahead_m = np.unique(SENSORS_M[:, 0].round(6))[-5]
     pose = np.array([ahead_m - BOTTOM.length_m / 2 + 0.0003, 0.0, 0.0])
     twist = np.array([0.3, 0.0, 0.0])
-    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
-    begun = pose - twist * 0.007
-    estimator.start(0.0, Location(begun, np.diag([1e-5, 1e-5, 4e-4]), 0))
-    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    estimator = moving(pose, twist, [1e-5, 1e-5, 4e-4])
     pose = estimator.pose.copy()
     view = estimator.view(0.01)
     assert view is not None
@@ -199,10 +201,7 @@ def test_an_edge_that_is_told_of_late_throws_no_fast_parcel_about() -> None:
     """Its report got lost, and came with that of another sensor 25 ms later."""
     x_m, twist = np.unique(SENSORS_M[:, 0])[-6], np.array([0.45, 0.0, 0.0])
     pose = np.array([x_m - BOTTOM.length_m / 2 + 0.011, 0.0, 0.0])
-    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
-    begun = pose - twist * 0.007
-    estimator.start(0.0, Location(begun, np.diag([1e-6, 3e-5, 5e-5]), 0))
-    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    estimator = moving(pose, twist, [1e-6, 3e-5, 5e-5])
     pose, covariance = estimator.pose.copy(), estimator.covariance.copy()
     estimator.edge(0.01, np.array([x_m, 0.095]), covered=True)
     np.testing.assert_array_equal(estimator.pose, pose)
@@ -217,10 +216,7 @@ def test_an_edge_is_late_that_others_have_told_of_however_unsure_the_place_is() 
     behind_m = np.unique(SENSORS_M[:, 0].round(6))[5]
     pose = np.array([behind_m + BOTTOM.length_m / 2 + 0.025, 0.0, 0.0])
     twist = np.array([0.55, 0.0, 0.0])
-    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
-    begun = pose - twist * 0.007
-    estimator.start(0.0, Location(begun, np.diag([3.6e-5, 3e-4, 7e-4]), 0))
-    roll_on([estimator], 0.01, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    estimator = moving(pose, twist, [3.6e-5, 3e-4, 7e-4])
     view = estimator.view(0.01)
     assert view is not None
     x_m, y_m = view.near.sensors_m.T
@@ -234,6 +230,29 @@ def test_an_edge_is_late_that_others_have_told_of_however_unsure_the_place_is() 
     pose = estimator.pose.copy()
     estimator.edge(0.015, view.near.sensors_m[passed[0]], covered=False)
     np.testing.assert_array_equal(estimator.pose, pose)
+
+
+def test_a_lost_report_of_a_sensor_at_a_corner_pushes_no_parcel_that_gains_speed() -> None:
+    """By its speed of now, the box had not yet covered the sensor 0.12 s ago. It had, just so."""
+    sensor = np.hypot(*(SENSORS_M - (-0.1, -0.1)).T).argmin()
+    x_m, y_m = SENSORS_M[sensor]
+    pose = np.array([x_m + 0.18 + 0.015, y_m + 0.15 - 0.0115, 0.0])
+    gain = np.array([0.93, -0.6, 0.0])
+    estimator = ParcelEstimator(SURROUNDINGS, BOTTOM)
+    estimator.start(0.0, Location(pose - gain * 0.25**2 / 2, np.diag([3e-5, 1e-4, 7e-4]), 0))
+    for step in range(1, 26):
+        twist = gain * 0.01 * step
+        roll_on([estimator], 0.01 * step, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    before, view = estimator.pose.copy(), estimator.view(0.25)
+    assert view is not None
+    covered, same_s = view.distance_m < 0, np.full(len(view.distance_m), 1.0)
+    silent = np.flatnonzero(view.near.sensors == sensor)
+    assert not covered[silent]
+    covered[silent], same_s[np.flatnonzero(covered)[:6]] = True, 0.1
+    same_s[silent] = 1.0
+    mine, silent_s = np.ones(len(covered), dtype=bool), np.full(len(covered), 0.119)
+    estimator.agree(0.25, view, Shown(covered, mine, silent_s, same_s, ~mine))
+    np.testing.assert_array_equal(estimator.pose, before)
 
 
 def test_a_motion_goes_on_while_reports_of_the_wheels_that_show_it_are_missing() -> None:
