@@ -70,9 +70,10 @@ _AGREEING = 0.8
 class PresenceMap:
     """The presence sensors of so many cells, all in a row, shape (S,).
 
-    `covered` is the state of each, `changed_s` (S,) its last change, and `late_s` (S,) the last
-    time a change was learned that may be older: a report has got lost, or may have. Cells repeat
-    their bits every `status_period_s`, and report changes `debounce_s` late.
+    `covered` is the state of each, `changed_s` (S,) when its last change was learned, and `since_s`
+    (S,) the earliest time at which that may have been: with the report before it, if one between
+    has got lost, or may have. Cells repeat their bits every `status_period_s`, and report changes
+    `debounce_s` late.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class PresenceMap:
     ) -> None:
         self.covered: Bools = np.zeros(cells * sensors, dtype=bool)
         self.changed_s: Floats = np.full(cells * sensors, -inf)
-        self.late_s: Floats = np.full(cells * sensors, -inf)
+        self.since_s: Floats = np.full(cells * sensors, -inf)
         self._sensors = sensors
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
@@ -116,7 +117,9 @@ class PresenceMap:
         of them may have changed then, and not now.
         """
         before, bits = self._bits[cell - 1], bits & (1 << self._sensors) - 1
-        timely = now_s - self._reported_s[cell - 1] <= self._period_s + _LATE_S
+        reported_s = float(self._reported_s[cell - 1])
+        timely = now_s - reported_s <= self._period_s + _LATE_S
+        lossy = not timely or self._is_lossy(now_s)
         self._reported_s[cell - 1] = now_s
         if bits == before:
             return
@@ -127,8 +130,7 @@ class PresenceMap:
                 continue
             self.covered[first + place] = bits >> place & 1
             self.changed_s[first + place] = now_s
-            if not timely or self._is_lossy(now_s):
-                self.late_s[first + place] = now_s
+            self.since_s[first + place] = reported_s if lossy else now_s
             if before is not None and timely and self._worth.believed[first + place]:
                 yield now_s - self._debounce_s[cell - 1], first + place
 

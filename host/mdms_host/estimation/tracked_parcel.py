@@ -150,18 +150,21 @@ class TrackedParcel:
         lost = self.standing is Standing.LOST and bool(self.infeed.holds(self.last[None, :2])[0])
         return lost and now_s < self._found_s + _PROVEN_S
 
-    def judged_early(self, now_s: float, view: View, covered: Bools, late_s: Floats) -> bool:
+    def judged_early(
+        self, now_s: float, view: View, covered: Bools, since_s: Floats, learned_s: Floats
+    ) -> bool:
         """Whether a parcel that has just come has another outline than it was taken for.
 
-        `covered` and `late_s` are of the sensors of the view, (N,): a change that is learned late
-        was there when the parcel was found, and contradicts it.
+        All are of the sensors of the view, (N,). A change that was learned after the parcel was
+        found, and may be older, was there by then, and contradicts it.
         """
         if self.infeed is None or self._found_s is None or now_s > self._found_s + _REOPENED_S:
             return False
         deep = abs(view.distance_m) > self.estimator.unsure_m
         near = view.distance_m < _OUTSIDE_M
         wrong = (view.distance_m < 0.0) != covered
-        return bool((deep & near & wrong & (late_s > self._found_s)).any())
+        older = (learned_s > self._found_s) & (since_s < self._found_s)
+        return bool((deep & near & wrong & older).any())
 
     def has_left(self, shown: bool) -> bool:
         """Whether it is past its gate, or was on its way through when sensors lost it.

@@ -401,10 +401,10 @@ class Tracker:
             return False
         view = views[name]
         sensors = view.near.sensors
-        own = coverage.owner[sensors] == coverage.number[name]
-        late_s = np.where(own, self._presence.late_s[sensors], -inf)
-        covered = self._presence.covered[sensors]
-        return self._known[name].judged_early(now_s, view, covered, late_s)
+        presence, own = self._presence, coverage.owner[sensors] == coverage.number[name]
+        learned_s = np.where(own, presence.changed_s[sensors], -inf)
+        since_s, covered = presence.since_s[sensors], presence.covered[sensors]
+        return self._known[name].judged_early(now_s, view, covered, since_s, learned_s)
 
     def _withdraw(self, name: str) -> None:
         """A parcel has not come; sensors that contradicted it are believed again."""
