@@ -313,7 +313,7 @@ class ParcelEstimator:
         """A sensor there has just been covered, or not: the edge was over it when the cell saw it.
 
         Near a corner the nearest side may not be the one that crossed it: where the parcel moves
-        the other way, it was not. A report of an edge that most others have told of comes late.
+        the other way, it was not.
         """
         pose = self.pose_at(now_s - _LATENCY_S)
         if self._filter is None or pose is None or self.standing is not Standing.FOUND:
@@ -322,15 +322,15 @@ class ParcelEstimator:
         rate_m_s = float(slope[:3] @ self.twist)
         if abs(rate_m_s) > _RESTING_M_S and covered != (rate_m_s < 0):
             return
-        if tuple(point_m.tolist()) in self._untold_m:
-            return
         late_m = _LATENCY_S * rate_m_s
         if self._cloud is not None:
             self._cloud.on_edge(point_m, late_m)
             self._settle(self._cloud)
-        elif not self._is_late(off_m, slope, rate_m_s, covered) and self._filter.on_edge(
-            off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5
-        ):
+            return
+        untold = tuple(point_m.tolist()) in self._untold_m
+        if self._is_late(off_m, slope, rate_m_s, covered, untold=untold):
+            return
+        if self._filter.on_edge(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5):
             self._corrected()
 
     def agree(self, now_s: float, view: View, seen: Shown) -> Standing:
@@ -443,13 +443,19 @@ class ParcelEstimator:
         carried += np.minimum(ago_s, 0.0)[:, None] * self.twist
         return carried
 
-    def _is_late(self, off_m: float, slope: Floats, rate_m_s: float, covered: bool) -> bool:
+    def _is_late(
+        self, off_m: float, slope: Floats, rate_m_s: float, covered: bool, *, untold: bool
+    ) -> bool:
         """Whether an edge has passed a sensor a while ago, as is believed, and is told of now.
 
-        The report of it has got lost, and came with another one.
+        The report of it has got lost, and came with another one. That is likelier where most other
+        sensors have told of the edge, and this one was the `untold` one.
         """
         assert self._filter is not None
-        sure_m = _GATE * sqrt(float(slope @ self._filter.covariance @ slope))
+        deviation_m = sqrt(float(slope @ self._filter.covariance @ slope))
+        sure_m = _GATE * deviation_m
+        if untold:
+            sure_m = min(sure_m, max(_NEAR_M, _DEEP_DEVIATIONS * deviation_m))
         passed = covered == (off_m < 0.0)
         return passed and sure_m < abs(off_m) < _TOLD_S * abs(rate_m_s)
 
