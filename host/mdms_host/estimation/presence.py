@@ -70,10 +70,9 @@ _AGREEING = 0.8
 class PresenceMap:
     """The presence sensors of so many cells, all in a row, shape (S,).
 
-    `covered` is the state of each, `changed_s` (S,) when its last change was learned, and `since_s`
-    (S,) the earliest time at which that may have been: with the report before it, if one between
-    has got lost, or may have. Cells repeat their bits every `status_period_s`, and report changes
-    `debounce_s` late.
+    `covered` is the state of each. Its last change was learned at `changed_s` (S,), and was at
+    `since_s` (S,) or later. That is the time of the report before, if one between may be lost.
+    Cells repeat their bits every `status_period_s`, and report changes `debounce_s` late.
     """
 
     def __init__(

@@ -13,6 +13,7 @@ from mdms_host.layout import Layout
 LAYOUT = Layout(9, 6, wheels=WHEELS)
 BOX = Parcel("box", 0.36, 0.30)
 BOTTOM, SMALL = BOX.footprint, Rectangle(0.26, 0.22)
+SENSORS_M = LAYOUT.sensor_positions_m.reshape(-1, 2)
 INFEED = Region((-0.6, -0.4), (-0.2, 0.4))
 
 
@@ -333,6 +334,17 @@ def test_a_newcomer_that_a_late_report_shows_larger_is_found_anew_as_the_larger(
     assert ("small", BeliefEvent.WITHDRAWN) in table.events()
     assert table.events()[-1] == ("large", BeliefEvent.FOUND)
     assert table.off_m("large") < 0.03
+
+
+def test_a_newcomer_stays_that_contradicts_a_change_after_its_cell_had_reported(table) -> None:
+    """Frames get lost, but that cell has been heard since the box was found: the change is new."""
+    table.tracker.announce(BOX, INFEED)
+    table.put("box", BOTTOM, -0.35, 0.0, 0.0)
+    table.run(0.25)
+    beside_m = SENSORS_M[np.hypot(*(SENSORS_M - (-0.35, 0.22)).T).argmin()]
+    table.put("crumb", Rectangle(0.02, 0.02), *beside_m.tolist(), 0.0)
+    table.run(0.1, each=lambda: table.tracker.on_loss(table.now_s))
+    assert table.events() == [("box", BeliefEvent.FOUND)]
 
 
 def lose_reports(table: Lying, *cells: int) -> None:

@@ -57,7 +57,7 @@ _TOLD_S = 0.2
 _TOLD_M = 0.003
 #: A pose is carried on without new speeds for so long.
 _CARRIED_S = 0.1
-#: So many of the last steps are kept: more than the 0.4 s for which a report may be looked back.
+#: So many of the last steps are kept. A report is looked back at for 0.4 s, in steps of 10 ms.
 _STEPS = 64
 #: A larger outline is worked out again from this change on [m].
 _GROWN_M = 5e-5
@@ -125,10 +125,10 @@ class ParcelEstimator:
         self.twist: Floats = np.zeros(3)
         self._sliding = Sliding(self.corner_m)
         self._pushed_s = -inf
-        #: How far wheels have carried the parcel by the times of the last steps, with those.
+        #: The last steps: the time of each, and how far wheels have carried the parcel by then.
         self._way: deque[tuple[float, Floats]] = deque(maxlen=_STEPS)
         self.corrected = False
-        #: Places of sensors that an edge has passed, as most others have told, and that have not.
+        #: Sensors that have not told of an edge that most others have told of, by their places.
         self._untold_m: set[tuple[float, ...]] = set()
 
     @property
@@ -164,6 +164,7 @@ class ParcelEstimator:
         self._at_s = now_s
         self._way.clear()
         self._way.append((now_s, np.zeros(3)))
+        self._untold_m = set()
         self._corrected()
         if self._cloud is not None and found.growths is not None:
             self._settle(self._cloud)
@@ -292,7 +293,7 @@ class ParcelEstimator:
         if self._cloud is not None:
             self._cloud.move(moved)
         self._at_s = now_s
-        self._way.append((now_s, moved + (self._way[-1][1] if self._way else 0.0)))
+        self._way.append((now_s, self._way[-1][1] + moved))
 
     def slide(self, missing: Floats, gained: Floats, step_s: float) -> None:
         """In the last step the wheels gained so much [a second], so much more than they pushed to.

@@ -50,6 +50,15 @@ def test_a_change_after_a_report_that_got_lost_has_no_time() -> None:
     assert presence.covered[:5].tolist() == [True, True, False, True, True]
 
 
+def test_a_change_may_be_as_old_as_the_report_before_it_only_while_frames_get_lost() -> None:
+    presence = reporting(RIGHT)
+    list(presence.on_report(0.1, 1, 0b11110))
+    assert presence.since_s[0] == 0.1
+    presence.on_loss(0.12)
+    list(presence.on_report(0.15, 1, 0b11111))
+    assert presence.since_s[0] == 0.1
+
+
 def test_cells_that_are_ignored_are_not_waited_for_and_show_nothing() -> None:
     presence = PresenceMap(2, 5, 0.2, (0.004,) * 2)
     list(presence.on_report(0.0, 2, 0b11111))
