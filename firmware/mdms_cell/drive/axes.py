@@ -43,6 +43,14 @@ _SETTINGS = (
     indices.MAX_SLIPPAGE,
 )
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
+#: Settings of how a count of the encoder is read. They stay as they are while a wheel is on.
+_READING = (indices.RESOLUTION, indices.POLARITY)
+_ON = (
+    cia402.SWITCHED_ON,
+    cia402.OPERATION_ENABLED,
+    cia402.QUICK_STOP_ACTIVE,
+    cia402.FAULT_REACTION,
+)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 
 
@@ -104,7 +112,9 @@ class Axis:
         limit_um_s, time_ms = setting(indices.MAX_SLIPPAGE), setting(indices.SLIPPAGE_TIME)
         tuning.set_following(registers, base, limit_um_s, time_ms)
 
-    def _on_setting(self, _index, _sub):
+    def _on_setting(self, index, _sub):
+        if index - self._offset in _READING and self.drive.state in _ON:
+            raise sdo.AbortError(sdo.WRONG_STATE)
         if self._setting(indices.FAULT_REACTION) not in (_DISABLE, _QUICK_STOP_RAMP):
             raise sdo.AbortError(sdo.INVALID_VALUE)
         self.load()

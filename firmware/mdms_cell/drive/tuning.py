@@ -72,6 +72,8 @@ def set_law(registers, base, gain_mv_s_m, voltage_limit_mv):
     _check("gain [mV s/m]", gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
     _check("voltage limit [mV]", voltage_limit_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
     gain = (gain_mv_s_m * 16 + 500) // 1000
+    # A tick may come between, with the old limit and the new gain.
+    registers[base + speed_loop.ERROR_LIMIT] = 0
     registers[base + speed_loop.GAIN] = gain
     registers[base + speed_loop.ERROR_LIMIT] = voltage_limit_mv * 16_000 // gain if gain else 0
 
@@ -84,6 +86,7 @@ def set_brake(registers, base, gain_mv_s_m, voltage_limit_mv):
     """
     _check("braking gain [mV s/m]", gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
     gain = max((gain_mv_s_m * 16 + 500) // 1000, registers[base + speed_loop.GAIN])
+    registers[base + speed_loop.BRAKE_LIMIT] = 0
     registers[base + speed_loop.BRAKE_GAIN] = gain
     registers[base + speed_loop.BRAKE_LIMIT] = voltage_limit_mv * 16_000 // gain if gain else 0
 

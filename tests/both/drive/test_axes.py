@@ -221,3 +221,20 @@ def test_current_is_told_in_thousandths_of_the_rated_one_as_far_as_they_go():
         bench.registers[s.CURRENT] = current_ma
         value = int.from_bytes(bench.objects.read(0x6078, 0), "little")
         assert value == per_mille & 0xFFFF
+
+
+def test_reading_of_an_encoder_stays_as_it_is_while_its_wheel_is_driven_or_held():
+    """Counts that suddenly mean the other direction would have the wheel at full voltage."""
+    words = (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION, cia402.QUICK_STOP)
+    for count in (2, 3, 4):
+        bench = Bench()
+        bench.control(1, *words[:count])
+        registers = list(bench.registers)
+        assert code_of(bench.write, 0x687E, 0x40) == sdo.WRONG_STATE
+        assert code_of(bench.write, 0x2801, 1_000) == sdo.WRONG_STATE
+        assert list(bench.registers) == registers
+        assert bench.objects.read(0x687E, 0) == bytes(1)
+        bench.write(0x607E, 0x40)
+        bench.control(1, 0)
+        bench.write(0x687E, 0x40)
+        assert bench.registers[s.AXIS + s.INVERTED] == 1

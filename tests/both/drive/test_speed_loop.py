@@ -426,3 +426,34 @@ def test_turns_of_the_count_are_counted_in_both_directions():
         turns = (made[s.TURNS] ^ 0x8000) - 0x8000
         # The first count is a small one that lies behind 0.
         assert turns * 65536 + made[s.LAST_COUNT] == count - 65536
+
+
+class Interrupted:
+    """Registers with a tick after each write; `volts` are the voltages [uV] of these."""
+
+    def __init__(self, made):
+        self.made = made
+        self.volts = []
+
+    def __getitem__(self, place):
+        return self.made[place]
+
+    def __setitem__(self, place, number):
+        self.made[place] = number
+        self.made[s.AGE] = self.made[s.AXIS + s.AGE] = 0
+        s.step(self.made)
+        self.volts.append(abs(self.made[s.VOLTAGE]))
+
+
+def test_no_tick_amid_a_change_of_the_gain_exceeds_the_voltage_limit():
+    for mode, change in ((s.RUN, tuning.set_law), (s.BRAKE, tuning.set_brake)):
+        made = registers()
+        tuning.set_law(made, 0, 1_000, 2_000)
+        tuning.set_brake(made, 0, 1_000, 2_000)
+        run(made)
+        turn(made, 200, 20_000)
+        made[s.MODE] = mode
+        made[s.TARGET] = -500_000
+        interrupted = Interrupted(made)
+        change(interrupted, 0, 100_000, 2_000)
+        assert max(interrupted.volts) <= 2_000_000
