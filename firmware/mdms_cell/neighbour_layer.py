@@ -35,6 +35,9 @@ UPDATE_MS = const(7)
 LATE_MS = const(2)
 #: A neighbour under a parcel that is heard, and has sent no estimate for so long, has left it.
 _LEFT_BEATS = const(30)
+#: The host is gone once it has been missed for so long. Until then no cell begins another leg, for
+#: it may be the only one that has missed some heartbeats [ms].
+_GONE_MS = const(500)
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = const(50)
 _ESTIMATE_PDO = const(2)
@@ -57,7 +60,7 @@ class Layer:
         self._wake = wake
         self._changed = changed
         self.active = self._operational = False
-        self._place = Place(objects, self._on_place)
+        self._place = Place(objects, self._on_setting)
         self._heard = Heard()
         self._footprint = Footprint(self._place)
         self._suspicion = Suspicion()
@@ -89,8 +92,10 @@ class Layer:
         # The period of SYNC, the last SYNC, and the one of the last update with the time before it.
         self._period_ms = self._step_ms = 10
         self._came_ms = self._updated_ms = 0
+        #: For how long the host has been missed, up to _GONE_MS.
+        self._silent_ms = 0
         self._forget_beat()
-        objects.watch(self._on_place, indices.CONTROL)
+        objects.watch(lambda _index, _sub: self._on_setting(True), indices.CONTROL)
 
     def start(self, node_id):
         """The cell is 'operational'; nothing of before counts."""
@@ -121,6 +126,7 @@ class Layer:
         self._tracking.drop()
         self._pages.reset()
         self._leading.reset()
+        self._silent_ms = 0
         self._forget_beat()
 
     def _forget_beat(self):
@@ -137,7 +143,7 @@ class Layer:
     def load(self):
         """Take over everything from the dictionary."""
         self._place.load()
-        self._on_place()
+        self._on_setting(True)
 
     def goes_on(self):
         """Return whether the silence of the host ends no motion here.
@@ -151,15 +157,20 @@ class Layer:
             return False
         return self.active and self._pages.programs.go_on()
 
-    def _on_place(self, _index=0, _sub=0):
-        """A setting has changed; a cell that is 'operational' begins anew with it."""
+    def _on_setting(self, others):
+        """A setting is written; a cell that is 'operational' begins anew with it.
+
+        `others` is whether the cell hears other nodes than before.
+        """
         self._footprint.load()
         operational = self._operational
-        self.stop()
+        if operational or others:
+            self.stop()
         self._axes.led = self.wanted
         if operational:
             self.start(self._pages.node_id)
-        self._changed()
+        if others:
+            self._changed()
 
     # Received frames
 
@@ -310,7 +321,12 @@ class Layer:
         """Return the program of the parcel, None without one, and the verdict against it."""
         identity, pages = self._tracking.identity, self._pages
         if self._consumer.lost:
+            self._silent_ms = min(self._silent_ms + self._step_ms, _GONE_MS)
             pages.programs.outdate(identity)
+        elif self._silent_ms:
+            if self._silent_ms == _GONE_MS:
+                pages.on_host_back(identity if self._rights.state == UNDER else 0)
+            self._silent_ms = 0
         program = pages.programs.complete(identity)
         return program, pages.compare(identity, program, sent)
 
@@ -346,7 +362,7 @@ class Layer:
         # As many beats as were skipped before this update may be before the next.
         held = rights.drive_beats <= self._skipped_beats
         allowed = leading.may_go_on(program, step_ms, alone, held)
-        if alone and allowed:
+        if self._silent_ms == _GONE_MS and allowed:
             self._go_on(program)
         leading.step(program, allowed and not held, step_ms)
 

@@ -277,7 +277,8 @@ class Leading:
             turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
             way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
             planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
-        self._planned_ms = min(planned_ms, _LONG_MS)
+        # Twice that time can be counted.
+        self._planned_ms = min(planned_ms, _LONG_MS // 2)
 
 
 def _nearer(left_um, way_um):

@@ -158,6 +158,9 @@ class Pages:
         self._frame_at = find(indices.PROGRAM, 1).place
         self.node_id = 0
         self.programs = Programs(self._own)
+        #: By identity, whether the host alone may give the parcel another goal: it has ended the
+        #: program, or is back.
+        self._ended = bytearray(wire.IDENTITY_MAX + 1)
         self.precedence = Precedence()
         self.comparison = Comparison(heard)
         self.reset()
@@ -167,6 +170,8 @@ class Pages:
         self.asked = self._turn = 0
         programs, place = self.programs, self._place
         programs.clear()
+        for identity in range(len(self._ended)):
+            self._ended[identity] = 0
         programs.x, programs.y = place.x_um // wire.STEP_UM, place.y_um // wire.STEP_UM
         self.precedence.reset()
         self.comparison.reset()
@@ -227,7 +232,8 @@ class Pages:
         if page[wire.PAGE] == wire.PARCEL:
             if not program.has_parcel:
                 program.take(page)
-        elif page[wire.PAGE] != wire.GOAL:
+        elif page[wire.PAGE] != wire.GOAL or self._ended[page[wire.PARCEL_IDENTITY]]:
+            # A neighbour may have missed the end.
             return
         elif 0 < page[wire.LEG] < wire.JOINS:
             self._on_leg(program, page)
@@ -251,6 +257,7 @@ class Pages:
     def _on_host_page(self, identity, page):
         tracking = self._tracking
         if page[wire.PAGE] == wire.END:
+            self._ended[identity] = 1
             self.programs.drop(identity)
             if tracking.identity == identity:
                 tracking.drop()
@@ -269,6 +276,7 @@ class Pages:
 
     def _on_host_goal(self, program, again):
         """Take a goal of the host, perhaps the same one again: it is the newest."""
+        self._ended[program.identity] = 0
         if program.identity == self._tracking.identity:
             self.comparison.begin(program)
             self.comparison.settled = True
@@ -292,6 +300,16 @@ class Pages:
             tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
         if tracking.identity == identity and not tracking.under:
             tracking.drop()
+
+    def on_host_back(self, led):
+        """The host was gone: no goal of before counts, but that of the parcel `led` here.
+
+        The time to go on may be over, and only cells that have led the parcel know.
+        """
+        self.programs.outdate(led)
+        for identity in range(len(self._ended)):
+            if identity != led:
+                self._ended[identity] = 1
 
     # The beat
 

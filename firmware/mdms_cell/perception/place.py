@@ -35,7 +35,9 @@ _MICRO = 1_000_000
 
 
 class Place:
-    """Integer tables, in small ints; `changed()` is called when other nodes are neighbours.
+    """Integer tables, in small ints; `changed(others)` is called when a setting is written.
+
+    `others` is whether other nodes are neighbours now, or the place is known for the first time.
 
     `column` and `row` count from 1, and 0 means that the place is unknown. `x_um` and `y_um` are
     the cell's centre [table frame]. `nodes[d]` is the node id in direction d, 0 for none.
@@ -127,5 +129,4 @@ class Place:
     def _on_setting(self, _index, _sub):
         before = bytes(self.nodes), self.known
         self.load()
-        if before != (bytes(self.nodes), self.known):
-            self._changed()
+        self._changed(before != (bytes(self.nodes), self.known))

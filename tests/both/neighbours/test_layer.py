@@ -2,7 +2,7 @@
 
 from array import array
 
-from layer_bench import IDENTITY, NEIGHBOURS, NODE, Middle
+from layer_bench import IDENTITY, LENGTH_UM, NEIGHBOURS, NODE, WIDTH_UM, Middle
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.neighbour_layer import UPDATE_MS
@@ -187,6 +187,22 @@ def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
     assert state(middle) != cia402.OPERATION_ENABLED
 
 
+def test_twice_the_planned_time_of_the_slowest_longest_way_is_over_some_time():
+    middle = Middle(0)
+    middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+    middle.sequence = middle.its_sequence = 2
+    length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
+    # 5 mm/s over 4 m.
+    middle._page((IDENTITY, wire.PARCEL, 2, wire.RECTANGLE, length, width, 44, 1, wire.GO_ON))
+    middle._page((IDENTITY, wire.GOAL, 2, 16_000, 0, 0, 0, 0, 0))
+    heartbeat(middle)
+    run(middle, 20)
+    assert targets_um_s(middle)[0] > 0
+    middle.cell._layer._leading.alone_ms = 1 << 20  # a quarter of an hour, which nobody waits for
+    run(middle, 40)
+    assert targets_um_s(middle) == (0, 0)
+
+
 def held(beats):
     """A parcel that goes on without its host, and has stood for so long for want of a promise."""
     middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
@@ -304,7 +320,7 @@ def test_cell_takes_the_next_leg_when_the_host_is_gone_and_not_before():
     leg(middle)
     last = beats(middle, 60, with_host=True)
     assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (2, wire.ARRIVED)
-    last = beats(middle, 40, with_host=False)
+    last = beats(middle, 90, with_host=False)
     assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (3, 0)
     along, across = targets_um_s(middle)
     assert across > 50_000
@@ -343,8 +359,91 @@ def test_cell_without_a_host_follows_a_neighbour_onto_the_next_leg():
     middle.its_sequence = 3
     last = beats(middle, 4, with_host=True)
     assert last[wire.SEQUENCE] == 2
-    last = beats(middle, 12, with_host=False)
+    last = beats(middle, 66, with_host=False)
     assert last[wire.SEQUENCE] == 3
+
+
+def test_cell_that_alone_misses_its_host_for_a_while_takes_no_next_leg():
+    """Its neighbours would follow, though they hear the host."""
+    middle = standing()
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    # Heartbeats of 0.5 s get lost, and the cell misses the host after 75 ms.
+    last = beats(middle, 50, with_host=False)
+    assert last[wire.SEQUENCE] == 2
+    last = beats(middle, 30, with_host=True)
+    assert last[wire.SEQUENCE] == 2
+    assert targets_um_s(middle) == (0, 0)
+
+
+def rolled_over(middle, goal_direction=None):
+    """The fastest wheel while a parcel is pushed over the cell, with the host's heartbeat there."""
+    middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
+    frame = bytearray(8)
+    wire.pack_program(array("i", (IDENTITY, wire.GOAL, 2, 400, 0, 0, 0, 0, 0)), 0, frame)
+    fastest = 0
+    while middle.x_um < 60_000:
+        heartbeat(middle)
+        middle.beat()
+        middle.board.take()
+        if goal_direction is not None:
+            middle.cell.on_frame(
+                cob.PROGRAM_BASE + NEIGHBOURS[goal_direction], bytes(frame), middle.now_ms
+            )
+        fastest = max(fastest, *map(abs, targets_um_s(middle)))
+    return fastest
+
+
+def away():
+    """The host is gone, and the parcel stands beyond the cell's reach; then the host is back."""
+    middle = Middle(0)
+    middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+    middle.sequence = middle.its_sequence = 2
+    middle.program_flags = wire.GO_ON
+    middle.x_um = -450_000
+    heartbeat(middle)
+    middle._pages()
+    run(middle, 80)
+    middle.board.take()
+    for _ in range(5):
+        heartbeat(middle)
+        middle.beat()
+    return middle
+
+
+def test_host_that_is_back_moves_nothing_at_a_cell_that_a_parcel_of_before_comes_to():
+    """Its time to go on may be over, and only cells that have led it know."""
+    assert rolled_over(away()) == 0
+
+
+def test_after_the_host_was_gone_no_neighbour_gives_a_goal_of_before():
+    assert rolled_over(away(), goal_direction=4) == 0
+
+
+def test_program_of_the_host_that_is_back_leads_the_parcel():
+    middle = away()
+    middle.sequence = middle.its_sequence = 3
+    middle._pages()
+    assert rolled_over(middle) > 90_000
+
+
+def test_program_that_is_ended_comes_back_by_no_neighbour_that_has_missed_its_end():
+    middle = Middle(0)
+    run(middle, 20)
+    middle._page((IDENTITY, wire.END, 1, 0, 0, 0, 0, 0, 0))
+    length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
+    middle._page((IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, length, width, 44, 20, 0))
+    middle._page((IDENTITY, wire.PLACE, 1, middle.x_um // wire.STEP_UM, 0, 0, 0, 0, 0))
+    frame = bytearray(8)
+    wire.pack_program(array("i", (IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0)), 0, frame)
+    for _ in range(60):
+        middle.cell.on_frame(cob.PROGRAM_BASE + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+        middle.beat()
+        middle.board.take()
+        assert targets_um_s(middle) == (0, 0)
+    middle._pages()
+    run(middle, 60)
+    assert targets_um_s(middle)[0] > 90_000
 
 
 def test_program_that_is_ended_takes_its_legs_with_it():
@@ -618,3 +717,31 @@ def test_cell_whose_setting_is_written_while_it_is_operational_rests_and_begins_
     middle._pages()
     run(middle, 130, moving=False)
     assert targets_um_s(middle)[0] > 90_000
+
+
+def test_cell_that_is_moved_while_it_is_operational_rests_and_begins_anew():
+    half_turn = 3_141_593
+    for index, sub, size, number in (
+        (indices.PLACE, 1, 1, 5),
+        (indices.PLACE, 3, 4, 2_000_000),
+        (indices.DIRECTION, 0, 4, half_turn),
+        (indices.SENSOR_OFFSETS, 1, 4, 10_000),
+    ):
+        middle = Middle()
+        run(middle, 40)
+        assert targets_um_s(middle)[0] > 90_000
+        middle.board.take()
+        middle._write(index, sub, size, number)
+        run(middle, 20, moving=False)
+        assert targets_um_s(middle) == (0, 0)
+        assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_direction_that_is_written_before_the_start_counts_from_then_on():
+    middle = Middle(SPEED_UM_S)
+    middle.cell.on_frame(cob.NMT, bytes((0x80, NODE)), middle.now_ms)
+    middle.board.take()
+    middle._write(indices.DIRECTION, 0, 4, 3_141_593)
+    middle._start()
+    run(middle, 130, moving=False)
+    assert targets_um_s(middle)[0] < -90_000

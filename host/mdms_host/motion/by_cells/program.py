@@ -13,7 +13,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.lost_cells import LostCells
 from mdms_host.motion.by_cells.reports import Observed, Reports
-from mdms_host.motion.by_cells.sending import ENDS, CellTurn, Precedences, Sending, Way
+from mdms_host.motion.by_cells.sending import CellTurn, Precedences, Sending, Way
 from mdms_host.motion.by_cells.stages import Followed, Stages
 from mdms_host.motion.contact import has_room, has_room_to
 from mdms_host.motion.footholds import Footholds
@@ -213,7 +213,7 @@ class CellsProgram:
                     sending.give_anew()
                 else:
                     self._followed[name].stopped = True
-                    pages += [sending.end_page] * ENDS
+                    sending.give_anew()
             if name in self._stages and belief is not None:
                 self._guide(name, _felt(name, beliefs), name in asked)
             observed = self._observed[name]

@@ -130,8 +130,10 @@ _LACKING_S = 0.2
 _GONE_S = 0.3
 #: A parcel's first program; each change of its goal counts on, round and round.
 _FIRST = 1
-#: The page that ends a program is sent so often.
+#: The page that ends a program is sent so often, and again where a cell goes on with the program
+#: after that, so far apart [s].
 ENDS = 3
+_END_AGAIN_S = 0.2
 
 
 class Sending:
@@ -164,6 +166,9 @@ class Sending:
         self._wanted: Way | None = None
         self._sequence = _FIRST
         self._ends = 0
+        #: Whether no cell is to have a program, and when the last page that ended it was sent.
+        self._ended = False
+        self._ended_s = -inf
         self.begin_again()
 
     def begin_again(self) -> None:
@@ -232,8 +237,10 @@ class Sending:
     def pages(self, pose: Floats | None, now_s: float) -> Iterator[Page]:
         """The pages to send now; once a cycle. Without a pose [table frame] no program is sent."""
         self._change_way(now_s)
+        if (self.way is None or pose is None) and self._is_missed(now_s):
+            self._ends = 1
         if self._ends:
-            yield self._last_page()
+            yield self._last_page(now_s)
         elif pose is not None:
             self._check_acknowledged(pose, now_s)
             if not self.done or self._is_lacked(now_s):
@@ -252,9 +259,16 @@ class Sending:
         self._sequence = self._following
         self._begin(now_s)
 
-    def _last_page(self) -> Page:
+    def _is_missed(self, now_s: float) -> bool:
+        """Whether a cell has missed that the program has ended: it would lead the parcel on."""
+        if not self._ended or self._ends or now_s < self._ended_s + _END_AGAIN_S:
+            return False
+        return any(each.sequence for each in self._reports.of(self.identity).values())
+
+    def _last_page(self, now_s: float) -> Page:
         """The page that ends the program, some times over; after it the parcel's data go."""
         self._ends -= 1
+        self._ended, self._ended_s = True, now_s
         if not self._ends:
             self._begin(-inf)
             self._reports.drop(self.identity)
@@ -274,6 +288,7 @@ class Sending:
         yield parcel_page(self.identity, sequence, self.parcel, self._limits, flags)
         yield place_page(self.identity, sequence, pose)
         if way is not None:
+            self._ended = False
             yield way.page(self.identity, sequence)
 
     # Acknowledgements

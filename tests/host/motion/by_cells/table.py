@@ -23,13 +23,18 @@ HELD = 1
 
 
 class Table:
-    """A program, and cells that report the box as a test says."""
+    """A program, and cells that report the box as a test says.
+
+    After the end of their program they have none until they get a goal. Those in `missing` miss it.
+    """
 
     def __init__(self, goal=GOAL, **options):
         goals = {} if goal is None else {"box": goal}
         self.program = CellsProgram(LAYOUT, (BOX,), goals, **options)
         self.now_s = 0.0
         self.notices = []
+        self.ended = False
+        self.missing = ()
 
     def run(self, duration_s, poses=AT, reports=None, elsewhere=(), **believed):
         """The pages sent meanwhile, as (time [s], page); these cells have the box 0.1 m beside."""
@@ -38,9 +43,15 @@ class Table:
             self.now_s += STEP_S
             for cell, estimate in (reports or {}).items():
                 pose = poses.get("box", AT["box"]) + np.array([0.1 * (cell in elsewhere), 0, 0])
-                self.program.on_estimate(cell, seen_from(cell, pose, estimate), self.now_s)
+                seen = seen_from(cell, pose, estimate)
+                if self.ended and cell not in self.missing:
+                    seen = seen._replace(sequence=0)
+                self.program.on_estimate(cell, seen, self.now_s)
             pages = self.program.step(beliefs(poses, [BOX], **believed), self.now_s, STEP_S)
             sent += [(self.now_s, page) for page in pages]
+            for page in pages:
+                if isinstance(page, messages.End | messages.Goal):
+                    self.ended = isinstance(page, messages.End)
             self.notices += self.program.take_notices()
         return sent
 

@@ -193,3 +193,29 @@ def test_cells_that_have_gone_on_by_themselves_are_not_sent_back():
     (first, *_) = goals(table.run(0.1, reports=reports(UNDER, sequence=3)))
     assert first == (0, 0)
     assert table.program.ends() == [messages.End(1, 1)]
+
+
+def test_end_is_sent_again_while_a_cell_goes_on_with_the_program():
+    """One wheel would push on, and hand the program to neighbours that know of no end."""
+    for poses in (THERE, {}):
+        table = Table()
+        table.run(0.5, poses=THERE, reports=reports(UNDER))
+        table.missing = (9,)
+        table.program.end("box")
+        table.run(0.1, poses=poses, reports=reports(UNDER))
+        sent = table.run(1.0, poses=poses, reports=reports(UNDER))
+        assert sum(isinstance(page, messages.End) for _, page in sent) == 5
+        table.missing = ()
+        table.run(0.1, poses=poses, reports=reports(UNDER))
+        sent = table.run(1.0, poses=poses, reports=reports(UNDER))
+        assert not [page for _, page in sent if isinstance(page, messages.End)]
+
+
+def test_end_is_sent_again_to_a_cell_that_drives_a_parcel_that_was_stopped():
+    table = Table()
+    table.run(12.0, reports=reports(hold=wire.HOLD_NONE))
+    assert table.program.stuck
+    table.missing = (9,)
+    sent = table.run(1.0, reports=reports(hold=wire.HOLD_NONE))
+    assert len(sent) >= 4
+    assert {type(page) for _, page in sent} == {messages.End}
