@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from mdms_host.can_link.link import AnyLink, Link, drive
-from mdms_host.can_link.links import OnEachBus
+from mdms_host.can_link.link import AnyLink, drive
 from mdms_host.clock import Clock
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
@@ -11,6 +10,8 @@ from mdms_protocol.codecs.frame import Frame
 #: The command is repeated, since a broadcast is not confirmed.
 _REPEATS = 3
 _REPEAT_S = 0.05
+#: What to do about cells that may not be off.
+CUT = "cut the motors' power"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,21 +62,15 @@ class StopAll:
             self._states[node] = state
 
 
-def stop_all(link: Link, clock: Clock) -> StopReport:
-    """Turn off every drive on the bus; raises DeviceGoneError."""
-    (report,) = stop_buses(link, clock, 1)
-    return report
-
-
-def stop_buses(link: AnyLink, clock: Clock, buses: int) -> list[StopReport]:
-    """Turn off every drive on all buses of a link at once; raises DeviceGoneError."""
-    stopping = [StopAll() for _ in range(buses)]
-    drive(OnEachBus(stopping), link, clock, lambda: all(each.over for each in stopping))
-    return [each.report for each in stopping]
+def stop_all(link: AnyLink, clock: Clock) -> StopReport:
+    """Turn off every drive on the bus of a link; raises DeviceGoneError."""
+    stopping = StopAll()
+    drive(stopping, link, clock, lambda: stopping.over)
+    return stopping.report
 
 
 def not_off_text(report: StopReport, bus: str = "") -> str:
     """Which cells are not seen to be off, and what to do."""
     nodes = ", ".join(map(str, report.not_off))
     where = f"{bus}, " if bus else ""
-    return f"not off: {where}node {nodes}; cut the motors' power"
+    return f"not off: {where}node {nodes}; {CUT}"

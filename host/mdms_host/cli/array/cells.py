@@ -7,14 +7,15 @@ and the exit code is 5 then.
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
 
 from rich.live import Live
 
 from mdms_array.checks import warn_of_load, wire_of
 from mdms_array.connection import open_links
-from mdms_host.can_link.link import AnyLink, drive, open_bus
+from mdms_host.can_link.link import AnyLink, LinkError, drive, open_bus
 from mdms_host.can_link.links import OnEachBus
 from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
 from mdms_host.cli.console import dots, show
@@ -31,8 +32,14 @@ from mdms_host.commissioning.status import (
     scan_table,
     status_table,
 )
-from mdms_host.commissioning.stop import not_off_text, stop_buses
-from mdms_host.commissioning.table_cells import Heard, Missing, TableBuses, missing_cells
+from mdms_host.commissioning.stop import CUT, StopReport, not_off_text, stop_all
+from mdms_host.commissioning.table_cells import (
+    Heard,
+    Missing,
+    TableBus,
+    TableBuses,
+    missing_cells,
+)
 
 #: Ten heartbeats at their default period.
 LISTEN_S = 1.0
@@ -108,46 +115,72 @@ def status(arguments: Namespace) -> Exit:
 
 
 def stop(arguments: Namespace) -> Exit:
-    """Turn everything off and report which cells have confirmed it."""
+    """Turn everything off and report which cells have confirmed it.
+
+    All buses are opened and stopped at once, each by itself: a slow one holds up no other.
+    """
     table = named_table(arguments)
-    with open_links(table.options, table.channels) as (link, clock):
-        reports = stop_buses(link, clock, len(table.buses))
-        models = [StatusModel(asks_neighbours=True) for _ in table.buses]
-        if any(report.heard for report in reports):
-            end_s = clock.now_s() + ASK_S
-            drive(OnEachBus(models), link, clock, lambda: clock.now_s() >= end_s)
+    with ThreadPoolExecutor(len(table.buses)) as pool:
+        ends = list(zip(table.buses, pool.map(_stop_bus, table.buses), strict=True))
+    stopped = [(bus, end) for bus, end in ends if not isinstance(end, LinkError)]
+    failed = [(bus, end) for bus, end in ends if isinstance(end, LinkError)]
+    if failed and not table.is_split:
+        raise failed[0][1]
     missing = missing_cells(
-        [
-            Heard(bus, frozenset(report.heard), model.neighbours)
-            for bus, report, model in zip(table.buses, reports, models, strict=True)
-        ],
+        [Heard(bus, frozenset(end.report.heard), end.neighbours) for bus, end in stopped],
         arguments.cells,
     )
-    named = list(zip(table.buses, reports, strict=True))
     if arguments.json:
-        figures = {bus.name: asdict(report) for bus, report in named}
-        told = {"buses": figures} if table.is_split else figures[table.buses[0].name]
+        figures = {bus.name: asdict(end.report) for bus, end in stopped}
+        errors = {bus.name: str(error) for bus, error in failed}
+        split = {"buses": figures, "not_stopped": errors}
+        told = split if table.is_split else figures[table.buses[0].name]
         print(json.dumps({**told, **figures_of(missing)}))
-    heard = sum(len(report.heard) for report in reports)
-    if not heard:
+    heard = sum(len(end.report.heard) for _, end in stopped)
+    if not heard and not failed:
         raise CommandError(NO_NODES, Exit.NO_DEVICE)
-    still = [
-        not_off_text(report, bus.name if table.is_split else "")
-        for bus, report in named
-        if report.not_off
+    texts = [
+        not_off_text(end.report, bus.name if table.is_split else "")
+        for bus, end in stopped
+        if end.report.not_off
     ]
-    if still:
-        raise CommandError("; ".join(still), Exit.NODE_FAULT)
-    if not arguments.json:
-        print(f"{heard} cells are off{_over(table)}")
-    refuse_missing(
-        table.is_split, missing, "nobody knows whether they are off; cut the motors' power"
-    )
+    if heard and not texts and not arguments.json:
+        print(f"{heard} cells are off{_over(table, len(stopped))}")
+    if failed:
+        names = ", ".join(f"{bus.name} ({error})" for bus, error in failed)
+        texts.insert(0, f"not stopped: {names}; {CUT}")
+    if texts:
+        raise CommandError("; ".join(texts), Exit.NO_DEVICE if failed else Exit.NODE_FAULT)
+    refuse_missing(table.is_split, missing, f"nobody knows whether they are off; {CUT}")
     return Exit.OK
 
 
-def _over(table: TableBuses) -> str:
-    return f" on {len(table.buses)} buses" if table.is_split else ""
+@dataclass(frozen=True, slots=True)
+class _Stopped:
+    """A bus on which all was turned off, and the neighbours that each of its cells has stored."""
+
+    report: StopReport
+    neighbours: Mapping[int, Sequence[int]]
+
+
+def _stop_bus(bus: TableBus) -> _Stopped | LinkError:
+    """Turn everything off on a bus, and ask its cells who is beside them; or why that failed."""
+    try:
+        with open_links(bus.options) as (link, clock):
+            report, model = stop_all(link, clock), StatusModel(asks_neighbours=True)
+            if report.heard:
+                end_s = clock.now_s() + ASK_S
+                drive(model, link, clock, lambda: clock.now_s() >= end_s)
+    except LinkError as error:
+        return error
+    return _Stopped(report, model.neighbours)
+
+
+def _over(table: TableBuses, stopped: int) -> str:
+    if not table.is_split:
+        return ""
+    buses = len(table.buses)
+    return f" on {buses} buses" if stopped == buses else f" on {stopped} of {buses} buses"
 
 
 def _missing_of(

@@ -82,6 +82,70 @@ def test_node_that_does_not_stop_is_named(channel, capsys):
     assert told.err == "mdms: not off: node 2; cut the motors' power\n"
 
 
+TABLE = """
+[array]
+channels = ["left", "right"]
+columns = 2
+rows = 1
+
+[[cell]]
+serial = "00000001"
+node = 1
+bus = 0
+
+[[cell]]
+serial = "00000002"
+node = 1
+bus = 1
+"""
+
+
+class Unplugged(can.BusABC):
+    """An adapter that takes frames, and fails as soon as it is read."""
+
+    def __init__(self, **_options):
+        super().__init__("unplugged")
+
+    def send(self, msg, timeout=None):
+        pass
+
+    def recv(self, timeout=None):
+        raise OSError("unplugged")
+
+
+def no_adapter(**_options):
+    raise OSError("no such adapter")
+
+
+@pytest.mark.parametrize("adapter", [no_adapter, Unplugged])
+@pytest.mark.parametrize("gone", ["left", "right"])
+def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
+    tmp_path, monkeypatch, capsys, gone, adapter
+):
+    there = {"left": "right", "right": "left"}[gone]
+    (tmp_path / "table.toml").write_text(TABLE)
+    virtual = can.Bus
+
+    def bus(*channel, **options):
+        return (adapter if options.get("channel") == gone else virtual)(*channel, **options)
+
+    monkeypatch.setattr("can.Bus", bus)
+    command = ["stop", "-i", "virtual", "--array", str(tmp_path / "table.toml")]
+    for options in ((), ("--json",)):
+        with Nodes(there, {1: nmt.OPERATIONAL}) as nodes:
+            assert main([*command, *options]) == Exit.NO_DEVICE
+        assert nodes.states == {1: nmt.PRE_OPERATIONAL}
+        told = capsys.readouterr()
+        assert told.err.startswith(f"mdms: not stopped: {gone} (")
+        assert told.err.endswith("; cut the motors' power\n")
+        if options:
+            figures = json.loads(told.out)
+            assert figures["buses"] == {there: {"heard": [1], "not_off": []}}
+            assert figures["not_stopped"].keys() == {gone}
+        else:
+            assert told.out == "1 cells are off on 1 of 2 buses\n"
+
+
 def test_status_shows_every_node_that_is_heard(channel, capsys):
     with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.STOPPED}):
         assert on(channel, "status", "--json") == Exit.OK
