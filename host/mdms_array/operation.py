@@ -4,6 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, replace
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Protocol
 
@@ -14,7 +15,7 @@ from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
 from mdms_array.recording import PlanLog
 from mdms_array.run import Run
-from mdms_host.can_link.bus_log import LogWriter
+from mdms_host.can_link.bus_log import LogWriter, open_log
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts
 from mdms_host.can_link.recent import Recent
 from mdms_host.clock import Clock
@@ -167,9 +168,14 @@ def _broken_off(keep: Keeps | None, clock: Clock) -> Iterator[None]:
 
 
 @contextmanager
-def bus_log_in(folder: Path, belief: BelievedArray) -> Iterator[LogFrame]:
-    """Yield the function that logs a frame of an array's buses into a run folder."""
-    with (folder / BUS_LOG).open("w") as log:
+def bus_log_in(
+    folder: Path, belief: BelievedArray, failed: Callable[[OSError], object]
+) -> Iterator[LogFrame]:
+    """Yield the function that logs a frame of an array's buses into a run folder.
+
+    Where the disk takes no more the log ends, and `failed(error)` is called.
+    """
+    with TextIOWrapper(open_log(folder / BUS_LOG, failed), "ascii", newline="\n") as log:
         yield LogWriter(log, len(belief.scenario.array.buses) or 1).on_frame
 
 

@@ -1,9 +1,11 @@
 """The bus log of a run: written, read again, by sender, sent once more, in forms of other tools."""
 
-from collections.abc import Iterable, Iterator
+import io
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from math import inf
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import can
 
@@ -41,6 +43,46 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
                     yield time_s, Frame(message.arbitration_id, bytes(message.data))
     except (ValueError, IndexError) as error:
         raise InputError(f"{path}: not a candump log: {error}") from None
+
+
+#: Bytes at the end of a log that surely have a whole line.
+_LINE_BYTES = 4096
+
+
+class _LastingFile(io.FileIO):
+    """See `open_log`."""
+
+    def __init__(self, path: Path, failed: Callable[[OSError], object]) -> None:
+        super().__init__(path, "w+")
+        self._on_failure = failed
+        self._has_failed = False
+
+    def write(self, data: Any) -> int:
+        """See `io.FileIO`."""
+        if self._has_failed:
+            return len(data)
+        try:
+            return super().write(data)
+        except OSError as error:
+            self._has_failed = True
+            self._cut()
+            self._on_failure(error)
+            return len(data)
+
+    def _cut(self) -> None:
+        """End with a whole line."""
+        with suppress(OSError):
+            start = max(0, self.tell() - _LINE_BYTES)
+            self.seek(start)
+            self.truncate(start + self.read().rfind(b"\n") + 1)
+
+
+def open_log(path: Path, failed: Callable[[OSError], object]) -> io.BufferedWriter:
+    """Open the bus log of a run that goes on though the disk takes no more: the log ends there.
+
+    `failed(error)` is called then, once. Raises OSError where the file cannot be opened.
+    """
+    return io.BufferedWriter(_LastingFile(path, failed))
 
 
 class Writes(Protocol):

@@ -1,8 +1,11 @@
-"""Files that verbs write: whole or not at all, and never over somebody else's."""
+"""Files that verbs write, and never over somebody else's.
+
+They are whole or not there. The folder of a run on a table has all that the disk took.
+"""
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -28,6 +31,16 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         code = Exit.USAGE if error.errno in _BAD_PLACES else Exit.FAILURE
         raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None
+
+
+def written(folder: Path, write: Callable[[], object]) -> CommandError | None:
+    """Have the rest of a folder written, which else stays as it is; the error if there was one."""
+    try:
+        with writing(folder):
+            write()
+    except CommandError as error:
+        return CommandError(f"{error}; only what was written before is there", error.code)
+    return None
 
 
 def check_own(path: Path, mark: bytes, force: bool) -> None:

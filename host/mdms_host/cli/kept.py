@@ -18,6 +18,7 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import wall_s
 from mdms_host.layout import Layout
 from mdms_host.programs.program import Main
+from mdms_model.run.folder import BUS_LOG
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
 
@@ -31,6 +32,15 @@ def level_of(arguments: Namespace) -> str:
 def keeps_frames(arguments: Namespace) -> bool:
     """Whether a run folder gets a bus log."""
     return level_of(arguments) == "all"
+
+
+def say_log_ends(folder: Path) -> Callable[[OSError], None]:
+    """A function that says why the bus log of a run folder ends before its run."""
+
+    def failed(error: OSError) -> None:
+        say(f"mdms: {folder / BUS_LOG}: cannot be written: {error.strerror}; it ends here")
+
+    return failed
 
 
 def check_log(arguments: Namespace) -> None:

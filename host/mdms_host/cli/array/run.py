@@ -15,8 +15,8 @@ from mdms_array.recording import keep_run, lasting
 from mdms_array.run import Run
 from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit, interrupted
-from mdms_host.cli.files import writing
-from mdms_host.cli.kept import check_log, keeping, keeps_frames
+from mdms_host.cli.files import written
+from mdms_host.cli.kept import check_log, keeping, keeps_frames, say_log_ends
 from mdms_host.cli.line import Job, has_line, recipes_of
 from mdms_host.cli.live_array import show_array
 from mdms_host.cli.options import AGAIN
@@ -54,14 +54,17 @@ def run(arguments: Namespace) -> int:
     if arguments.limit is None:
         arguments.limit = scenario.run.duration_s + BRING_UP_S
     with kept_for_json(arguments.json):
-        operation, ended = _operate(belief, arguments, main)
+        operation, ended, incomplete = _operate(belief, arguments, main)
     if arguments.json:
         print(json.dumps(ended.figures))
     else:
         if counts := str(operation.link):
             say(f"frames: {counts}")
         print(f"{scenario.title}: {operation.ending} after {operation.duration_s:.1f} s")
-    return _verdict(operation, ended)
+    if incomplete is not None:
+        say(f"mdms: {incomplete}")
+    code = _verdict(operation, ended)
+    return code if incomplete is None else incomplete.code
 
 
 def _believed(job: Job, arguments: Namespace) -> tuple[BelievedArray, Main | None]:
@@ -107,8 +110,11 @@ def _verdict(operation: Operation, ended: Run) -> Exit:
 
 def _operate(
     belief: BelievedArray, arguments: Namespace, main: Main | None
-) -> tuple[Operation, Run]:
-    """Operate the array, and keep the run in a folder if one is wanted, however it ended."""
+) -> tuple[Operation, Run, CommandError | None]:
+    """Operate the array, and keep the run in a folder if one is wanted, however it ended.
+
+    The third is why the folder is not complete, None if it is.
+    """
     layout = layout_of(belief.scenario, belief.cells)
     lines = EventLines(say)
     with ExitStack() as opened:
@@ -132,7 +138,7 @@ def _operate(
             keep=kept,
         )
         if arguments.out is None:
-            return operated()
+            return *operated(), None
         return _operate_and_keep(operated, belief, arguments, main)
 
 
@@ -141,22 +147,24 @@ def _operate_and_keep(
     belief: BelievedArray,
     arguments: Namespace,
     main: Main | None,
-) -> tuple[Operation, Run]:
+) -> tuple[Operation, Run, CommandError | None]:
     with fresh_folder(arguments.out) as folder:
         if keeps_frames(arguments):
-            with bus_log_in(folder, belief) as log_frame:
+            failed = say_log_ends(arguments.out)
+            with bus_log_in(folder, belief, failed) as log_frame:
                 operation, ended = operated(log_frame=log_frame)
         else:
             operation, ended = operated()
         ended = replace(ended, figures={**ended.figures, "run": str(arguments.out)})
         lasted = lasting(belief.scenario, ended.duration_s)
-        with writing(arguments.out):
-            keep_run(
-                folder,
-                lasted,
-                ended.record,
-                dict(ended.figures),
-                main=main,
-                array_file=arguments.array,
-            )
-    return operation, ended
+        keep = partial(
+            keep_run,
+            folder,
+            lasted,
+            ended.record,
+            dict(ended.figures),
+            main=main,
+            array_file=arguments.array,
+        )
+        incomplete = written(arguments.out, keep)
+    return operation, ended, incomplete

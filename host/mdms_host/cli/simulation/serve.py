@@ -4,6 +4,7 @@ import signal
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack, closing, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -15,10 +16,10 @@ from mdms_array.host import layout_of
 from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
-from mdms_host.can_link.bus_log import is_from_host
+from mdms_host.can_link.bus_log import is_from_host, open_log
 from mdms_host.cli.exits import ENDS, CommandError, Exit, interrupted
-from mdms_host.cli.files import writing
-from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames
+from mdms_host.cli.files import writing, written
+from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames, say_log_ends
 from mdms_host.cli.line import Job, has_line, recipes_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
@@ -143,7 +144,8 @@ def _serve_and_keep(
     clock, (scenario, _) = MonotonicClock(), recipes.first
     with fresh_folder(arguments.out) as folder:
         all_frames = keeps_frames(arguments)
-        with (folder / BUS_LOG).open("wb") if all_frames else nullcontext() as log:
+        failed = say_log_ends(arguments.out)
+        with open_log(folder / BUS_LOG, failed) if all_frames else nullcontext() as log:
             simulation = _serve(recipes, slot, host, arguments, kept=kept, stored=stored, log=log)
             outcome = simulation.outcome()
         host.add_to(outcome.record)
@@ -157,8 +159,10 @@ def _serve_and_keep(
             wall_s=clock.now_s(),
         )
         figures = {**ended.figures, "run": str(arguments.out)}
-        with writing(arguments.out):
-            keep_run(folder, lasted, outcome.record, figures)
+        keep = partial(keep_run, folder, lasted, outcome.record, figures)
+        incomplete = written(arguments.out, keep)
+    if incomplete is not None:
+        raise incomplete
 
 
 def _serve(

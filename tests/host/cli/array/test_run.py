@@ -1,12 +1,14 @@
 """`mdms run` when its way to the bus ends before the run does."""
 
 import json
+import resource
 
 import numpy as np
 import pytest
 from tests.host.motion.believing import beliefs
 
 from mdms_array import operation
+from mdms_host.can_link.bus_log import read_log
 from mdms_host.can_link.link import DeviceGoneError, LinkCounts
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
@@ -47,6 +49,59 @@ def test_sightings_until_then_are_kept(on_a_bus_that_ends, tmp_path):
     assert stored.figures["fault"] == "the CAN device is gone: unplugged"
     assert stored.record.time_s.tolist() == [0.0, 0.05, 0.1]
     assert (tmp_path / "run" / "bus.log").read_text().count("77F#05") == 2
+
+
+LOG_BYTES = 2000
+AT_REST = ("--set", "motion.field=uniform", "--set", "motion.speed_m_s=0")
+
+
+@pytest.fixture
+def on_a_full_disk(monkeypatch, tmp_path):
+    """Runs the verb with a disk that takes `LOG_BYTES` a file; `more` after the run, if given."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def run(more=LOG_BYTES):
+        def operate(*_, participant, **_others):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (LOG_BYTES, before[1]))
+            for poll in range(1000):
+                participant.poll(0.05 * poll)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (more, before[1]))
+            return Operation(Ending.DONE, 50.0, None, LinkCounts(0, 0, 0, 0))
+
+        monkeypatch.setattr(operation, "operate", operate)
+        channel = ("-i", "virtual", "-c", "full")
+        try:
+            return main(["run", "array18", *channel, "--out", str(tmp_path / "run"), *AT_REST])
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    return run
+
+
+def logged(folder):
+    """The number of frames in the bus log of a folder, which has whole lines alone."""
+    assert (folder / "bus.log").read_text().endswith("\n")
+    return len(list(read_log(folder / "bus.log")))
+
+
+def test_a_full_disk_ends_no_run_and_leaves_what_it_took(on_a_full_disk, tmp_path, capsys):
+    assert on_a_full_disk() == Exit.FAILURE
+    told = capsys.readouterr()
+    assert told.out == "18 cells carry and turn a box: done after 50.0 s\n"
+    run = tmp_path / "run"
+    assert told.err.splitlines() == [
+        f"mdms: {run / 'bus.log'}: cannot be written: File too large; it ends here",
+        f"mdms: {run}: cannot be written: File too large; only what was written before is there",
+    ]
+    assert logged(run) > 10
+    assert not (run / "meta.json").exists()
+
+
+def test_a_disk_that_has_room_again_takes_the_rest_of_the_folder(on_a_full_disk, tmp_path, capsys):
+    assert on_a_full_disk(more=resource.RLIM_INFINITY) == Exit.OK
+    assert capsys.readouterr().err.count("it ends here") == 1
+    assert read_run(tmp_path / "run").figures["ending"] == "done"
+    assert 10 < logged(tmp_path / "run") < 100
 
 
 @pytest.mark.compiles

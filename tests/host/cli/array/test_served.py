@@ -2,6 +2,8 @@
 
 import json
 import re
+import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -159,6 +161,57 @@ def test_run_that_is_terminated_leaves_every_motor_off(served):
     assert told[-1] == "mdms: terminated"
     assert any(line.endswith("  stopped") for line in told)
     assert "Traceback" not in "".join(told)
+
+
+def fill_disk(process):
+    """Have files of a program grow no more."""
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (50_000, 50_000))
+
+
+FULL = "bus.log: cannot be written: File too large; it ends here\n"
+
+
+def test_run_on_a_disk_that_gets_full_comes_to_its_orderly_end(served, tmp_path):
+    out = tmp_path / "run"
+    run = [str(MDMS), "run", "array18", *served, *AT_REST, "--out", str(out)]
+
+    def ran():
+        shutil.rmtree(out, ignore_errors=True)
+        with subprocess.Popen(
+            run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as process:
+            told = []
+            for line in iter(process.stderr.readline, ""):
+                told.append(line)
+                if line.endswith("  running\n"):
+                    fill_disk(process)
+            assert "done after" in process.stdout.read()
+            return process.wait(timeout=120), "".join(told)
+
+    code, told = until_not_held_up(ran)
+    assert code == Exit.FAILURE, told
+    assert told.count(FULL) == 1
+    assert told.index(FULL) < told.index("  stopped\n")
+    assert told.endswith("; only what was written before is there\n")
+    assert sum(1 for _ in read_log(out / "bus.log")) > 1000
+
+
+def test_serve_goes_on_when_its_disk_gets_full(tmp_path, capsys):
+    out, name = tmp_path / "run", str(tmp_path / "sock")
+    command = [str(MDMS), "serve", "array18", "--name", name, "--out", str(out)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        while "mdms scan" not in process.stdout.readline():
+            assert process.poll() is None
+        fill_disk(process)
+        assert process.stderr.readline().endswith(FULL)
+        assert main(["stop", "-i", "mdms", "-c", name]) == Exit.OK
+        assert capsys.readouterr().out == "18 cells are off\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=120) == Exit.FAILURE
+        assert process.stderr.read().endswith("; only what was written before is there\n")
+    assert sum(1 for _ in read_log(out / "bus.log")) > 1000
 
 
 #: The lower row and a half of the array on one bus, the rest on another.
