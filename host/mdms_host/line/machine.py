@@ -179,6 +179,7 @@ class Machine:
         self.ideal_per_hour = 0.0
         self.states = StateMachine(since_s=now_s())
         self._slot = slot
+        slot.refusal = self._refusal
         self._now_s = now_s
         self._on_report = on_report
         self._beats_s: dict[str, float] = {}
@@ -332,7 +333,21 @@ class Machine:
         program.table.recipe = self.recipes.running
         program.serve_orders()
         if self.states.state is State.STOPPED:
-            self._on(Command.RESET, "started by hand")
+            try:
+                self._on(Command.RESET, "started by hand")
+            except CommandRefusedError as error:
+                # The run ends: Stopped has none.
+                self.states.reason = str(error)
+
+    def _refusal(self) -> str:
+        """Why no run may be started by hand now; empty if one may."""
+        state, mode = self.states.state, self.states.mode
+        if state is not State.STOPPED:
+            name = state.name.capitalize()
+            return f"the line is in {name}, and a person starts it in Stopped alone"
+        if mode is Mode.MAINTENANCE:
+            return "the line is in Maintenance; change its mode to Production first"
+        return ""
 
     def _end_run(self, state: State) -> None:
         """Turn the motors off."""
@@ -461,7 +476,7 @@ class Machine:
         """Bring the cells up, all parcels kept standing."""
         if not self._slot.busy:
             try:
-                self._slot.start()
+                self._slot.begin()
             except RefusedError as error:
                 self.states.on(Command.STOP, self._now_s(), str(error))
                 raise CommandRefusedError(str(error)) from None

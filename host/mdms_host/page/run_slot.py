@@ -49,6 +49,8 @@ class RunSlot:
         recent: Recent | None = None,
     ) -> None:
         self.on_cycle: Callable[[float], object] = lambda _late_s: None
+        #: Why the machine of a line takes no run that is started by hand; empty if it does.
+        self.refusal: Callable[[], str] = lambda: ""
         self.coordinator: Coordinator | None = None
         self.reader: ObjectReader | None = None
         #: How often somebody has asked for an end.
@@ -78,6 +80,13 @@ class RunSlot:
         return self._looked_s - self._asked_s < _ASKS_S
 
     def start(self) -> None:
+        """Begin the program anew, by hand. Raises `RefusedError` like `begin`, and by `refusal`."""
+        refusal = "" if self.busy else self.refusal()
+        if refusal:
+            raise RefusedError(refusal)
+        self.begin()
+
+    def begin(self) -> None:
         """Begin the program anew.
 
         Raises `RefusedError` while one runs, and while another host speaks: the two would stop each

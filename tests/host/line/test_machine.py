@@ -9,7 +9,8 @@ import pytest
 from tests.host.line.virtual_line import TABLE, VirtualLine
 
 from mdms_host.line.machine import _stands as machine_stands
-from mdms_host.line.packml import Command, CommandRefusedError, State
+from mdms_host.line.packml import Command, CommandRefusedError, Mode, State
+from mdms_host.page.commands import RefusedError
 from mdms_host.programs.table import Table
 from mdms_host.programs.table_parcel import ProgramError
 from mdms_model.scenario.file import load_scenario
@@ -210,6 +211,33 @@ def test_a_run_that_is_started_by_hand_moves_nothing_before_start(line) -> None:
     line.until_state(State.IDLE)
     line.pass_s(3.0)
     assert not line.moving()
+
+
+@pytest.mark.parametrize(
+    ("mode", "command", "says"),
+    [
+        (Mode.MAINTENANCE, None, "the line is in Maintenance; change its mode"),
+        (Mode.PRODUCTION, Command.ABORT, "the line is in Aborted, and .* in Stopped alone"),
+    ],
+)
+def test_a_start_by_hand_that_the_machine_cannot_take_is_refused(line, mode, command, says) -> None:
+    line.do("mode", mode=int(mode))
+    if command is not None:
+        line.command(command)
+        line.until_state(State.ABORTED)
+    state = line.state
+    with pytest.raises(RefusedError, match=says):
+        line.slot.start()
+    line.pass_s(0.5)
+    assert (line.state, line.slot.busy) == (state, False)
+
+
+def test_a_run_that_the_machine_cannot_take_on_is_stopped_with_the_reason(line) -> None:
+    line.do("mode", mode=int(Mode.MAINTENANCE))
+    line.slot.begin()
+    line.pass_s(2.0)
+    assert (line.state, line.slot.busy, line.moving()) == (State.STOPPED, False, False)
+    assert "maintenance" in line.machine.states.reason
 
 
 def test_a_scanner_that_reports_a_parcel_twice_does_not_name_the_next_one(line) -> None:
