@@ -119,6 +119,7 @@ class RunSlot:
         if self.coordinator is not None and self.busy:
             self.stop()
         else:
+            self.stops += 1
             self._all_off = _REPEATS
 
     @property

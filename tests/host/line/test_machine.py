@@ -366,6 +366,24 @@ def test_a_stop_by_hand_while_the_recipe_changes_moves_nothing(choosing, told) -
     assert (choosing.state, choosing.slot.busy, told) == (State.STOPPED, False, [])
 
 
+def test_a_stop_by_hand_between_the_runs_of_two_recipes_moves_nothing(choosing) -> None:
+    choosing.do("chosen", recipe="slow")
+    choosing.command(Command.RESET)
+    choosing.until_state(State.IDLE)
+    choosing.do("recipe", recipe="table")
+    choosing.command(Command.START)
+    # The run of the old recipe has ended, and the machine has not seen that yet.
+    kernel = choosing.simulation.kernel
+    while choosing.slot.busy:
+        choosing.machine.step()
+        kernel.run_until(kernel.now_ns + 1_000_000)
+    choosing.slot.stop_all()
+    choosing.until_state(State.STOPPED)
+    assert choosing.machine.states.reason == "stopped by hand"
+    choosing.pass_s(5.0)
+    assert (choosing.state, choosing.slot.busy, choosing.moving()) == (State.STOPPED, False, False)
+
+
 def test_a_recipe_of_before_that_is_not_allowed_now_refuses_start(choosing, told) -> None:
     with pytest.raises(CommandRefusedError, match="no recipe 'gone'; there are: table, slow"):
         choosing.do("recipe", recipe="gone")
