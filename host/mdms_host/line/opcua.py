@@ -219,7 +219,7 @@ class OpcUaServer:
     def __init__(self, plant: Plant, title: str) -> None:
         self._plant = plant
         self._title = title
-        self._beat: Any = 0
+        self._beat = 0
         self._written: dict[Any, Any] = {}
         self._parcels: dict[str, dict[str, Node]] = {}
         self._reports: list[dict[str, Any]] = []
@@ -397,8 +397,8 @@ class OpcUaServer:
     async def show(self) -> None:
         """Show the last snapshot; a heartbeat that was written since the last call counts."""
         plant, snapshot = self._plant, self._plant.snapshot
-        beat = await self._heartbeat.read_value()
-        if beat != self._beat:
+        beat = await self._written_beat()
+        if beat is not None and beat != self._beat:
             self._beat = beat
             plant.beat(CLIENT)
         for each, node in self._variables:
@@ -419,6 +419,14 @@ class OpcUaServer:
         self._reports.clear()
         for report in reports:
             await self._pass_on(report)
+
+    async def _written_beat(self) -> int | None:
+        """The heartbeat as clients have written it; None for one of a bad status, or no number."""
+        written = await self._heartbeat.read_data_value(raise_on_bad_status=False)
+        if written.StatusCode is not None and not written.StatusCode.is_good():
+            return None
+        number = None if written.Value is None else written.Value.Value
+        return number if isinstance(number, int) else None
 
     async def _put(self, key: Any, node: Node, value: Any, kind: ua.VariantType) -> bool:
         """Write a value that has changed; returns whether it had."""

@@ -207,11 +207,11 @@ reason.
 """
 _LINE_NODES_HEAD = """
 Its object `Line` (namespace `urn:mdms-array:line`) has what PackML has no place for. A client
-writes another number into `ClientHeartbeat` at least twice a second. `Exits`, `ExitsFull`,
-`Recipes`, `Parcels` (with `X`, `Y`, `Yaw`, `Kind`) and `Cells` (with `Enabled`) show the table.
-Events of the type `ParcelEvent` report parcels that are found, under way, arrived, left, refused or
-lost. A parcel that was found by mistake is withdrawn, and expected again. One that is unannounced
-is not expected any more: announce it again, if it has not come.
+writes another number into `ClientHeartbeat` at least twice a second. Its status must be good.
+`Exits`, `ExitsFull`, `Recipes`, `Parcels` (with `X`, `Y`, `Yaw`, `Kind`) and `Cells` (with
+`Enabled`) show the table. Events of the type `ParcelEvent` report parcels that are found, under
+way, arrived, left, refused or lost. A parcel that was found by mistake is withdrawn, and expected
+again. One that is unannounced is not expected any more: announce it again, if it has not come.
 
 | variable | type | meaning |
 | --- | --- | --- |

@@ -1,0 +1,57 @@
+"""A plant, as protocols serve it, whose table is played: no machine, no process."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from mdms_host.line.order_book import OrderBook
+from mdms_host.line.plant import NOTHING, Plant
+
+
+class PlayedTable:
+    """The table's side: it notes what it is told, and does all requests but those it `refuses`."""
+
+    def __init__(self) -> None:
+        self.reader = asyncio.StreamReader()
+        self.told: list[dict[str, Any]] = []
+        #: Why it refuses requests, by their names.
+        self.refuses: dict[str, str] = {}
+
+    def write(self, data: bytes) -> None:
+        message = json.loads(data)
+        self.told.append(message)
+        if "id" in message:
+            self.say({"id": message["id"], "error": self.refuses.get(message["do"])})
+
+    def say(self, message: dict[str, Any]) -> None:
+        self.reader.feed_data(json.dumps(message).encode() + b"\n")
+
+    def named(self, name: str) -> list[dict[str, Any]]:
+        """What it was told to do by this name."""
+        return [message for message in self.told if message.get("do") == name]
+
+    async def show(self, plant: Plant, **values: Any) -> None:
+        """Send a snapshot, and wait for the plant to see it."""
+        beats = plant.beats
+        self.say({"snapshot": NOTHING | values})
+        while plant.beats == beats:
+            await asyncio.sleep(0)
+
+
+@asynccontextmanager
+async def plant_in(folder: Path) -> AsyncIterator[tuple[Plant, PlayedTable]]:
+    """A plant with the exits north and east, whose order book lies in a folder."""
+    table = PlayedTable()
+    with OrderBook(folder / "orders.sqlite") as book:
+        plant = Plant(book, ("north", "east"), ("table", "gentle"), table.reader, table)  # type: ignore[arg-type]
+        plant.begin()
+        listening = asyncio.create_task(plant.listen())
+        try:
+            yield plant, table
+        finally:
+            listening.cancel()
+            with suppress(asyncio.CancelledError):
+                await listening

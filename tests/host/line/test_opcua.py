@@ -1,0 +1,92 @@
+"""What clients of OPC UA may write and call, with a client of asyncua."""
+
+import asyncio
+import socket
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from asyncua import ua
+from tests.host.line.played_table import PlayedTable, plant_in
+from tests.system.line.opcua import opcua_client
+
+from mdms_host.line.certificate import certificate_of
+from mdms_host.line.opcua import LINE_URI, OpcUaServer
+from mdms_host.line.plant import Plant
+
+pytestmark = pytest.mark.slow
+
+
+class Served:
+    """A plant that is served, its table, and the object `Line` as a client has it."""
+
+    def __init__(self, plant: Plant, table: PlayedTable, server: OpcUaServer, line: Any) -> None:
+        self.plant = plant
+        self.table = table
+        self.server = server
+        self.line = line
+
+    async def show(self) -> None:
+        """Have the table send a snapshot, and the server show it."""
+        await self.table.show(self.plant)
+        await self.server.show()
+
+
+def with_client(folder: Path, talk: Callable[[Served], Awaitable[None]]) -> None:
+    """Have a client talk to the server of a plant."""
+    key, certificate, _ = certificate_of("localhost", 1)
+    (folder / "key.pem").write_bytes(key)
+    (folder / "certificate.der").write_bytes(certificate)
+    settings = {
+        "users": {"plc": "secret"},
+        "anonymous": False,
+        "certificate": str(folder / "certificate.der"),
+        "key": str(folder / "key.pem"),
+        "cells": 1,
+    }
+
+    async def serve() -> None:
+        async with plant_in(folder) as (plant, table):
+            server = OpcUaServer(plant, "a table")
+            with socket.create_server(("127.0.0.1", 0)) as free:
+                port = free.getsockname()[1]
+            await server.open("127.0.0.1", port, settings)
+            try:
+                async with await opcua_client(server.address, folder) as client:
+                    own = await client.get_namespace_index(LINE_URI)
+                    line = await client.nodes.objects.get_child([f"{own}:Table", f"{own}:Line"])
+                    await talk(Served(plant, table, server, line))
+            finally:
+                await server.close()
+
+    asyncio.run(serve())
+
+
+def number(value: int) -> ua.Variant:
+    return ua.Variant(value, ua.VariantType.UInt32)
+
+
+BAD = ua.StatusCode(ua.StatusCodes.BadNotConnected)
+UNCERTAIN = ua.StatusCode(ua.StatusCodes.UncertainLastUsableValue)
+
+
+def test_only_numbers_of_good_status_are_heartbeats(tmp_path: Path) -> None:
+    async def talk(served: Served) -> None:
+        heartbeat = await served.line.get_child(
+            f"{served.line.nodeid.NamespaceIndex}:ClientHeartbeat"
+        )
+        for written, beats in (
+            (ua.DataValue(number(7)), 1),
+            (ua.DataValue(number(8), BAD), 1),
+            (ua.DataValue(number(9), UNCERTAIN), 1),
+            (ua.DataValue(ua.Variant([1, 2], ua.VariantType.UInt32)), 1),
+            (ua.DataValue(number(7)), 1),
+            (ua.DataValue(number(8)), 2),
+        ):
+            await heartbeat.write_value(written)
+            await served.show()
+            await served.show()
+            assert len(served.table.named("beat")) == beats, written
+
+    with_client(tmp_path, talk)
