@@ -107,6 +107,9 @@ class Line:
         return True
 
     def _answer(self, message: dict[str, Any]) -> None:
+        if "note" in message:
+            self._note(f"line: {message['note']}")
+            return
         error = None
         try:
             # The servers have the same clock. Their client has been told of a refusal by now.

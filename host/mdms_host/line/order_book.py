@@ -5,6 +5,7 @@ An order is accepted once by its key. Orders that were under way when the host e
 
 import json
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -45,14 +46,21 @@ class OrderBookError(Error):
 
 
 class OrderBook:
-    """The book in a file; the result of a method is on the disk by then.
+    """The book in a file; the result of a method is on the disk by then, unless it has a `trouble`.
 
-    Raises `OrderBookError` for a file that is none, is of another version, or is open elsewhere.
+    An order that cannot be written is not accepted. Other changes hold at once. If one cannot be
+    written, it is written with the next one. Raises `OrderBookError` for a file that is none, is of
+    another version, or is open elsewhere.
     """
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
+        #: Why the last changes are not on the disk; None if they are.
+        self.trouble: str | None = None
+        #: Changes that are not on the disk: state, text and time of orders, and values as JSON.
+        self._late_orders: dict[str, tuple[OrderState, str, float]] = {}
+        self._late_values: dict[str, str] = {}
         self._connection = sqlite3.connect(path, isolation_level=None, timeout=1.0)
         try:
             self._open()
@@ -101,12 +109,14 @@ class OrderBook:
 
     def close(self) -> None:
         """Close the file."""
+        self._catch_up()
         self._connection.close()
 
     def accept(self, order: LineOrder) -> tuple[str, bool]:
         """Accept an order; returns its state, and whether it is new.
 
-        Raises `OrderBookError` if another order has its key, or it makes no sense.
+        Raises `OrderBookError` if another order has its key, it makes no sense, or it cannot be
+        written.
         """
         if order.error is not None:
             raise OrderBookError(order.error)
@@ -120,20 +130,42 @@ class OrderBook:
             return str(self.state(order.key)), False
         now_s = time()
         values = [getattr(order, name) for name in _FIELDS]
-        self._connection.execute(
-            f"INSERT INTO orders VALUES ({', '.join('?' * 11)})",
-            (*values, OrderState.ACCEPTED, "", now_s, now_s),
-        )
+        try:
+            self._connection.execute(
+                f"INSERT INTO orders VALUES ({', '.join('?' * 11)})",
+                (*values, OrderState.ACCEPTED, "", now_s, now_s),
+            )
+        except sqlite3.DatabaseError as error:
+            raise OrderBookError(
+                f"order {order.key} cannot be kept: {error}; make room on the disk of --state"
+            ) from None
         return OrderState.ACCEPTED, True
 
     def change(self, key: str, state: OrderState, text: str = "") -> None:
         """An order has another state; a closed one stays as it is."""
-        closed = ", ".join("?" * len(CLOSED))
-        self._connection.execute(
-            "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? "
-            f"WHERE key = ? AND state NOT IN ({closed})",
-            (state, text, time(), key, *CLOSED),
-        )
+        before = self.state(key)
+        if before is not None and before not in CLOSED:
+            self._late_orders[key] = (state, text, time())
+            self._catch_up()
+
+    def _catch_up(self) -> None:
+        """Write the changes that are late."""
+        try:
+            for key, values in list(self._late_orders.items()):
+                self._connection.execute(
+                    "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? WHERE key = ?",
+                    (*values, key),
+                )
+                del self._late_orders[key]
+            for name, value in list(self._late_values.items()):
+                self._connection.execute(
+                    "INSERT OR REPLACE INTO machine VALUES (?, ?)", (name, value)
+                )
+                del self._late_values[name]
+        except sqlite3.DatabaseError as error:
+            self.trouble = f"{self.path}: {error}"
+        else:
+            self.trouble = None
 
     def on_event(self, key: str, event: str, text: str = "") -> None:
         """Something has happened to the parcel of an order."""
@@ -143,6 +175,11 @@ class OrderBook:
 
     def state(self, key: str) -> str | None:
         """The state of an order; None without one of that key."""
+        if key in self._late_orders:
+            return str(self._late_orders[key][0])
+        return self._written_state(key)
+
+    def _written_state(self, key: str) -> str | None:
         query = "SELECT state FROM orders WHERE key = ?"
         row = self._connection.execute(query, (key,)).fetchone()
         return None if row is None else str(row[0])
@@ -154,10 +191,14 @@ class OrderBook:
         ) as found:
             row = found.fetchone()
             names = [each[0] for each in found.description]
-        return None if row is None else dict(zip(names, row, strict=True))
+        if row is None:
+            return None
+        late = self._late_orders.get(key, ())
+        changes = dict(zip(("state", "text", "changed_unix_s"), late, strict=False))
+        return dict(zip(names, row, strict=True)) | changes
 
     def in_state(self, state: OrderState) -> Iterator[LineOrder]:
-        """All orders in a state, in the order of their acceptance."""
+        """All orders in a state, in the order of their acceptance, as the disk has them."""
         query = (
             f"SELECT {', '.join(_FIELDS)} FROM orders WHERE state = ? "
             "ORDER BY accepted_unix_s, rowid"
@@ -168,7 +209,11 @@ class OrderBook:
     def counts(self) -> dict[str, int]:
         """How many orders are in each state."""
         query = "SELECT state, COUNT(*) FROM orders GROUP BY state"
-        return dict(self._connection.execute(query).fetchall())
+        counts = Counter(dict(self._connection.execute(query).fetchall()))
+        for key, (state, _text, _unix_s) in self._late_orders.items():
+            counts[str(self._written_state(key))] -= 1
+            counts[state] += 1
+        return dict(counts)
 
     def _order(self, key: str) -> LineOrder | None:
         query = f"SELECT {', '.join(_FIELDS)} FROM orders WHERE key = ?"
@@ -177,12 +222,13 @@ class OrderBook:
 
     def keep(self, name: str, value: Any) -> None:
         """Keep a value of the machine."""
-        self._connection.execute(
-            "INSERT OR REPLACE INTO machine VALUES (?, ?)", (name, json.dumps(value))
-        )
+        self._late_values[name] = json.dumps(value)
+        self._catch_up()
 
     def kept(self, name: str) -> Any:
         """A value that was kept; None without one."""
+        if name in self._late_values:
+            return json.loads(self._late_values[name])
         query = "SELECT value FROM machine WHERE name = ?"
         row = self._connection.execute(query, (name,)).fetchone()
         return None if row is None else json.loads(row[0])

@@ -75,6 +75,8 @@ class Plant:
         self._waiting: dict[int, asyncio.Future[str | None]] = {}
         self._number = 0
         self._kept_s = 0.0
+        self._keeps = True
+        self._choosing = asyncio.Lock()
 
     @property
     def out_by_exit(self) -> list[int]:
@@ -134,6 +136,10 @@ class Plant:
                 else f"there is no order {key}"
             )
         self.book.change(key, OrderState.CANCELLED)
+        if self.book.trouble is not None:
+            raise RequestRefusedError(
+                f"order {key} is cancelled, but that cannot be kept: {self.book.trouble}"
+            )
 
     async def coming(self, parcel: str, kind: str) -> None:
         """A scanner has seen a parcel that comes next. Raises `RequestRefusedError`."""
@@ -157,8 +163,19 @@ class Plant:
 
         Raises `RequestRefusedError`.
         """
-        await self._ask("recipe", recipe=recipe)
-        self.book.keep("recipe", recipe)
+        # The book must be right whatever comes of two choices at once.
+        async with self._choosing:
+            before = self.book.kept("recipe")
+            try:
+                self.book.keep("recipe", recipe)
+                if self.book.trouble is not None:
+                    raise RequestRefusedError(
+                        f"the recipe {recipe!r:.40} cannot be kept: {self.book.trouble}"
+                    )
+                await self._ask("recipe", recipe=recipe)
+            except RequestRefusedError:
+                self.book.keep("recipe", before)
+                raise
 
     async def set_ideal(self, per_hour: float) -> None:
         """The rate that counts as performance 1. Raises `RequestRefusedError`."""
@@ -226,6 +243,12 @@ class Plant:
         reason = self.snapshot["reason"] if over else f"the host has ended in {name}"
         kept = {"figures": self.snapshot["figures"], "spent_s": self.snapshot["spent_s"]}
         self.book.keep("machine", {**kept, "reason": reason})
+        trouble, kept_before = self.book.trouble, self._keeps
+        self._keeps = trouble is None
+        if kept_before and not self._keeps:
+            self._write({"note": f"the order book cannot be kept, and is tried again: {trouble}"})
+        elif self._keeps and not kept_before:
+            self._write({"note": "the order book is kept again"})
 
     async def _ask(self, name: str, **values: Any) -> None:
         self._number += 1

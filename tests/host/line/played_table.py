@@ -2,13 +2,17 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+import os
+import resource
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from mdms_host.line.order_book import OrderBook
 from mdms_host.line.plant import NOTHING, Plant
+
+_PATIENCE_S = 20.0
 
 
 class PlayedTable:
@@ -37,8 +41,9 @@ class PlayedTable:
         """Send a snapshot, and wait for the plant to see it."""
         beats = plant.beats
         self.say({"snapshot": NOTHING | values})
-        while plant.beats == beats:
-            await asyncio.sleep(0)
+        async with asyncio.timeout(_PATIENCE_S):
+            while plant.beats == beats:
+                await asyncio.sleep(0)
 
 
 @asynccontextmanager
@@ -55,3 +60,15 @@ async def plant_in(folder: Path) -> AsyncIterator[tuple[Plant, PlayedTable]]:
             listening.cancel()
             with suppress(asyncio.CancelledError):
                 await listening
+
+
+@contextmanager
+def full_disk(process: int = 0) -> Iterator[None]:
+    """Meanwhile a process, else this one, can write into no file, as on a full disk."""
+    number = process or os.getpid()
+    before = resource.prlimit(number, resource.RLIMIT_FSIZE)
+    resource.prlimit(number, resource.RLIMIT_FSIZE, (0, before[1]))
+    try:
+        yield
+    finally:
+        resource.prlimit(number, resource.RLIMIT_FSIZE, before)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.host.line.played_table import full_disk
 
 from mdms_host.line.order_book import OrderBook, OrderBookError
 from mdms_host.programs.table_orders import LineOrder, OrderState
@@ -64,6 +65,35 @@ def test_an_order_that_is_closed_stays_closed(tmp_path: Path) -> None:
         assert book.state("o1") == OrderState.LEFT
 
 
+def test_an_order_that_cannot_be_written_is_not_accepted(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        with full_disk(), pytest.raises(OrderBookError, match=r"o1 cannot be kept: .*make room"):
+            book.accept(ORDER)
+        assert book.state("o1") is None
+        assert book.accept(ORDER) == (OrderState.ACCEPTED, True)
+
+
+def test_changes_that_cannot_be_written_hold_and_are_written_later(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        book.accept(ORDER)
+        book.accept(LineOrder("o2", "P-2", "east"))
+        with full_disk():
+            book.on_event("o1", "under way")
+            book.on_event("o1", "left", "by east")
+            book.on_event("o1", "under way")
+            book.keep("recipe", "gentle")
+            assert book.trouble is not None
+            assert (book.state("o1"), book.kept("recipe")) == (OrderState.LEFT, "gentle")
+            row = book.row("o1")
+            assert row is not None
+            assert (row["state"], row["text"]) == ("left", "by east")
+            assert book.counts()["left"] == book.counts()["accepted"] == 1
+        book.keep("other", 1)
+        assert book.trouble is None
+    with OrderBook(tmp_path / "book") as book:
+        assert (book.state("o1"), book.kept("recipe")) == (OrderState.LEFT, "gentle")
+
+
 def test_a_file_that_is_no_book_or_is_open_elsewhere_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("no database, but long enough to be looked at" * 30)
     with pytest.raises(OrderBookError, match="--state"):
@@ -75,6 +105,8 @@ def test_a_file_that_is_no_book_or_is_open_elsewhere_is_refused(tmp_path: Path) 
 _WRITER = """
 import sys
 from pathlib import Path
+from tests.host.line.played_table import full_disk
+
 from mdms_host.line.order_book import OrderBook
 from mdms_host.programs.table_orders import LineOrder
 with OrderBook(Path(sys.argv[1])) as book:

@@ -107,6 +107,18 @@ class Table:
         self._controllers.append(Controller(self.ports["modbus"]))
         return self._controllers[-1]
 
+    def servers(self) -> int:
+        """The process of its servers."""
+        assert self.process is not None
+        number = self.process.pid
+        children = Path(f"/proc/{number}/task/{number}/children").read_text().split()
+        (servers,) = [
+            int(child)
+            for child in children
+            if b"mdms_host.line.servers" in Path(f"/proc/{child}/cmdline").read_bytes()
+        ]
+        return servers
+
     def close(self) -> None:
         for each in self._controllers:
             each.close()

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.host.line.played_table import full_disk
 from tests.system.line.controller import (
     EXAMPLES,
     EXECUTE,
@@ -226,13 +227,27 @@ def test_opcua_refuses_other_users_and_connections_without_encryption(table: Tab
             asyncio.run(connect(user, password, secure=secure))
 
 
+def test_on_a_full_disk_orders_are_refused_and_the_run_goes_on(table: Table) -> None:
+    controller = table.controller()
+    controller.bring_to_execute()
+    with full_disk(table.servers()):
+        (beats,) = controller.read(4)
+        controller.until(lambda: (controller.read(4)[0] - beats) & 0xFFFF > 30)
+        assert controller.read(1) == (EXECUTE,)
+        assert controller.order(0, "k1", "P-1", exit=2) == (2, 0)
+        assert controller.read(8) == (0,)
+    assert controller.order(0, "k1", "P-1", exit=2) == (0, 1)
+    assert controller.command(3)
+    controller.until_state(STOPPED)
+    table.kill()
+    table.start()
+    assert table.controller().order(3, "k1") == (0, 1)
+
+
 def test_a_server_that_is_killed_ends_the_command_with_an_error(table: Table) -> None:
     assert table.process is not None
     controller = table.controller()
     controller.bring_to_execute()
-    children = Path(f"/proc/{table.process.pid}/task/{table.process.pid}/children").read_text()
-    for child in map(int, children.split()):
-        if b"mdms_host.line.servers" in Path(f"/proc/{child}/cmdline").read_bytes():
-            os.kill(child, signal.SIGKILL)
+    os.kill(table.servers(), signal.SIGKILL)
     table.process.communicate(timeout=PATIENCE_S)
     assert table.process.returncode == 1

@@ -1,0 +1,86 @@
+"""What a plant answers when its order book cannot be written, and what it tells the table."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.host.line.played_table import PlayedTable, full_disk, plant_in
+
+from mdms_host.line import plant as plants
+from mdms_host.line.plant import Plant, RequestRefusedError
+from mdms_host.programs.table_orders import LineOrder
+
+ORDER = LineOrder("o1", "P-1", "east")
+
+
+def with_plant(folder: Path, talk: Callable[[Plant, PlayedTable], Awaitable[None]]) -> None:
+    async def talk_to_it() -> None:
+        async with plant_in(folder) as (plant, table):
+            await talk(plant, table)
+
+    asyncio.run(talk_to_it())
+
+
+def notes(table: PlayedTable) -> list[str]:
+    return [message["note"] for message in table.told if "note" in message]
+
+
+def test_a_full_disk_is_said_once_and_the_plant_goes_on(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(plants, "_KEEP_S", 0.0)
+
+    async def talk(plant: Plant, table: PlayedTable) -> None:
+        plant.order(ORDER)
+        with full_disk():
+            for _ in range(3):
+                await table.show(plant)
+            table.say({"report": {"key": "o1", "event": "under way", "text": ""}})
+            await table.show(plant)
+            with pytest.raises(RequestRefusedError, match="o2 cannot be kept"):
+                plant.order(LineOrder("o2", "P-2", "east"))
+            assert plant.book.state("o1") == "under way"
+        assert [order["order"]["key"] for order in table.named("order")] == ["o1"]
+        for _ in range(3):
+            await table.show(plant)
+        assert plant.order(LineOrder("o2", "P-2", "east"))[1]
+        first, second = notes(table)
+        assert first.startswith("the order book cannot be kept, and is tried again: ")
+        assert second == "the order book is kept again"
+
+    with_plant(tmp_path, talk)
+
+
+@pytest.mark.parametrize("why", ["full disk", "not in Idle"])
+def test_a_recipe_that_is_refused_is_not_that_after_a_restart(tmp_path: Path, why: str) -> None:
+    async def choose(plant: Plant, table: PlayedTable) -> None:
+        await plant.choose("table")
+        if why == "full disk":
+            with full_disk(), pytest.raises(RequestRefusedError, match="'gentle' cannot be kept"):
+                await plant.choose("gentle")
+        else:
+            table.refuses["recipe"] = why
+            with pytest.raises(RequestRefusedError, match=why):
+                await plant.choose("gentle")
+        assert [message["recipe"] for message in table.named("recipe")][:1] == ["table"]
+
+    async def begin(_plant: Plant, table: PlayedTable) -> None:
+        assert [message["recipe"] for message in table.named("chosen")] == ["table"]
+
+    with_plant(tmp_path, choose)
+    with_plant(tmp_path, begin)
+
+
+def test_a_cancellation_that_cannot_be_kept_is_refused_until_it_is(tmp_path: Path) -> None:
+    async def talk(plant: Plant, table: PlayedTable) -> None:
+        plant.order(ORDER)
+        with full_disk():
+            for _ in range(2):
+                with pytest.raises(RequestRefusedError, match="cancelled, but that cannot be kept"):
+                    await plant.cancel("o1")
+        await table.show(plant)
+        await plant.cancel("o1")
+        assert len(table.named("cancel")) == 1
+        assert plant.book.state("o1") == "cancelled"
+
+    with_plant(tmp_path, talk)
