@@ -149,6 +149,8 @@ ANSWERS = (
     Register(225, "request_result", "0 accepted, 1 known already, 2 refused."),
     Register(226, "order_state", f"State of the order: {_ORDER_STATES}; 0 unknown."),
 )
+#: The name of the answers in the order book.
+_KEPT = "modbus"
 _AT = {register.name: register.address for register in (*MAP, *ANSWERS)}
 _SIZE = 227
 _WRITTEN = {
@@ -160,11 +162,20 @@ _WRITTEN = {
 
 
 class PlantRegisters:
-    """The registers of a plant; see `modbus.Registers`."""
+    """The registers of a plant; see `modbus.Registers`.
+
+    Answers are kept in the order book. So a client that goes on writing what it has written before
+    a restart gives no command and no request again.
+    """
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self._values = [0] * _SIZE
+        kept = plant.book.kept(_KEPT) or {}
+        for each in ANSWERS:
+            self._set(each.name, kept.get(each.name, 0))
+        self._set("command_counter", self._value("command_answered"))
+        self._set("request_counter", self._value("request_answered"))
 
     def read(self, address: int, count: int) -> list[int]:
         """See `modbus.Registers`: addresses without a meaning are 0."""
@@ -241,6 +252,7 @@ class PlantRegisters:
             result = REFUSED
         self._set("command_result", result)
         self._set("command_answered", self._value("command_counter"))
+        self._keep_answers()
 
     async def _request(self) -> None:
         try:
@@ -251,6 +263,11 @@ class PlantRegisters:
         self._set("order_state", ORDER_STATES.index(state) + 1 if state in ORDER_STATES else 0)
         self._set("request_result", result)
         self._set("request_answered", self._value("request_counter"))
+        self._keep_answers()
+
+    def _keep_answers(self) -> None:
+        answers = {each.name: self._value(each.name) for each in ANSWERS}
+        self._plant.book.keep(_KEPT, answers)
 
     async def _requested(self, request: int) -> int:
         match request:
