@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mdms_array.host import has_failed, late_text
-from mdms_array.run import Incident, ParcelRun, Run
+from mdms_array.run import ERRORS, Incident, ParcelRun, Run
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, missed_text, outcome_of
 from mdms_model.arrays import Floats
 from mdms_model.run.derived import lifted_s, slip_m_s
-from mdms_model.run.record import Contact, Record, exit_of, is_wrong
+from mdms_model.run.record import Contact, Event, Record, exit_of, is_wrong
 from mdms_model.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def simulated_run(
     outcomes = _true_outcomes(scenario, record, goals)
     late = coordinator is not None and not by_hand and not coordinator.finished
     fault = None if coordinator is None else coordinator.fault
-    status, reason = _status(record, coordinator, fault, outcomes, late=late)
+    status, reason = _status(record.events, coordinator, fault, outcomes, late=late)
     duration_s, wall_s = float(record.time_s[-1] - record.time_s[0]), max(wall_s, 1e-6)
     figures: dict[str, Any] = {
         "title": scenario.title,
@@ -73,7 +73,7 @@ def simulated_run(
         "reason": reason,
         "parcels": _parcels(scenario, record),
         "goals": [asdict(outcome) for outcome in outcomes],
-        "fault": _tip(record) or _fault(coordinator, fault),
+        "fault": _tip(record.events) or _fault(coordinator, fault),
         "slipping_share": slipping_share(record),
     }
     if scenario.stream:
@@ -107,15 +107,10 @@ def believed_run(
     `fault` is what ended it, if anything did; `late` is whether its program was to end and has not,
     and `interrupted` whether a person has ended it.
     """
-    goals = coordinator.goals
-    outcomes = [
-        _believed_outcome(coordinator, parcel.name, goals[parcel.name])
-        for parcel in scenario.parcel
-        if parcel.name in goals
-    ]
+    outcomes = _believed_outcomes(scenario, coordinator)
     # Off the wheels a parcel may roll on a little; that undoes no good end.
     judged = () if coordinator.finished and not late else outcomes
-    status, reason = _status(record, coordinator, fault, judged, late=late)
+    status, reason = _status(record.events, coordinator, fault, judged, late=late)
     if interrupted and status == "time limit":
         status, reason = "stopped", "stopped by a person"
     figures: dict[str, Any] = {
@@ -128,6 +123,17 @@ def believed_run(
         "goals": [asdict(outcome) for outcome in outcomes],
     }
     return _run(scenario, (status, reason), record, figures, coordinator, outcomes=outcomes)
+
+
+def raise_for_end(scenario: Scenario, coordinator: Coordinator, *, late: bool) -> None:
+    """Raise the `RunError` of a run on a table that nobody has recorded, unless it ended well.
+
+    `late` is whether its program was to end and has not.
+    """
+    outcomes = () if coordinator.finished else _believed_outcomes(scenario, coordinator)
+    status, reason = _status((), coordinator, coordinator.fault, outcomes, late=late)
+    if status in ERRORS and not (status == "time limit" and coordinator.endless):
+        raise ERRORS[status](reason)
 
 
 def _run(
@@ -158,7 +164,7 @@ def _run(
 
 
 def _status(
-    record: Record,
+    events: Sequence[Event],
     coordinator: Coordinator | None,
     fault: str | None,
     outcomes: Iterable[GoalOutcome],
@@ -169,8 +175,8 @@ def _status(
 
     The fate of a parcel comes first, then the cells, then the program.
     """
-    wrong, missed = _wrong(record), missed_text(outcomes)
-    reasons: list[tuple[str, str | None]] = [("lost", _tip(record))]
+    wrong, missed = _wrong(events), missed_text(outcomes)
+    reasons: list[tuple[str, str | None]] = [("lost", _tip(events))]
     if coordinator is not None:
         stuck, endless = coordinator.stuck, coordinator.endless
         failed = has_failed(coordinator)
@@ -190,15 +196,15 @@ def _status(
     return next(((status, reason) for status, reason in reasons if reason), ("reached", ""))
 
 
-def _tip(record: Record) -> str | None:
+def _tip(events: Sequence[Event]) -> str | None:
     """Which parcel has tipped first; None where none has."""
-    tips = (event for event in record.events if event.kind == "tip")
+    tips = (event for event in events if event.kind == "tip")
     return next((f"{tip.parcel} tips at {tip.time_s:.3f} s: {tip.detail}" for tip in tips), None)
 
 
-def _wrong(record: Record) -> str | None:
+def _wrong(events: Sequence[Event]) -> str | None:
     """Which parcel has left by a wrong exit first; None where none has."""
-    wrong = [event for event in record.events if event.kind == "exit" and is_wrong(event)]
+    wrong = [event for event in events if event.kind == "exit" and is_wrong(event)]
     more = f", and {len(wrong) - 1} more after it" if len(wrong) > 1 else ""
     return f"{wrong[0].parcel} {wrong[0].detail}{more}" if wrong else None
 
@@ -272,6 +278,16 @@ def _true_outcomes(
             there = _pose(pose) if np.isfinite(pose).all() else None
             outcomes.append(outcome_of(parcel.name, goal, there, _there_s(record, number, goal)))
     return outcomes
+
+
+def _believed_outcomes(scenario: Scenario, coordinator: Coordinator) -> list[GoalOutcome]:
+    """How far from its goal each parcel that was steered to one is believed to have ended."""
+    goals = coordinator.goals
+    return [
+        _believed_outcome(coordinator, parcel.name, goals[parcel.name])
+        for parcel in scenario.parcel
+        if parcel.name in goals
+    ]
 
 
 def _believed_outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:

@@ -9,6 +9,7 @@ from typing import Any
 from mdms_array.array import BelievedArray
 from mdms_array.checks import timing_of
 from mdms_array.connection import open_links, open_returning
+from mdms_array.figures import raise_for_end
 from mdms_array.host import coordinator_of, estimates_of, layout_of, parcels_of
 from mdms_array.operation import watch_program
 from mdms_host.can_link.delays import punctual
@@ -22,6 +23,7 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.coordination.run_state import Phase
 from mdms_host.line.attached import Line, LineError
 from mdms_host.line.machine import Recipes
 from mdms_host.line.packml import State
@@ -131,7 +133,8 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
 
     With a line the program waits for Reset and Start. Raises NoBusError, DeviceGoneError,
     PageError, LineError, OtherHostError, and `CommandError` for a program that has ended with a
-    fault.
+    fault. Raises `RunError` for one that has failed, or has not ended within the time limit, unless
+    a person has taken it over on the page.
     """
     belief, main = recipes.first
     layout = layout_of(belief.scenario, belief.cells)
@@ -154,7 +157,7 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
         ):
             if not has_line(arguments):
                 slot.start()
-            incidents, attended_s = 0, clock.now_s()
+            incidents, attended_s, late = 0, clock.now_s(), False
 
             def attended() -> None:
                 nonlocal incidents, attended_s
@@ -169,16 +172,29 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
                 attended_s = clock.now_s()
 
             def over() -> bool:
+                nonlocal late
                 attended()
-                late = arguments.limit is not None and clock.now_s() > arguments.limit
-                return late or attend.failure is not None or pressed() is not None
+                limited = arguments.limit is not None and clock.now_s() > arguments.limit
+                late = limited and _under_way(slot)
+                return limited or attend.failure is not None or pressed() is not None
 
             _drive_and_end(slot, link, clock, over, attended)
     if attend.failure is not None:
         raise attend.failure
-    if slot.coordinator is not None and slot.coordinator.fault is not None:
-        raise CommandError(slot.coordinator.fault, Exit.NODE_FAULT)
+    run = slot.coordinator
+    if run is not None and run.fault is not None:
+        raise CommandError(run.fault, Exit.NODE_FAULT)
+    if run is not None and run is not table.taken_over and (late or run.stuck is not None):
+        raise_for_end(recipes.jobs[recipes.running][0].scenario, run, late=late)
     return Exit.OK
+
+
+def _under_way(slot: RunSlot) -> bool:
+    """Whether a program was to end and has not; one that its line keeps standing may wait."""
+    run = slot.coordinator
+    if run is None or run.stopped or run.phase is Phase.KEEPING:
+        return False
+    return not (run.finished or run.endless)
 
 
 def _opened(

@@ -152,6 +152,8 @@ def _stay(coordinator: Coordinator, name: str) -> bool:
 _PLAN_S = 0.25
 #: A stop that is asked for again is noted again after so long [s].
 _AGAIN_S = 1.0
+#: With these a person takes a run over.
+_TAKES_OVER = (commands.Goal, commands.Start, commands.Stop, commands.StopAll)
 
 
 class LiveTable:
@@ -182,6 +184,8 @@ class LiveTable:
         report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
     ) -> None:
         self.version = 1
+        #: The run that a person has started, steered or stopped here last.
+        self.taken_over: Coordinator | None = None
         self._title = title
         self._layout = layout
         self._told = parcels
@@ -368,6 +372,8 @@ class LiveTable:
                 self._read(command.cell)
             case _:
                 raise RefusedError("this table has no such command")
+        if isinstance(command, _TAKES_OVER):
+            self.taken_over = self._slot.coordinator
         return None
 
     def abandon(self) -> None:

@@ -1,0 +1,88 @@
+"""`run` with a page ends with the exit code that it has without one, in virtual time."""
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import pytest
+from tests.system.simulated_link import SimulatedLink
+
+from mdms_host.cli import main
+from mdms_host.cli.exits import Exit
+from mdms_host.page.commands import Goal, StopAll
+from mdms_host.programs.traffic.planning import VirtualExecutor
+from mdms_model.scenario.file import load_scenario
+
+PROGRAM = 'SCENARIO = "array18"\nasync def main(table):\n    {does}\n'
+LIMIT_S = 4.0
+#: When somebody takes the run over: its cells are up.
+HAND_S = 2.0
+
+
+class Hand:
+    """Gives one command on the page, if there is any to give."""
+
+    def __init__(self):
+        self.command = None
+
+    @contextmanager
+    def opened_page(self, table, _arguments):
+        def attend():
+            if self.command is not None and table._now_s() > HAND_S:
+                table.do(self.command)
+                self.command = None
+
+        yield SimpleNamespace(attend=attend)
+
+
+@pytest.fixture
+def hand(monkeypatch):
+    """Has `run` meet a simulated table, and a page with a hand at it."""
+
+    @contextmanager
+    def open_links(_options, _channels=()):
+        with SimulatedLink(load_scenario("array18", ["run.fidelity=firmware"])) as link:
+            yield link, link
+
+    hand = Hand()
+    for module in ("mdms_array.operation", "mdms_host.cli.live_array"):
+        monkeypatch.setattr(f"{module}.open_links", open_links)
+        monkeypatch.setattr(f"{module}.ThreadExecutor", VirtualExecutor)
+    monkeypatch.setattr("mdms_host.cli.live_page.opened_page", hand.opened_page)
+    return hand
+
+
+def run(*arguments):
+    return main(["run", *map(str, arguments), "--limit", str(LIMIT_S), "--log", "none"])
+
+
+@pytest.mark.parametrize("page", [(), ("--page", "0")])
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("raise ValueError('a mistake')", Exit.FAILURE, "mdms: the program failed: ValueError"),
+        ("await table.sleep(99)", Exit.TIME_LIMIT, "mdms: the program has not come to its end"),
+        ("await table.sleep(0.1)", Exit.OK, ""),
+    ],
+)
+@pytest.mark.usefixtures("hand")
+def test_a_page_changes_no_exit_code(tmp_path, capsys, page, case):
+    does, ends, told = case
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM.format(does=does))
+    assert run(program, *page) == ends
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("mdms: ")]
+    assert len(lines) == bool(told)
+    assert all(line.startswith(told) for line in lines)
+
+
+@pytest.mark.usefixtures("hand")
+def test_a_goal_that_is_missed_with_a_page_is_told(capsys):
+    assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == Exit.TIME_LIMIT
+    assert "mdms: goal not reached: box is " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [StopAll(), Goal("box", -0.09, 0.0, 0.0)])
+def test_a_run_that_a_person_takes_over_misses_no_goal(hand, command):
+    hand.command = command
+    assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == Exit.OK
+    assert hand.command is None
