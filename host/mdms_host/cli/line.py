@@ -183,7 +183,11 @@ def _users(path: Path) -> dict[str, str]:
     if os.name == "posix" and path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise CommandError(f"{path}: others may read it; run chmod 600 {path}", Exit.USAGE)
     users = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise CommandError(f"{path}: is not UTF-8; save it as that", Exit.USAGE) from None
+    for number, line in enumerate(text.splitlines(), 1):
         name, colon, password = line.partition(":")
         if line.strip() and not (name and colon and password):
             raise CommandError(f"{path}, line {number}: is not NAME:PASSWORD", Exit.USAGE)

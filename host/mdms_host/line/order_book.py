@@ -61,17 +61,17 @@ class OrderBook:
         #: Changes that are not on the disk: state, text and time of orders, and values as JSON.
         self._late_orders: dict[str, tuple[OrderState, str, float]] = {}
         self._late_values: dict[str, str] = {}
-        self._connection = sqlite3.connect(path, isolation_level=None, timeout=1.0)
         try:
-            self._open()
+            self._connection = sqlite3.connect(path, isolation_level=None, timeout=1.0)
+            try:
+                self._open()
+            except BaseException:
+                self._connection.close()
+                raise
         except sqlite3.DatabaseError as error:
-            self._connection.close()
             raise OrderBookError(
                 f"{path}: {error}; choose another folder with --state, or move the file away"
             ) from None
-        except OrderBookError:
-            self._connection.close()
-            raise
 
     def _open(self) -> None:
         # One process holds the file: two hosts with one book would give every order twice.

@@ -66,6 +66,9 @@ def test_opcua_needs_a_certificate_and_users_that_nobody_else_reads(tmp_path, ca
     users.write_text("plc\n")
     code, error = ended(command, capsys)
     assert (code, "line 1: is not NAME:PASSWORD" in error) == (2, True)
+    users.write_bytes("müller:secret".encode("latin-1"))
+    code, error = ended(command, capsys)
+    assert (code, error) == (2, f"mdms: {users}: is not UTF-8; save it as that\n")
     code, error = ended([*command, "--anonymous", "--line-host", "0.0.0.0"], capsys)
     assert (code, "for this machine only" in error) == (2, True)
 

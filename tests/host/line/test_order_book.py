@@ -98,6 +98,9 @@ def test_a_file_that_is_no_book_or_is_open_elsewhere_is_refused(tmp_path: Path) 
     (tmp_path / "text").write_text("no database, but long enough to be looked at" * 30)
     with pytest.raises(OrderBookError, match="--state"):
         OrderBook(tmp_path / "text")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OrderBookError, match=r"folder: unable to open .*--state"):
+        OrderBook(tmp_path / "folder")
     with OrderBook(tmp_path / "book"), pytest.raises(OrderBookError, match="--state"):
         OrderBook(tmp_path / "book")
 
