@@ -141,7 +141,12 @@ class LogPlayer:
     @property
     def over(self) -> bool:
         """Whether all has been sent."""
-        return self._next == len(self._frames)
+        return not self.left
+
+    @property
+    def left(self) -> int:
+        """How many frames have not been sent yet."""
+        return len(self._frames) - self._next
 
     @property
     def wake_s(self) -> float:

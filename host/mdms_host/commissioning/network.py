@@ -42,9 +42,12 @@ class ForeignStops:
         if frame.can_id == cob.NMT and len(frame.data) == 2 and frame.data[0] in _NAMES:
             self._codes[frame.data[1]] = frame.data[0]
 
-    def reason(self, node_id: int) -> str | None:
-        """Which command another host has sent to a node, or to all; None if it has sent none."""
-        for node in (node_id, nmt.ALL_NODES):
+    def reason(self, node_id: int | None = None) -> str | None:
+        """Which command another host has sent to a node, or to all; None if it has sent none.
+
+        Without a node id, to any.
+        """
+        for node in self._codes if node_id is None else (node_id, nmt.ALL_NODES):
             if node in self._codes:
                 return f"another host has sent {_NAMES[self._codes[node]]}"
         return None

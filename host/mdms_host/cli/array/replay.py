@@ -8,9 +8,12 @@ from mdms_array.extras import PAGE, SIMULATION, require
 from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.can_link.link import drive
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.commissioning.network import ForeignStops
 from mdms_host.commissioning.stop import not_off_text, stop_all
-from mdms_host.coordination.other_host import refuse_other_host
+from mdms_host.coordination.other_host import OtherHost, refuse_other_host
+from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_model.run.folder import BUS_LOG
+from mdms_protocol.codecs.frame import Frame
 
 
 def run(arguments: Namespace) -> Exit:
@@ -56,10 +59,10 @@ def _send(arguments: Namespace) -> Exit:
     frames = list(chosen(read_log(arguments.folder / BUS_LOG), sender))
     with open_link(arguments) as (link, clock):
         refuse_other_host(link, clock)
-        player = LogPlayer(frames, clock.now_s())
+        player = _YieldingPlayer(frames, clock.now_s())
         try:
-            drive(player, link, clock, lambda: player.over)
-            duration_s, unsent = clock.now_s() - player.start_s, link.unsent
+            drive(player, link, clock, lambda: player.over or player.ended_by is not None)
+            duration_s, unsent = clock.now_s() - player.start_s, link.unsent + player.left
         finally:
             # The host of the log may not have come to its end. Its enabled cells would run on until
             # they miss it, and then stand in fault.
@@ -73,6 +76,9 @@ def _send(arguments: Namespace) -> Exit:
             f"sent {len(frames) - unsent} of {len(frames)} frames in {duration_s:.2f} s; "
             f"{heard} cells were heard"
         )
+    if player.ended_by is not None:
+        texts = [player.ended_by, *([not_off_text(stopped)] if stopped.not_off else [])]
+        raise CommandError("; ".join(texts), Exit.NODE_FAULT)
     if stopped.not_off:
         raise CommandError(not_off_text(stopped), Exit.NODE_FAULT)
     if not heard and sender == "host":
@@ -82,3 +88,23 @@ def _send(arguments: Namespace) -> Exit:
             Exit.NO_DEVICE,
         )
     return Exit.OK if not unsent else Exit.FAILURE
+
+
+class _YieldingPlayer(LogPlayer):
+    """A player whose cells another program may stop, as those of a run.
+
+    `ended_by` is which command it has sent, or that it is another host; None without one.
+    """
+
+    def __init__(self, frames: list[tuple[float, Frame]], start_s: float) -> None:
+        super().__init__(frames, start_s)
+        self.ended_by: str | None = None
+        self._stops = ForeignStops()
+        self._other = OtherHost()
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Note a command or a heartbeat of another host."""
+        self._stops.on_frame(frame)
+        self._other.on_frame(frame, now_s)
+        if self.ended_by is None:
+            self.ended_by = OTHER_HOST if self._other.speaks(now_s) else self._stops.reason()

@@ -114,6 +114,42 @@ def test_frames_are_sent_again_in_order_and_then_all_is_off(
     assert figures["heard"] == 0
 
 
+@pytest.mark.parametrize(
+    ("frame", "told"),
+    [
+        (nmt.command(nmt.ENTER_PRE_OPERATIONAL), "another host has sent 'enter pre-operational'"),
+        (nmt.command(nmt.STOP, 3), "another host has sent 'stop'"),
+        (nmt.heartbeat(cob.NODE_MAX, nmt.OPERATIONAL), "another host runs on this bus"),
+    ],
+)
+def test_another_program_ends_a_replay_and_all_is_off(tmp_path, capsys, monkeypatch, frame, told):
+    setpoint = Frame(pdo.TARGET_VELOCITY.can_id(1), bytes(8))
+    log = [(0.01 * number, setpoint) for number in range(6000)]
+    monkeypatch.setattr("mdms_host.cli.array.replay.read_log", lambda _path: log)
+    seen = []
+
+    class Stopper(can.Listener):
+        def on_message_received(self, msg):
+            seen.append(Frame(msg.arbitration_id, bytes(msg.data)))
+            if len(seen) == 3:
+                bus.send(
+                    can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
+                )
+
+    with can.Bus("stopped", interface="virtual") as bus:
+        notifier = can.Notifier(bus, [Stopper()])
+        replay = ["replay", str(tmp_path), "-i", "virtual", "-c", "stopped", "--json"]
+        assert main(replay) == Exit.NODE_FAULT
+        notifier.stop()
+    said = capsys.readouterr()
+    assert said.err.startswith(f"mdms: {told}")
+    sent = seen.count(setpoint)
+    assert 3 <= sent < 1000
+    assert seen == [setpoint] * sent + [nmt.command(nmt.ENTER_PRE_OPERATIONAL)] * 3
+    figures = json.loads(said.out)
+    assert figures["frames"] - figures["unsent"] == sent
+
+
 @pytest.mark.parametrize("changed", [False, True])
 def test_replay_to_nodes_says_whether_cells_answered_as_recorded(
     recorded, tmp_path, capsys, changed
