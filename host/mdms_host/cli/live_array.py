@@ -149,7 +149,7 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
         jobs = {name: (job.scenario, own) for name, (job, own) in recipes.jobs.items()}
         kept.run_by(jobs, lambda: recipes.running)
         if isinstance(link, ReturningLink):
-            link.on_gone, link.at_rest = slot.fail, lambda: not slot.busy
+            _tie(slot, link)
         watched = Watched(kept, slot, belief.scenario)
         with (
             interrupted(kept.on_hangup) as pressed,
@@ -247,6 +247,12 @@ def _slot_and_table(
     )
     slot.on_cycle = on_cycle
     return slot, table
+
+
+def _tie(slot: RunSlot, link: ReturningLink) -> None:
+    """Have a run end when the device is gone, and a stop wait until it is there again."""
+    link.on_gone, link.at_rest = slot.fail, lambda: not slot.busy
+    slot.is_there = lambda: link.is_there
 
 
 def _drive_and_end(

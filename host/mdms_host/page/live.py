@@ -152,6 +152,10 @@ def _stay(coordinator: Coordinator, name: str) -> bool:
 _PLAN_S = 0.25
 #: A stop that is asked for again is noted again after so long [s].
 _AGAIN_S = 1.0
+_GONE = (
+    "the CAN device is gone, so no cell gets it: cut the motors' power. It is sent once the device "
+    "is there again"
+)
 #: With these a person takes a run over.
 _TAKES_OVER = (commands.Goal, commands.Start, commands.Stop, commands.StopAll)
 
@@ -368,6 +372,8 @@ class LiveTable:
             case commands.StopAll():
                 self._slot.stop_all()
                 self._note_stop()
+                if not self._slot.is_there():
+                    raise RefusedError(_GONE)
             case commands.ReadObjects():
                 self._read(command.cell)
             case _:

@@ -51,6 +51,8 @@ class RunSlot:
         self.on_cycle: Callable[[float], object] = lambda _late_s: None
         #: Why the machine of a line takes no run that is started by hand; empty if it does.
         self.refusal: Callable[[], str] = lambda: ""
+        #: Whether the way to the cells is open.
+        self.is_there: Callable[[], bool] = lambda: True
         self.coordinator: Coordinator | None = None
         self.reader: ObjectReader | None = None
         #: How often somebody has asked for an end.
@@ -114,9 +116,10 @@ class RunSlot:
     def stop_all(self) -> None:
         """End the program, or where another host drives the cells, take them all out of operation.
 
-        A program brakes the wheels before it turns their drives off.
+        A program brakes the wheels before it turns their drives off. Without a way to the cells
+        they are taken out of operation once it is open again, before anything else is sent.
         """
-        if self.coordinator is not None and self.busy:
+        if self.coordinator is not None and self.busy and self.is_there():
             self.stop()
         else:
             self.stops += 1
@@ -171,7 +174,7 @@ class RunSlot:
 
     def _off(self) -> list[tuple[int, Frame]]:
         """The frames that take all cells out of 'operational', where no motor may run."""
-        if not self._all_off:
+        if not self._all_off or not self.is_there():
             return []
         self._all_off -= 1
         frame = nmt.command(nmt.ENTER_PRE_OPERATIONAL)
