@@ -118,6 +118,10 @@ class Line:
             self.machine.do(message["do"], message)
         except (CommandRefusedError, ProgramError) as refused:
             error = str(refused)
+            if message["do"] == "order":
+                # The client has been told that it is accepted, so its state says otherwise.
+                given = message["order"]
+                self._report(Report("refused", given["parcel"], given["key"], text=error))
         if "id" in message:
             self._send({"id": message["id"], "error": error})
 

@@ -138,6 +138,10 @@ class LineMethod:
 
 
 _TEXT, _NUMBER = _V.String, _V.Double
+_WHOLE_NUMBERS = (
+    *(_V.SByte, _V.Byte, _V.Int16, _V.UInt16),
+    *(_V.Int32, _V.UInt32, _V.Int64, _V.UInt64),
+)
 LINE_METHODS = (
     LineMethod(
         "GiveOrderToExit",
@@ -271,7 +275,7 @@ class OpcUaServer:
             machine = await table.get_child([f"{packml}:{each}" for each in path])
             await machine.add_method(packml, name, self._commanding(command), [], [])
         set_mode = await table.get_child([f"{packml}:SetUnitMode"])
-        server.link_method(set_mode, self._refusing(self._set_mode))
+        server.link_method(set_mode, self._refusing(self._set_mode, (_V.Int32,)))
         status = await table.get_child([f"{packml}:Status"])
         self._unit_mode = await status.get_child([f"{packml}:UnitModeCurrent"])
         self._blocked = await status.get_child([f"{packml}:EquipmentBlocked"])
@@ -296,7 +300,9 @@ class OpcUaServer:
             await line.add_method(
                 index,
                 method.name,
-                self._refusing(getattr(self, f"_{method.name}")),
+                self._refusing(
+                    getattr(self, f"_{method.name}"), tuple(kind for _, kind in method.inputs)
+                ),
                 [_argument(*each) for each in method.inputs],
                 [_argument(*each) for each in method.outputs],
             )
@@ -312,18 +318,26 @@ class OpcUaServer:
     # What clients ask for ------------------------------------------------------------------------
 
     def _commanding(self, command: Command) -> Any:
-        async def commanded(_parent: ua.NodeId, *_arguments: Any) -> list[ua.Variant]:
+        async def commanded(_parent: ua.NodeId) -> list[ua.Variant]:
             await self._plant.command(command, CLIENT)
             return []
 
-        return self._refusing(commanded)
+        return self._refusing(commanded, ())
 
-    def _refusing(self, method: Callable[..., Awaitable[Any]]) -> Any:
-        """The method; a refusal has a status of its own, and its reason is an event."""
+    def _refusing(
+        self, method: Callable[..., Awaitable[Any]], kinds: tuple[ua.VariantType, ...]
+    ) -> Any:
+        """The method with arguments of these types; a refusal has a status, and is an event.
+
+        Numbers may have another type that fits. A text that is null is empty.
+        """
 
         async def call(parent: ua.NodeId, *arguments: ua.Variant) -> Any:
+            if len(arguments) != len(kinds) or not all(map(_fits, arguments, kinds)):
+                return ua.StatusCode(ua.StatusCodes.BadInvalidArgument)
             try:
-                return await method(parent, *(each.Value for each in arguments))
+                values = ("" if each.Value is None else each.Value for each in arguments)
+                return await method(parent, *values)
             except RequestRefusedError as error:
                 self._alarms.event.Severity = _NEWS_SEVERITY
                 await self._alarms.trigger(message=f"refused: {error}")
@@ -331,7 +345,7 @@ class OpcUaServer:
 
         return call
 
-    async def _set_mode(self, _parent: ua.NodeId, mode: int, *_more: Any) -> list[ua.Variant]:
+    async def _set_mode(self, _parent: ua.NodeId, mode: int) -> list[ua.Variant]:
         await self._plant.change_mode(mode)
         return []
 
@@ -347,6 +361,8 @@ class OpcUaServer:
         for value in (x_m, y_m):
             if not abs(value) < 1000.0:
                 raise RequestRefusedError(f"place {value} m is no place on a table")
+        if abs(yaw_rad) >= 1000.0:
+            raise RequestRefusedError(f"yaw {yaw_rad} rad is no angle")
         yaw = None if isnan(yaw_rad) else yaw_rad
         return self._ordered(LineOrder(key, parcel, None, x_m, y_m, yaw, priority))
 
@@ -471,6 +487,17 @@ class OpcUaServer:
 
 def _argument(name: str, kind: ua.VariantType) -> ua.Argument:
     return ua.Argument(Name=name, DataType=ua.NodeId(kind.value), ValueRank=-1)
+
+
+def _fits(argument: ua.Variant, kind: ua.VariantType) -> bool:
+    """Whether an argument may be taken for one of a type: clients guess the types of numbers."""
+    if argument.is_array:
+        return False
+    if kind is _V.Int32 and argument.VariantType in _WHOLE_NUMBERS:
+        return bool(-(2**31) <= argument.Value < 2**31)
+    if kind is _V.Double and argument.VariantType in (*_WHOLE_NUMBERS, _V.Float):
+        return True
+    return bool(argument.VariantType is kind)
 
 
 def _name(state: State) -> str:

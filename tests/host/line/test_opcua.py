@@ -90,3 +90,74 @@ def test_only_numbers_of_good_status_are_heartbeats(tmp_path: Path) -> None:
             assert len(served.table.named("beat")) == beats, written
 
     with_client(tmp_path, talk)
+
+
+TEXT, NUMBER, WHOLE, TRUTH = (
+    *(ua.VariantType.String, ua.VariantType.Double, ua.VariantType.Int32),
+    ua.VariantType.Boolean,
+)
+NOTHING = ua.Variant(None, ua.VariantType.Null)
+
+
+def texts(*values: str | None) -> tuple[ua.Variant, ...]:
+    return tuple(ua.Variant(value, TEXT) for value in values)
+
+
+def test_arguments_of_other_types_or_numbers_are_invalid_and_nothing_is_done(
+    tmp_path: Path,
+) -> None:
+    to_north = texts("k1", "P", "north")
+    calls = [
+        ("GiveOrderToExit", to_north),
+        ("GiveOrderToExit", (*to_north, NOTHING)),
+        ("GiveOrderToExit", (*to_north, *texts("high"))),
+        ("GiveOrderToExit", (*to_north, ua.Variant(2**63, ua.VariantType.UInt64))),
+        ("GiveOrderToExit", (*to_north, ua.Variant([1], WHOLE))),
+        ("GiveOrderToExit", (*to_north, ua.Variant(0, WHOLE), ua.Variant(0, WHOLE))),
+        ("GiveOrderToPose", (*texts("k2", "P", "x", "y", "yaw"), ua.Variant(0, WHOLE))),
+        ("GetOrder", (ua.Variant(5, WHOLE),)),
+        ("CancelOrder", (NOTHING,)),
+        ("ParcelComing", (ua.Variant(5, WHOLE), ua.Variant(7, WHOLE))),
+        ("ParcelNotComing", ()),
+        ("SetExitFull", texts("north", "no")),
+        ("ChooseRecipe", (NOTHING,)),
+        ("SetIdealRate", texts("x")),
+    ]
+
+    async def talk(served: Served) -> None:
+        own = served.line.nodeid.NamespaceIndex
+        before = len(served.table.told)
+        for name, arguments in calls:
+            with pytest.raises(ua.uaerrors.BadInvalidArgument):
+                await served.line.call_method(f"{own}:{name}", *arguments)
+        assert len(served.table.told) == before
+        assert served.plant.book.counts() == {}
+        await served.line.call_method(f"{own}:ParcelComing", *texts("P", None))
+        assert served.table.named("coming")[0]["kind"] == ""
+        await served.line.call_method(
+            f"{own}:SetExitFull", *texts("north"), ua.Variant(True, TRUTH)
+        )
+        given = await served.line.call_method(
+            f"{own}:GiveOrderToExit", *to_north, ua.Variant(1, WHOLE)
+        )
+        assert given == ["accepted", True]
+        # A client may guess the types of numbers.
+        for guessed in (1, ua.Variant(1, ua.VariantType.Byte)):
+            given = await served.line.call_method(f"{own}:GiveOrderToExit", *to_north, guessed)
+            assert given == ["accepted", False]
+        await served.line.call_method(f"{own}:SetIdealRate", 600)
+
+    with_client(tmp_path, talk)
+
+
+def test_an_angle_that_is_none_is_refused(tmp_path: Path) -> None:
+    async def talk(served: Served) -> None:
+        own = served.line.nodeid.NamespaceIndex
+        place = ua.Variant(0.0, NUMBER)
+        for angle_rad in (float("inf"), 1e300):
+            pose = place, place, ua.Variant(angle_rad, NUMBER), ua.Variant(0, WHOLE)
+            with pytest.raises(ua.uaerrors.BadInvalidState):
+                await served.line.call_method(f"{own}:GiveOrderToPose", *texts("k", "P"), *pose)
+        assert served.plant.book.counts() == {}
+
+    with_client(tmp_path, talk)

@@ -25,7 +25,10 @@ from tests.system.line.controller import (
 from tests.system.line.node_client import HERE, IS_THERE, NODE
 from tests.system.line.opcua import opcua_client
 
+from mdms_host.line.order_book import OrderBook
 from mdms_host.line.registers import MAP_VERSION
+from mdms_host.line.servers import BOOK
+from mdms_host.programs.table_orders import LineOrder
 from mdms_model.scenario.file import load_scenario
 
 pytestmark = [pytest.mark.real_time, pytest.mark.slow]
@@ -242,6 +245,18 @@ def test_on_a_full_disk_orders_are_refused_and_the_run_goes_on(table: Table) -> 
     table.kill()
     table.start()
     assert table.controller().order(3, "k1") == (0, 1)
+
+
+def test_an_order_of_the_book_that_the_table_refuses_is_refused(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / BOOK) as book:
+        book.accept(LineOrder("k1", "P-1", "east", priority="high"))  # type: ignore[arg-type]
+    table = Table(tmp_path, ("modbus",))
+    table.start()
+    try:
+        controller = table.controller()
+        controller.until(lambda: controller.order(3, "k1") == (0, 5))
+    finally:
+        table.close()
 
 
 def test_a_server_that_is_killed_ends_the_command_with_an_error(table: Table) -> None:

@@ -200,7 +200,7 @@ _NODES_HEAD = """
 
 The object `Table` has the type `PackMLBaseObjectType` of OPC 30050. Commands are methods of its
 state machines. A command that is refused has the status `BadInvalidState`, and an event with the
-reason.
+reason. Arguments of a wrong type or number have the status `BadInvalidArgument`.
 
 | object | method | command |
 | --- | --- | --- |
