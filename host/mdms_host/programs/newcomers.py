@@ -22,6 +22,11 @@ _AROUND_M = 0.10
 class Register(Protocol):
     """Where parcels are announced and taken off: the tracker."""
 
+    @property
+    def parcels(self) -> Mapping[str, Parcel]:
+        """The parcels that there are, found or not, as they were given, by name."""
+        ...
+
     def announce(self, parcel: Parcel, region: Region | None = None) -> None:
         """Expect a parcel."""
         ...
@@ -82,7 +87,9 @@ class Comings:
             for kind, parcels in infeed.stock.items():
                 if (infeed.name, kind) in expected:
                     continue
-                free = next((one for one in parcels if one.name not in there), None)
+                # One that was found for an instant, and is sought since then, has its name still.
+                taken = {*there, *register.parcels}
+                free = next((one for one in parcels if one.name not in taken), None)
                 if free is not None:
                     expected[infeed.name, kind] = free.name
                     register.announce(infeed.parcel(free), infeed.region)
@@ -98,11 +105,6 @@ def tracker_gate(gate: Gate) -> TrackerGate:
 
 class NamingRegister(Register, Protocol):
     """Where parcels are announced, named and taken off: the tracker."""
-
-    @property
-    def parcels(self) -> Mapping[str, Parcel]:
-        """The parcels that there are, found or not, as they were given, by name."""
-        ...
 
     def name(self, unknown: str, parcel: Parcel) -> None:
         """Take an unknown thing for a parcel. Raises KeyError, ValueError."""

@@ -10,8 +10,11 @@ from mdms_host.programs.order import Gate
 class Register:
     def __init__(self):
         self.announced = []
+        self.parcels = {}
 
     def announce(self, parcel, region=None):
+        assert parcel.name not in self.parcels
+        self.parcels[parcel.name] = parcel
         self.announced.append((parcel.name, parcel.near_m, region.low_m))
 
     def depart(self, name, gate=None):
@@ -49,8 +52,18 @@ def test_when_one_has_come_the_next_of_its_kind_may():
     assert register.names == ["box 1", "disc 1", "box 2"]
     comings.step(register, {"box 1", "box 2", "disc 1"})
     assert register.names == []
+    del register.parcels["box 1"]  # it has left
     comings.step(register, {"box 2", "disc 1"})
     assert register.names == ["box 1"]
+
+
+def test_the_name_of_a_parcel_that_is_sought_is_not_free():
+    """It was found for an instant, and is believed nowhere now."""
+    register, comings = Register(), Comings([infeed()])
+    comings.step(register, ())
+    comings.step(register, {"box 1", "disc 1"})
+    comings.step(register, {"box 2"})
+    assert register.names == ["box 1", "disc 1", "box 2"]
 
 
 def test_gates_of_the_tracker_face_outward():
