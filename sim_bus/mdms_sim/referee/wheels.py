@@ -148,6 +148,9 @@ class Wheels:
         self._agreed: dict[int, dict[int, tuple[int, int]]] = {}
         #: Flags and acceleration [m/s2] of programs by the identities of their parcels.
         self._programs: dict[int, tuple[int, float]] = {}
+        #: Flags of programs that the host has ended, and when; when an end has reached a cell [ns].
+        self._over: dict[int, tuple[int, int]] = {}
+        self._end_reached_ns: dict[tuple[int, int], int] = {}
         for cell in range(cells):
             self._begin(cell, "power-up")
         self._deliver = self._handlers_of_deliveries()
@@ -421,14 +424,17 @@ class Wheels:
         if isinstance(page, messages.Parcel):
             acceleration_m_s2 = page.acceleration * wire.ACCELERATION_MM_S2 * MILLI
             self._programs[page.identity] = page.flags, acceleration_m_s2
-        elif isinstance(page, messages.End):
-            self._programs.pop(page.identity, None)
+            self._over.pop(page.identity, None)
+        elif isinstance(page, messages.End) and page.identity in self._programs:
+            flags, _ = self._programs.pop(page.identity)
+            self._over[page.identity] = flags, self._now_ns
 
     def _on_page(self, cell: int, data: bytes) -> None:
         """A page has reached a cell: the wheels under a parcel that is ended rest."""
         if self._ended[cell] or data[0] >> 6 == wire.END:
             page = messages.decode_page(data)
             if isinstance(page, messages.End):
+                self._end_reached_ns[cell, page.identity] = self._now_ns
                 if self._identity(cell) == page.identity:
                     self._ended[cell] = page.identity
                     self._cells[cell].ended_ns = self._now_ns + END_NS
@@ -475,9 +481,13 @@ class Wheels:
         return int(estimate.identity)
 
     def _goes_on(self, cell: int) -> bool:
-        """Whether a cell may go on without the host."""
-        flags, _ = self._programs.get(self._identity(cell), (wire.GO_ON, 0.0))
-        any_goes_on = any(each & wire.GO_ON for each, _ in self._programs.values())
+        """Whether a cell may go on without the host: by a program whose end it may have missed."""
+        programs = {identity: flags for identity, (flags, _) in self._programs.items()}
+        for identity, (flags, ended_ns) in self._over.items():
+            if self._end_reached_ns.get((cell, identity), -1) < ended_ns:
+                programs[identity] = flags
+        flags = programs.get(self._identity(cell), wire.GO_ON)
+        any_goes_on = any(each & wire.GO_ON for each in programs.values())
         return bool(self._cells[cell].steers and flags & wire.GO_ON and any_goes_on)
 
     # What cells say of themselves
