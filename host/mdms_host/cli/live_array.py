@@ -161,7 +161,9 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
 
             def attended() -> None:
                 nonlocal incidents, attended_s
-                away_s = clock.now_s() - attended_s
+                # Noted before anything else: the host may be suspended in the middle of this.
+                now_s = clock.now_s()
+                away_s, attended_s = now_s - attended_s, now_s
                 if away_s > SUSPENDED_S and attend.line is not None:
                     attend.line.machine.on_suspended(away_s)
                 for time_s, text in link.incidents[incidents:]:
@@ -169,7 +171,6 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
                 incidents = len(link.incidents)
                 attend()
                 watched.look(clock.now_s(), attend.line)
-                attended_s = clock.now_s()
 
             def over() -> bool:
                 nonlocal late
