@@ -45,12 +45,7 @@ _SETTINGS = (
 _DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 #: Settings of how a count of the encoder is read. They stay as they are while a wheel is on.
 _READING = (indices.RESOLUTION, indices.POLARITY)
-_ON = (
-    cia402.SWITCHED_ON,
-    cia402.OPERATION_ENABLED,
-    cia402.QUICK_STOP_ACTIVE,
-    cia402.FAULT_REACTION,
-)
+_ON = _DRIVING + (cia402.SWITCHED_ON,)  # noqa: RUF005 - MicroPython takes no star in a tuple
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 
 

@@ -38,7 +38,6 @@ class Place:
     """Integer tables, in small ints; `changed(others)` is called when a setting is written.
 
     `others` is whether other nodes are neighbours now, or the place is known for the first time.
-
     `column` and `row` count from 1, and 0 means that the place is unknown. `x_um` and `y_um` are
     the cell's centre [table frame]. `nodes[d]` is the node id in direction d, 0 for none.
     `shifts_um` has its centre from 2 * d on, x and y [from the cell's own centre].

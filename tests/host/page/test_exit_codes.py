@@ -8,6 +8,7 @@ from tests.system.simulated_link import SimulatedLink
 
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_host.cli.live_array import SUSPENDED_S
 from mdms_host.page.commands import Goal, StopAll
 from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
@@ -41,6 +42,7 @@ def hand(monkeypatch):
     @contextmanager
     def open_links(_options, _channels=()):
         with SimulatedLink(load_scenario("array18", ["run.fidelity=firmware"])) as link:
+            hand.link = link
             yield link, link
 
     hand = Hand()
@@ -86,3 +88,30 @@ def test_a_run_that_a_person_takes_over_misses_no_goal(hand, command):
     hand.command = command
     assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == Exit.OK
     assert hand.command is None
+
+
+def test_a_host_that_is_suspended_amid_the_service_of_its_line_tells_it(hand, monkeypatch):
+    """Parcels may lie elsewhere by then: the line aborts, and is not held."""
+    told = []
+
+    class Served:
+        """A line whose service is suspended once."""
+
+        failure = None
+        line = SimpleNamespace(machine=SimpleNamespace(on_suspended=told.append))
+        suspended = False
+
+        def __call__(self):
+            if hand.link.now_s() > HAND_S and not self.suspended:
+                self.suspended = True
+                hand.link.sleep(SUSPENDED_S + 0.5)
+
+    @contextmanager
+    def attendants(*_):
+        yield Served()
+
+    monkeypatch.setattr("mdms_host.cli.live_array.attendants", attendants)
+    monkeypatch.setattr("mdms_host.cli.live_array.Watched.look", lambda *_: None)
+    run("array18", "--page", "0")
+    (for_s,) = told
+    assert SUSPENDED_S < for_s < SUSPENDED_S + 1.0

@@ -209,11 +209,8 @@ class CellsProgram:
             if sending.overtaken() and sending.is_latest_there:
                 self._overtaken(name)
             if name in self._followed and self._stands(name, belief, now_s, step_s):
-                if self._is_tried_again(name, now_s):
-                    sending.give_anew()
-                else:
-                    self._followed[name].stopped = True
-                    sending.give_anew()
+                self._followed[name].stopped = not self._is_tried_again(name, now_s)
+                sending.give_anew()
             if name in self._stages and belief is not None:
                 self._guide(name, _felt(name, beliefs), name in asked)
             observed = self._observed[name]
