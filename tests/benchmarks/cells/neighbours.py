@@ -43,6 +43,8 @@ RUNNING_S, LIMIT_S = 0.6, 14.0
 REST_S, REST_M_S, REST_RAD_S = 1.5, 5e-4, 2e-3
 MOVING_M_S = 0.005
 EDGES = 3
+#: So many draws of a start and a goal, all refused, are an error.
+DRAWS = 1000
 CONFIDENCE = 0.95
 #: The beliefs of every so many beats are taken.
 STRIDE = 4
@@ -137,7 +139,7 @@ def off(belief: np.ndarray, pose: np.ndarray) -> tuple[float, float]:
 def scenario_of(seed: int, *overrides: str) -> Scenario:
     """The first start and goal of a seed that no rule refuses."""
     random = Random(seed)
-    while True:
+    for _ in range(DRAWS):
         length_m, width_m = random.choice(SIZES_M)
         start = (random.uniform(-0.2, 0.2), random.uniform(-0.05, 0.05), random.uniform(-pi, pi))
         turn_rad = random.uniform(-pi / 2, pi / 2)
@@ -152,8 +154,9 @@ def scenario_of(seed: int, *overrides: str) -> Scenario:
                 [*keys, *SPREAD, f"run.seed={seed}", f"run.duration_s={LIMIT_S}", *overrides],
             )
             return scenario
-        except InputError:
-            continue
+        except InputError as error:
+            refused = error
+    raise refused
 
 
 @dataclass
