@@ -49,7 +49,9 @@ LAST = (
     *("log_sha256", "record_sha256", "started", "wall_s", "worker", "revision", "git_revision"),
     *("mdms_version", "python_version", "numpy_version", "numba_version", "changed"),
 )
-RECORDS = "records"
+#: The folder of the runs' own folders, each by so many digits of its row's `key`: the number of a
+#: row changes with the settings.
+RECORDS, RECORD_DIGITS = "records", 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +237,9 @@ def sweep(
     Measures are named, or functions of a `Run`. `executor` is any of `concurrent.futures`; without
     one, `workers` processes of this machine are spawned, and a script needs its
     `if __name__ == "__main__":`. `folder` keeps the journal, from which an interrupted sweep goes
-    on, and the tables. With `records`, each run keeps its folder there. Runs of another revision
-    are refused, or with `on_changed` as "mark" they count, and are marked.
+    on, and the tables. With `records`, each run keeps its folder there, by the first 16 digits of
+    its row's `key`; a run that has none yet is run again. Runs of another revision are refused, or
+    with `on_changed` as "mark" they count, and are marked.
 
     Raises `InputError`, and `Error` where an extra is not installed or an executor has failed. A
     run that raises is a row of the result.
@@ -325,37 +328,47 @@ class _Table:
         """Do the missing runs, and keep each as it ends."""
         jobs: list[Job] = []
         works: dict[str, tuple[str, dict[str, Any]]] = {}
-        for number, (entry, name) in enumerate(
-            zip(self._design.trees(), self._names, strict=True), 1
-        ):
-            (_, _, tree), work = entry, name[2]
+        for (_, _, tree), (_, _, work) in zip(self._design.trees(), self._names, strict=True):
             key = key_digest(work, self._revision)
-            if work in self._found or key in works:
+            record = None if records is None else records / RECORDS / key[:RECORD_DIGITS]
+            if key in works or (work in self._found and not self._lacks(work, record)):
                 continue
             if isinstance(tree, ScenarioError):
                 self._found[work] = {self._revision: failed_columns(f"ScenarioError: {tree}")}
                 continue
             works[key] = work, tree
-            record = None if records is None else str(records / RECORDS / str(number))
-            jobs.append(Job(key, tree, self._design.measures, self._design.program, record))
+            folder = None if record is None else str(record)
+            jobs.append(Job(key, tree, self._design.measures, self._design.program, folder))
         meter = _Meter(len(self._names), len(jobs), self._failed(), progress)
         if not jobs:
             return
+        ended: set[str] = set()
         try:
             with closing(perform_all(jobs, workers)) as runs:
                 for job, outcome in runs:
                     work, tree = works[job.key]
                     self._refuse_other_code(outcome)
                     columns = outcome | {"git_revision": self._git_revision}
-                    self._journal.add(job.key, work, self._revision, tree, columns)
-                    self._found[work] = {self._revision: columns}
+                    if work in self._found:
+                        _refuse_otherwise(f"{job.record}", self._columns(work), columns)
+                    else:
+                        self._journal.add(job.key, work, self._revision, tree, columns)
+                        self._found[work] = {self._revision: columns}
+                    ended.add(work)
                     meter.count(failed=columns["failure"] is not None)
         finally:
             # Ctrl-C may come between the journal and the lines that follow it.
-            missing = [work for work, _ in works.values() if work not in self._found]
-            self._found |= self._journal.found(missing)
-            left = sum(work not in self._found for work in missing)
-            meter.end(ended=len(jobs) - left, failed=self._failed())
+            missing = [work for work, _ in works.values() if work not in ended]
+            late = self._journal.found(work for work in missing if work not in self._found)
+            self._found |= late
+            meter.end(ended=len(jobs) - len(missing) + len(late), failed=self._failed())
+
+    def _lacks(self, work: str, record: Path | None) -> bool:
+        """Whether a run of this revision that has ended without a failure has no such folder."""
+        if record is None or record.exists():
+            return False
+        columns = self._found[work].get(self._revision)
+        return columns is not None and columns["failure"] is None
 
     def _refuse_other_code(self, columns: Mapping[str, Any]) -> None:
         """Raises `Error` where a worker of a cluster runs another revision of the code."""
@@ -452,6 +465,12 @@ def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str,
             raise InputError(f"--again {row}: that run left nothing: {before['failure']}")
         tree = journal.tree(before["key"])
     after = perform(Job(before["key"], tree, design.measures, design.program, str(out)))
+    _refuse_otherwise(f"row {row}", before, after)
+    return before | after
+
+
+def _refuse_otherwise(what: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:
+    """Raises `Error` where a run that is repeated comes out otherwise."""
     for name in ("log_sha256", "record_sha256", "failure"):
         if before.get(name) != after[name]:
             other = (
@@ -460,7 +479,6 @@ def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str,
                 else f"; it is of revision {before['revision']}, and the code of {code_revision()}"
             )
             raise Error(
-                f"row {row} comes out otherwise: {name} was {before.get(name)}, "
+                f"{what} comes out otherwise: {name} was {before.get(name)}, "
                 f"and is {after[name]}{other}"
             )
-    return before | after

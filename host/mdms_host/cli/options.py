@@ -524,7 +524,9 @@ def add_sweep(parser: ArgumentParser) -> None:
     )
     _add_executor(parser)
     parser.add_argument(
-        "--records", action="store_true", help="keep the run folder of each run, in DIR/records"
+        "--records",
+        action="store_true",
+        help="keep the run folder of each run, in DIR/records, by its key",
     )
     parser.add_argument(
         "--again",

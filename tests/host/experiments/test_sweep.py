@@ -191,11 +191,38 @@ def test_a_run_that_the_journal_has_is_in_the_table_if_ctrl_c_comes_between(
     assert len(pandas.read_csv(tmp_path / "table.csv")) == seen[-1].done == 3
 
 
+def kept_friction(result):
+    """The friction of each row, and that of the run which is kept under its key."""
+    rows = [
+        (row["cell.friction"], result.folder / "records" / row["key"][:16]) for row in result.rows
+    ]
+    return [(friction, mdms.read_run(kept).scenario.cell.friction) for friction, kept in rows]
+
+
 def test_records_are_kept_if_they_are_asked_for(executor, tmp_path):
-    mdms.sweep(
+    result = mdms.sweep(
         ROW, {"cell.friction": [0.3]}, seeds=1, executor=executor, folder=tmp_path, records=True
     )
-    assert mdms.read_run(tmp_path / "records" / "1").scenario.cell.friction == 0.3
+    assert kept_friction(result) == [(0.3, 0.3)]
+
+
+def test_records_are_those_of_their_rows_after_a_sweep_has_grown(executor, tmp_path):
+    given = {"seeds": 1, "executor": executor, "folder": tmp_path}
+    mdms.sweep(ROW, {"cell.friction": [0.2, 0.3]}, records=True, **given)
+    grown = mdms.sweep(ROW, {"cell.friction": [0.1, 0.2, 0.3]}, records=True, **given)
+    assert kept_friction(grown) == [(0.1, 0.1), (0.2, 0.2), (0.3, 0.3)]
+
+
+def test_a_run_that_was_kept_without_its_record_gets_one(executor, tmp_path):
+    given = {"seeds": 1, "executor": executor, "folder": tmp_path}
+    seen = []
+    before = mdms.sweep(ROW, {"cell.friction": [0.2, 0.3]}, **given)
+    after = mdms.sweep(
+        ROW, {"cell.friction": [0.2, 0.3]}, records=True, progress=seen.append, **given
+    )
+    assert kept_friction(after) == [(0.2, 0.2), (0.3, 0.3)]
+    assert after.rows == before.rows
+    assert (seen[0].kept, seen[-1].done, seen[-1].total) == (0, 2, 2)
 
 
 @pytest.mark.parametrize(
