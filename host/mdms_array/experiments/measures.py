@@ -4,11 +4,12 @@ import hashlib
 import inspect
 import math
 import runpy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import pi
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -204,7 +205,7 @@ def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
                     f"measures: {each!r} is unknown; there are {', '.join(NAMED)}, paths into the "
                     "figures of `mdms simulate --json` such as parcels.0.x_m, and functions"
                 )
-        elif not callable(each) or getattr(each, "__qualname__", "<").find("<") >= 0:
+        elif not callable(each) or inspect.ismethod(each) or "<" in _path_of(each):
             raise InputError(
                 f"measures: {each!r} cannot be sent to a worker; define a function by `def` "
                 "outside all others"
@@ -216,18 +217,68 @@ def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
     return listed
 
 
+def _path_of(function: Any) -> str:
+    """The path of a function in its module; a function within another has a < in it."""
+    return str(getattr(function, "__qualname__", "<"))
+
+
 def identity_of(function: Any) -> str:
-    """The identity of a measure or a program: a name, and a digest of its source."""
+    """The identity of a measure or a program: a name, and a digest of its source.
+
+    That of a file is its whole text. That of a function is its own text and all that it uses of its
+    module: functions, classes, and values that are plain.
+    """
     if function is None or isinstance(function, str):
         return str(function)
     if isinstance(function, FileFunction):
         source = Path(function.path).read_text("utf-8")
     else:
-        try:
-            source = inspect.getsource(function)
-        except (OSError, TypeError):
-            source = ""
+        used = sorted(_used_by(function).items())
+        source = _source(function) + "".join(f"\0{name}\0{text}" for name, text in used)
     return f"{name_of(function)}:{hashlib.sha256(source.encode()).hexdigest()}"
+
+
+def _source(function: Any) -> str:
+    try:
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return ""
+
+
+def _used_by(function: Any) -> dict[str, str]:
+    """What a function uses of its module, and what that uses in turn: text by name."""
+    used: dict[str, str] = {}
+    waiting = [inspect.unwrap(function)]
+    while waiting:
+        user = waiting.pop()
+        for name in _names_in(user.__code__) if inspect.isfunction(user) else ():
+            if name in used or name not in user.__globals__:
+                continue
+            value = user.__globals__[name]
+            value = inspect.unwrap(value) if callable(value) else value
+            if getattr(value, "__module__", None) == function.__module__ and callable(value):
+                used[name] = _source(value)
+                waiting += [value, *vars(value).values()] if inspect.isclass(value) else [value]
+            elif _is_plain(value):
+                used[name] = repr(value)
+    return used
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    """The names of globals that a function, or one within it, may use."""
+    yield from code.co_names
+    for each in code.co_consts:
+        if isinstance(each, CodeType):
+            yield from _names_in(each)
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether equal values have equal texts in all processes."""
+    if isinstance(value, dict):
+        return all(map(_is_plain, (*value, *value.values())))
+    if isinstance(value, list | tuple):
+        return all(map(_is_plain, value))
+    return value is None or isinstance(value, bool | int | float | complex | str | bytes)
 
 
 def measured(run: Run, measure: Measure) -> bool | int | float | str | None:

@@ -30,6 +30,25 @@ def end_m(run):
     return run.parcels["box"].true_pose[0]
 
 
+FACTOR = 1.0
+
+
+class Scale:
+    """Scales by a factor of the module, and by one of its own."""
+
+    own = 1.0
+
+    def of(self, value):
+        return FACTOR * self.own * value
+
+    def end_m(self, run):
+        return self.of(end_m(run))
+
+
+def scaled_m(run):
+    return Scale().of(end_m(run))
+
+
 def fails_at_02(run):
     if run.scenario.cell.friction == 0.2:
         raise ZeroDivisionError("on purpose")
@@ -98,6 +117,16 @@ def test_a_finished_run_is_not_run_again(executor, tmp_path):
     frame = pandas.read_parquet(tmp_path / "s" / "table.parquet")
     assert frame.equals(again.frame)
     assert len(pandas.read_csv(tmp_path / "s" / "table.csv")) == 8
+
+
+def test_a_run_is_run_again_if_its_measure_uses_another_value(executor, tmp_path, monkeypatch):
+    given = {"seeds": 1, "measures": [scaled_m], "executor": executor, "folder": tmp_path}
+    (before,) = mdms.sweep(ROW, {"cell.friction": [0.3]}, **given).rows
+    (same,) = mdms.sweep(ROW, {"cell.friction": [0.3]}, **given).rows
+    assert same == before
+    monkeypatch.setitem(globals(), "FACTOR", 2.0)
+    (after,) = mdms.sweep(ROW, {"cell.friction": [0.3]}, **given).rows
+    assert after["scaled_m"] == 2.0 * before["scaled_m"]
 
 
 def test_a_run_that_raises_is_a_row(executor):
@@ -231,6 +260,7 @@ def test_a_run_that_was_kept_without_its_record_gets_one(executor, tmp_path):
         ({"over": {"cell.fricton": [0.3]}}, "no setting can be run: cell.fricton is not a known"),
         ({"measures": ["speed"]}, "'speed' is unknown; there are reached, time_s"),
         ({"measures": [lambda run: 1.0]}, "cannot be sent to a worker"),
+        ({"measures": [Scale().end_m]}, "cannot be sent to a worker"),
         ({"measures": ["reached", "reached"]}, "reached stands there twice"),
         ({"scenario": 3}, "neither a name, a file, a dict nor a Scenario"),
         ({"scenario": "fig70"}, "no such scenario file"),
