@@ -237,7 +237,12 @@ class _TableVectorEnv(VectorEnv[Observation, Any, Any]):
             reward[k] = 0.0
         self._over = ended | late
         infos: dict[str, Any] = dict(judgement.infos)
-        infos |= {f"_{name}": np.ones(self.num_envs, np.bool_) for name in judgement.infos}
+        told = np.ones(self.num_envs, np.bool_)
+        # The step of a table that begins has no judgement: that was of its last episode.
+        told[began] = False
+        for each in infos.values():
+            each[began] = None if each.dtype == object else 0
+        infos |= {f"_{name}": told.copy() for name in judgement.infos}
         return self.episode.observation(), reward, ended, late, infos
 
     def close_extras(self, **_: Any) -> None:

@@ -101,6 +101,19 @@ def test_each_of_many_tables_does_what_one_does_alone(threads, more):
             assert (rewards[k], ended[k], late[k]) == (reward, end, limit)
 
 
+def test_an_end_is_told_once_though_its_table_begins_anew():
+    still = {f"parcel.0.{key}": [0.0] for key in ("x_m", "y_m", "yaw_rad")}
+    goal = {f"parcel.0.goal.{key}": [0.0] for key in ("x_m", "y_m", "yaw_rad")}
+    many = gymnasium.make_vec(PARCEL, num_envs=2, randomise=still | goal)
+    many.reset(seed=1)
+    steps = [many.step(np.zeros((2, 36), np.float32)) for _ in range(4)]
+    assert [ended.tolist() for _, _, ended, _, _ in steps] == 2 * [[True] * 2, [False] * 2]
+    for _, _, ended, _, infos in steps:
+        for name in ("reached", "tipped", "position_error_m", "yaw_error_rad"):
+            assert (infos[f"_{name}"] == ended).all()
+        assert (infos["reached"] == ended).all()
+
+
 def test_cells_with_firmware_follow_the_actions():
     env = gymnasium.make(PARCEL, fidelity="firmware", most_m_s=0.2).unwrapped
     seen, _ = env.reset(seed=1)
