@@ -217,6 +217,8 @@ class _TableVectorEnv(VectorEnv[Observation, Any, Any]):
             )
         if isinstance(seed, int):
             seed = [seed + k for k in range(self.num_envs)]
+        if seed is not None and len(seed) != self.num_envs:
+            raise InputError(f"seed: {len(seed)} are given, but there are {self.num_envs} tables")
         for k, own in enumerate(seed or ()):
             if own is not None:
                 self._chances[k] = seeding.np_random(own)[0]

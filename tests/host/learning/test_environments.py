@@ -272,6 +272,9 @@ def test_an_episode_may_be_given():
         one.reset(options={"scenario": two})
     with pytest.raises(InputError, match="1 are given, but there are 2 tables"):
         many.reset(options={"scenarios": [given]})
+    for seeds in ([1], [1, 2, 3]):
+        with pytest.raises(InputError, match=f"seed: {len(seeds)} are given, but there are 2"):
+            many.reset(seed=seeds)
 
 
 def test_sensors_are_late_and_noisy_as_the_scenario_says():
