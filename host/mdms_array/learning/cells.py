@@ -8,6 +8,7 @@ from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
 from mdms_array.learning.environments import FAR, PARCEL, Episode
+from mdms_array.learning.episodes import open_scenario
 from mdms_array.learning.tasks import ParcelTask
 from mdms_model.array import cell_centres
 from mdms_model.arrays import Floats, Ints
@@ -69,10 +70,11 @@ class CellsEnv(ParallelEnv[str, Floats, Floats]):  # type: ignore[misc]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Floats], dict[str, dict[str, Any]]]:
-        """Begin an episode; see PettingZoo."""
+        """Begin an episode: that of `options["scenario"]`, or one that is drawn."""
         if seed is not None:
             self._chance = seeding.np_random(seed)[0]
-        self.episode.begin(0, self._chance)
+        given = (options or {}).get("scenario")
+        self.episode.begin(0, self._chance, None if given is None else open_scenario(given))
         self.agents = [*self.possible_agents]
         return self._seen(), {agent: {} for agent in self.agents}
 

@@ -6,7 +6,9 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 from mdms_array.learning import cells_env
 from mdms_array.learning.cells import neighbours
+from mdms_model.array import cell_centres
 from mdms_model.errors import InputError
+from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Array
 
 #: Of one cell: whether it is there, five sensors, two wheels.
@@ -72,6 +74,15 @@ def test_all_agents_end_together():
     assert len(late) == 18
     assert all(late.values())
     assert env.agents == []
+
+
+def test_an_episode_may_be_given():
+    given = load_scenario("array18", ["parcel.0.x_m=0.07", "parcel.0.goal.x_m=-0.05"])
+    env = cells_env()
+    seen, _ = env.reset(seed=1, options={"scenario": given})
+    assert env.episode.tables.motion[0][0, 0, 0] == 0.07
+    centre_m = cell_centres(given.array)[0]
+    assert seen["cell_1"][-4] == np.float32(-0.05 - centre_m[0])
 
 
 def test_options_that_are_none_are_refused():
