@@ -11,7 +11,7 @@ from mdms_array.source import Source, open_source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Goal, Parcel, Scenario
-from mdms_model.scenario.tree import plain
+from mdms_model.scenario.tree import build_values, plain
 
 #: Keys of a parcel that are changed without a new table.
 POSE = ("x_m", "y_m", "yaw_rad")
@@ -44,6 +44,9 @@ class Episodes:
                     "distribution, such as mdms_array.uniform(0.1, 0.3)"
                 )
         self._names = [parcel.name for parcel in self.base.parcel]
+        for key, values in self._randomise.items():
+            if self._pose_key(key) is not None:
+                _check_pose(key, values)
         self.draw(np.random.default_rng(0))
 
     def draw(self, chance: np.random.Generator) -> Scenario:
@@ -80,6 +83,14 @@ class Episodes:
                 changed: dict[str, Any] = {name: float(value)}
                 parcels[number] = replace(parcel, **changed)
         return replace(self.base, parcel=tuple(parcels))
+
+
+def _check_pose(key: str, values: Any) -> None:
+    """Raises `ScenarioError` for a place or an angle that no scenario has; draws check none."""
+    path, _, name = key.rpartition(".")
+    ends = (values.low, values.high) if isinstance(values, Distribution) else values
+    for each in ends:
+        build_values(Goal, {name: each.item() if hasattr(each, "item") else each}, path)
 
 
 def _drawn(values: Any, chance: np.random.Generator) -> Any:

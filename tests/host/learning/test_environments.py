@@ -1,6 +1,7 @@
 """Environments of Gymnasium: its checker, seeds, many tables beside one, both fidelities."""
 
 import warnings
+from math import nan
 
 import gymnasium
 import numpy as np
@@ -302,6 +303,12 @@ def test_sensors_are_late_and_noisy_as_the_scenario_says():
         ({"duration_s": 0.0}, "duration_s is 0.0, but must be 0.01 to 3600 seconds"),
         ({"threads": 0}, "threads is 0, but must be a whole number"),
         ({"randomise": {"cell.friction": 0.3}}, "a distribution, such as mdms_array.uniform"),
+        ({"randomise": {"parcel.0.x_m": [nan]}}, "parcel.0.x_m is nan, but must be a finite"),
+        ({"randomise": {"parcel.box.x_m": ["a"]}}, "parcel.box.x_m is 'a', but must be a number"),
+        (
+            {"randomise": {"parcel.0.goal.yaw_rad": mdms.uniform(-9.0, 9.0)}},
+            "goal.yaw_rad is -9.0, but",
+        ),
         ({"scenario": "nowhere"}, "nowhere: no such scenario file"),
     ],
 )
