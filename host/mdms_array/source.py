@@ -149,7 +149,7 @@ def _names(path: str) -> dict[str, Any]:
         raise _wrong(path, f"cannot be read: {error.strerror}") from None
     except SyntaxError as error:
         raise _wrong(path, f"line {error.lineno}: {error.msg}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _wrong(path, f"{type(error).__name__}: {error}") from error
 
 

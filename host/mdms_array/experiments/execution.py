@@ -72,7 +72,8 @@ def perform(job: Job) -> dict[str, Any]:
             digests["record_sha256"] = record_sha256(run)
         for each in job.measures:
             values[name_of(each)] = measured(run, each)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
+        # A function of a user that ends its process must not end the sweep, least of all with 0.
         columns["failure"] = f"{type(error).__name__}: {error}"
     return {
         **columns,

@@ -176,7 +176,7 @@ def _names_of(path: str) -> dict[str, Any]:
         return runpy.run_path(path, run_name="mdms measures")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{path}: {type(error).__name__}: {error}") from error
 
 

@@ -117,7 +117,8 @@ class Task(Generic[Result]):
             condition = self._routine.send(None)
         except StopIteration as end:
             self._result, self.done = end.value, True
-        except Exception as error:
+        except (Exception, SystemExit) as error:
+            # sys.exit() in a program ends the program, and not the host that has cells to turn off.
             self.error, self.done = error, True
         else:
             if not callable(condition):

@@ -48,6 +48,7 @@ def test_a_file_that_is_no_python_has_no_main():
         ('SCENARIO = "sort54"\ndef main(table):\n    pass\n', "has no `async def main"),
         ("async main\n", "line 1: "),
         ("import nothing_of_that_name\n", "ModuleNotFoundError: No module named"),
+        ("raise SystemExit(0)\n", "SystemExit: 0"),
     ],
 )
 def test_a_lack_of_a_file_is_said_in_one_line(written, text, reason):

@@ -129,6 +129,12 @@ def test_a_sweep_of_which_every_run_fails_ends_with_1(file, capsys):
     assert "row 2 fails again: ValueError: no end" in capsys.readouterr().out
 
 
+def test_a_file_of_measures_that_ends_its_process_is_refused(file, capsys):
+    (file.parent / "own.py").write_text("raise SystemExit(0)\n")
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.USAGE
+    assert "own.py: SystemExit: 0" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_ctrl_c_keeps_finished_runs_and_the_same_command_goes_on(file, tmp_path):
     file.write_text(FILE.replace("seeds = 2", "seeds = 500"))

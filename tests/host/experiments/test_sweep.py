@@ -141,6 +141,16 @@ def test_a_run_that_raises_is_a_row(executor):
     assert [row["fails_at_02"] for row in rows] == [None, None, 1.0, None]
 
 
+def leaves(_run):
+    raise SystemExit(0)
+
+
+def test_a_measure_that_ends_its_process_is_a_failed_run(executor):
+    result = mdms.sweep(ROW, OVER, seeds=1, measures=[leaves], executor=executor)
+    assert result.failed == len(result.rows) == 4
+    assert result.rows[0]["failure"] == "SystemExit: 0"
+
+
 def test_a_measure_gives_one_value(executor):
     (row,) = mdms.sweep(
         ROW, {"cell.friction": [0.3]}, seeds=1, measures=[a_list], executor=executor

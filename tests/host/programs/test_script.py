@@ -48,6 +48,16 @@ def test_an_error_reaches_the_task_that_awaits_it_and_else_the_driver():
     assert str(script.step()) == "no way"
 
 
+def test_a_program_that_ends_its_process_has_failed():
+    script = Script()
+
+    async def leaves():
+        raise SystemExit(0)
+
+    script.start(leaves())
+    assert isinstance(script.step(), SystemExit)
+
+
 def test_a_task_that_is_cancelled_tidies_up_and_goes_no_further():
     script, log = Script(), []
 
