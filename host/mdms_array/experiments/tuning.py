@@ -122,6 +122,11 @@ def task_of(
             raise InputError(
                 f"vary: {key} is {value:g} in the scenario, which {limits} leaves out; widen it"
             )
+        if limits.kind == "integers" and value != int(value):
+            raise InputError(
+                f"vary: {key} is {value:g} in the scenario, which {limits} leaves out: the first "
+                "trial is the scenario itself; give it uniform, or a whole number in the scenario"
+            )
     tree_of(design.base, base, design.seeds[0])
     return Task(
         replace(design, settings=[base]),

@@ -92,6 +92,7 @@ def test_runs_that_raise_are_no_end(file, capsys):
         (('minimise = "own.py:miss"', ""), "give minimise or maximise"),
         (("trials = 12", "trials = 0"), "trials is 0, but must be a whole number"),
         (("uniform = [0.1, 0.6]", "uniform = [0.4, 0.6]"), "cell.friction is 0.3 in the scenario"),
+        (("uniform = [0.1, 0.6]", "integers = [0, 1]"), "cell.friction is 0.3 in the scenario, wh"),
         (("{ uniform = [0.1, 0.6] }", "[0.1, 0.6]"), "give each key a distribution"),
         (("cell.friction", "cell.fricton"), "cell.fricton has no number in the scenario"),
         (("at_least = 1.0", "least = 1.0"), "but must be { at_least = LOW }"),
