@@ -13,6 +13,7 @@ from mdms_array.experiments.settings import (
     Distribution,
     Values,
     integers,
+    is_number,
     log_uniform,
     uniform,
 )
@@ -115,12 +116,17 @@ def _bounds(path: Path, table: Any) -> dict[Bound, Measure]:
         raise InputError(f"{path}: bounds is {table!r}, but must be a table")
     bounds: dict[Bound, Measure] = {}
     for name, limits in table.items():
-        numbers = limits.values() if isinstance(limits, Mapping) else ()
+        numbers = [*limits.values()] if isinstance(limits, Mapping) else []
         known = isinstance(limits, Mapping) and {*limits} <= {"at_least", "at_most"}
-        if not known or not numbers or not all(isinstance(each, int | float) for each in numbers):
+        if not known or not numbers or not all(map(is_number, numbers)):
             raise InputError(
                 f"{path}: bounds.{name} is {limits!r}, but must be {{ at_least = LOW }}, "
-                "{ at_most = HIGH }, or both"
+                "{ at_most = HIGH }, or both, of finite numbers"
+            )
+        if len(numbers) > 1 and limits["at_least"] > limits["at_most"]:
+            raise InputError(
+                f"{path}: bounds.{name} has at_least {limits['at_least']:g} above at_most "
+                f"{limits['at_most']:g}, so nothing keeps both; exchange them"
             )
         measure = measure_named(name, path.parent)
         bounds[Bound(name_of(measure), **limits)] = measure
@@ -178,7 +184,9 @@ def _flat(table: Mapping[str, Any], prefix: str) -> list[tuple[str, Any]]:
     pairs: list[tuple[str, Any]] = []
     for key, value in table.items():
         inner = isinstance(value, Mapping) and not {*value} & {*_RANGE, *DISTRIBUTIONS}
-        pairs += _flat(value, f"{prefix}{key}.") if inner else [(f"{prefix}{key}", value)]
+        # An empty table has no keys within: it is refused as a value.
+        nested = value and inner
+        pairs += _flat(value, f"{prefix}{key}.") if nested else [(f"{prefix}{key}", value)]
     return pairs
 
 
@@ -189,7 +197,7 @@ def values_of(path: Path, key: str, value: Any) -> Values:
     if isinstance(value, Mapping):
         if {*value} <= {*_RANGE} and {"from", "to", "count"} <= {*value}:
             return _range(path, key, value)
-        (kind, bounds), *others = value.items()
+        (kind, bounds), *others = value.items() or [("", ())]
         if kind in DISTRIBUTIONS and not others and isinstance(bounds, list) and len(bounds) == 2:
             return DISTRIBUTIONS[kind](*bounds)
     kinds = ", ".join(f"{{ {kind} = [LOW, HIGH] }}" for kind in DISTRIBUTIONS)
@@ -207,7 +215,10 @@ def _range(path: Path, key: str, value: Mapping[str, Any]) -> list[float]:
         raise InputError(
             f"{path}: over.{key}.count is {count!r}, but must be a whole number, 2 to 10,000"
         )
-    if value.get("log", False):
+    log = value.get("log", False)
+    if not isinstance(log, bool):
+        raise InputError(f"{path}: over.{key}.log is {log!r}, but must be true or false")
+    if log:
         bounds = log_uniform(bounds.low, bounds.high)
     # Rounded, so that 0.3 is 0.3.
     return [float(f"{bounds.at(share):.12g}") for share in np.linspace(0.0, 1.0, count).tolist()]

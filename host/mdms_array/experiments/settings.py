@@ -45,7 +45,7 @@ class Distribution:
         bounds = self.low, self.high
         if self.kind not in _SCALES:
             raise InputError(f"{self.kind!r} is no distribution; there are {', '.join(_SCALES)}")
-        if not all(_is_number(bound) for bound in bounds) or not self.low < self.high:
+        if not all(is_number(bound) for bound in bounds) or not self.low < self.high:
             raise InputError(f"{self}: give two finite numbers, the lower one first")
         if self.kind == "log_uniform" and self.low <= 0.0:
             raise InputError(f"{self}: the lower bound must be above 0")
@@ -123,7 +123,7 @@ def _listed(key: str, values: Values) -> list[Any] | None:
     if not len(values):
         raise InputError(f"over: {key} has no values; give it one or more, or leave it out")
     # Numbers of numpy become those of Python, as a scenario has them.
-    return [each.item() if hasattr(each, "item") else each for each in values]
+    return [each.tolist() if hasattr(each, "tolist") else each for each in values]
 
 
 def _points(keys: int, samples: int, sampling: str, seed: int) -> list[Sequence[float]]:
@@ -131,6 +131,8 @@ def _points(keys: int, samples: int, sampling: str, seed: int) -> list[Sequence[
     if sampling not in SAMPLINGS:
         raise InputError(f"sampling is {sampling!r}, but must be one of {', '.join(SAMPLINGS)}")
     check_count("samples", samples)
+    if seed < 0:
+        raise InputError(f"seed is {seed}, but must be 0 or more for samples to be drawn from it")
     if sampling == "sobol" and samples & (samples - 1):
         below = 1 << (samples.bit_length() - 1)
         raise InputError(
@@ -250,5 +252,6 @@ def meaning_of(key: str) -> str:
     return "truth and belief" if key.startswith(("cell.", "parcel.")) else ""
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Whether a value is a finite number, and no truth."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

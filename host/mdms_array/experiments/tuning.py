@@ -25,6 +25,10 @@ BATCH = 4
 UNSEEN_SEED = 1_000_003
 
 
+#: The sampler takes so many seeds.
+MOST_SEEDS = 1 << 32
+
+
 @dataclass(frozen=True, slots=True)
 class Bound:
     """A bound of the mean of a measure."""
@@ -109,6 +113,8 @@ def task_of(
     """A checked task, with the base's values as the first setting. Raises `InputError`."""
     check_count("trials", trials)
     check_count("unseen", unseen)
+    if not 0 <= seed < MOST_SEEDS:
+        raise InputError(f"seed is {seed}, but must be 0 to {MOST_SEEDS - 1:,}: the sampler's")
     if not vary:
         raise InputError("vary: no key varies; give one or more, each with a distribution")
     names = {name_of(each) for each in check_measures(design.measures)}

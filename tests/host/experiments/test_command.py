@@ -90,6 +90,8 @@ def test_a_row_that_comes_out_otherwise_is_an_error(file, tmp_path, capsys):
         (("to = 0.3", "to = 0.1"), "give two finite numbers, the lower one first"),
         (("[1.0, 2.0]", "{ normal = [1, 2] }"), "mass_kg is 2.0 and has nothing inside to set"),
         (("[1.0, 2.0]", "{ uniform = [1] }"), "must be a list of values, { from = LOW"),
+        (("[1.0, 2.0]", "{}"), "over.parcel.box.mass_kg is {}, but must be a list"),
+        (("count = 2", "count = 2, log = 'no'"), "log is 'no', but must be true or false"),
         (("[1.0, 2.0]", "3.0"), "over.parcel.box.mass_kg is 3.0, but must be a list"),
         (("paper-fig8", "paper-fig80"), "paper-fig80: no such scenario file"),
         (("own.py:end_m", "own.py:start_m"), "own.py: has no function 'start_m'"),

@@ -1,5 +1,6 @@
 """Settings: grids, samples, seeds, and keys that are the truth, the belief or both."""
 
+import numpy as np
 import pytest
 
 import mdms_array as mdms
@@ -116,6 +117,21 @@ def test_a_key_that_leads_nowhere_is_refused(key, told):
 def test_settings_that_cannot_be_are_refused(over, samples, sampling, told):
     with pytest.raises(mdms.InputError, match=told):
         settings_of(over, samples, sampling, 1)
+
+
+@pytest.mark.parametrize("sampling", ["latin_hypercube", "sobol", "random"])
+def test_samples_need_a_seed_from_0_on(sampling):
+    with pytest.raises(mdms.InputError, match="seed is -1, but must be 0 or more"):
+        settings_of({"a": mdms.uniform(0, 1)}, 4, sampling, -1)
+
+
+def test_rows_of_an_array_are_lists():
+    places = np.array([[0.0, 0.0], [0.01, 0.0]])
+    over = {"parcel.0.centre_of_mass_m": places, "cell.friction": np.array([0.2])}
+    assert settings_of(over, 1, "random", 1) == [
+        {"parcel.0.centre_of_mass_m": place, "cell.friction": 0.2}
+        for place in ([0.0, 0.0], [0.01, 0.0])
+    ]
 
 
 @pytest.mark.parametrize("bounds", [(1.0, 1.0), (2.0, 1.0), (0.0, float("inf")), ("a", 1.0)])
