@@ -48,6 +48,8 @@ def draw(
     for name in parameters:
         if name not in result.parameters:
             raise InputError(f"{name} does not vary; there are {', '.join(result.parameters)}")
+    if not parameters:
+        raise InputError("there is no picture: no parameter to draw over")
     drawable = [name for name in result.measures if _kind(result, name)]
     if not drawable:
         raise InputError("there is no picture: no measure has a number in any run")
@@ -76,7 +78,7 @@ def draw_lines(result: "SweepResult", measure: str, over: str, by: str | None = 
     figure = new_figure(7.2, 4.4)
     axes = figure.add_axes((0.12, 0.15, 0.84 if by is None else 0.62, 0.72))
     rows = summarised(result, [over] if by is None else [over, by])
-    groups = [None] if by is None else list(dict.fromkeys(row[by] for row in rows))
+    groups = [None] if by is None else list({repr(row[by]): row[by] for row in rows}.values())
     for number, group in enumerate(groups):
         of_group = [row for row in rows if by is None or row[by] == group]
         colour = COLOURS[number % len(COLOURS)]

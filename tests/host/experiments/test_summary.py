@@ -79,6 +79,7 @@ GRID = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]
         ({"cell.friction": GRID}, 1),
         ({"motion.control": ["host", "cells"]}, 1),
         ({"cell.friction": GRID, "motion.control": ["host", "cells"]}, 1),
+        ({"cell.friction": GRID, "fault": [[], [{"kind": "loss"}]]}, 1),
         ({"cell.friction": GRID, "motion.speed_m_s": GRID}, 2),
         ({"cell.friction": mdms.uniform(0.1, 0.5), "motion.speed_m_s": mdms.uniform(0.1, 0.5)}, 2),
         ({"cell.friction": GRID, "motion.speed_m_s": GRID, "motion.control": ["host", "x"]}, 6),
@@ -98,5 +99,7 @@ def test_a_picture_of_a_missing_column_is_refused(tmp_path):
         result.plot(tmp_path / "a.png", "speed")
     with pytest.raises(mdms.InputError, match=r"motion.speed_m_s does not vary; there are cell"):
         result.plot(tmp_path / "a.png", over=["motion.speed_m_s"])
+    with pytest.raises(mdms.InputError, match="no parameter to draw over"):
+        result.plot(tmp_path / "a.png", over=[])
     with pytest.raises(mdms.InputError, match="no measure has a number"):
         table({"cell.friction": GRID}, {"text": "far"}).plot(tmp_path / "a.png")
