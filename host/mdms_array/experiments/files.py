@@ -1,7 +1,7 @@
 """Files of sweeps and of tuning: TOML with a scenario, the keys that vary, and what to measure."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from mdms_array.experiments.tuning import Bound, Task, task_of
 from mdms_array.source import Source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import builtin_names
+from mdms_sim.plots.canvas import PictureFormatError, form_of
 
 DISTRIBUTIONS: Mapping[str, Callable[..., Distribution]] = {
     each.__name__: each for each in (uniform, log_uniform, integers)
@@ -65,7 +66,7 @@ def read_sweep(path: Path) -> tuple[Design, tuple[Plot, ...]]:
         )
     except InputError as error:
         raise type(error)(f"{path}: {error}") from None
-    return design, _plots(path, tree.get("plot", []))
+    return design, _plots(path, tree.get("plot", []), design)
 
 
 def read_tuning(path: Path) -> Task:
@@ -251,17 +252,40 @@ def program_of(path: Path, tree: Mapping[str, Any]) -> FileFunction | None:
     return measure
 
 
-def _plots(path: Path, listed: Any) -> tuple[Plot, ...]:
+def _plots(path: Path, listed: Any, design: Design) -> tuple[Plot, ...]:
+    """The pictures that a file asks for. Raises `InputError` before any run."""
     if not isinstance(listed, list) or not all(isinstance(each, Mapping) for each in listed):
         raise InputError(f"{path}: plot is {listed!r}, but must be a list of tables, [[plot]]")
-    plots = []
+    plots: list[Plot] = []
     for each in listed:
-        over = each.get("over")
         if not {"file"} <= {*each} <= {"file", "measure", "over"}:
             raise InputError(
                 f"{path}: plot {dict(each)!r} must have file, and may have measure, over"
             )
-        plots.append(
-            Plot(str(each["file"]), each.get("measure"), None if over is None else tuple(over))
-        )
+        file, measure, over = (each.get(key) for key in ("file", "measure", "over"))
+        _check_file(path, file, [plot.file for plot in plots])
+        measures = [name_of(each) for each in design.measures]
+        _check_choice(path, f"measure of {file}", [] if measure is None else [measure], measures)
+        _check_choice(path, f"over of {file}", [] if over is None else over, design.parameters)
+        plots.append(Plot(file, measure, None if over is None else tuple(over)))
     return tuple(plots)
+
+
+def _check_file(path: Path, file: Any, taken: Sequence[str]) -> None:
+    """Raises `InputError` for a name that no picture of a sweep has."""
+    if not isinstance(file, str) or not file or Path(file).name != file:
+        raise InputError(f"{path}: plot.file is {file!r}, but must be a name such as 'slip.png'")
+    if file in taken:
+        raise InputError(f"{path}: plot.file is {file!r} twice; give each picture its own")
+    try:
+        form_of(Path(file))
+    except PictureFormatError as error:
+        raise InputError(f"{path}: plot.file is {file!r}: {error}") from None
+
+
+def _check_choice(path: Path, name: str, given: Any, known: Sequence[str]) -> None:
+    """Raises `InputError` for names in a plot that the sweep does not have."""
+    if not isinstance(given, list) or not all(each in known for each in given):
+        raise InputError(
+            f"{path}: plot: {name} is {given!r}, but the sweep has {', '.join(known) or 'none'}"
+        )

@@ -99,6 +99,14 @@ def test_a_row_that_comes_out_otherwise_is_an_error(file, tmp_path, capsys):
         (("cell.friction =", "cell.fricton ="), "cell.fricton is not a known key; did you mean"),
         (("[over]", "[over"), "not valid TOML"),
         (('file = "end.png"', ""), "must have file"),
+        (
+            ('file = "end.png"', 'file = "end.xyz"'),
+            "plot.file is 'end.xyz': .xyz: nothing is drawn",
+        ),
+        (('file = "end.png"', 'file = ""'), "plot.file is '', but must be a name such as"),
+        (('measure = "end_m"', 'measure = "end"'), "measure of end.png is ['end'], but the sweep"),
+        (('over = ["cell.friction"]', "over = 3"), "over of end.png is 3, but the sweep has cell."),
+        (('over = ["cell.friction"]', 'over = ["cell"]'), "over of end.png is ['cell'], but the"),
         (("parcel.box", "parcel.bx"), "no parcel has that name; there are box"),
     ],
 )
