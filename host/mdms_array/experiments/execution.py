@@ -22,7 +22,7 @@ from multiprocessing.context import SpawnContext
 from queue import SimpleQueue
 from typing import Any
 
-from mdms_array.experiments.measures import FileFunction, Measure, measured, name_of
+from mdms_array.experiments.measures import FileFunction, Measure, measured, name_of, utf8
 from mdms_array.experiments.settings import check_count
 from mdms_array.experiments.workers import prepare_worker
 from mdms_array.extras import CLUSTER, require
@@ -74,7 +74,7 @@ def perform(job: Job) -> dict[str, Any]:
             values[name_of(each)] = measured(run, each)
     except (Exception, SystemExit) as error:
         # A function of a user that ends its process must not end the sweep, least of all with 0.
-        columns["failure"] = f"{type(error).__name__}: {error}"
+        columns["failure"] = utf8(f"{type(error).__name__}: {error}")
     return {
         **columns,
         **values,

@@ -19,6 +19,8 @@ from mdms_model.arrays import Floats
 from mdms_model.errors import InputError
 from mdms_model.scenario.scenario import Cell
 
+#: Whole numbers of a table are below.
+MOST_WHOLE = 1 << 63
 Measure = str | Callable[[Run], Any]
 #: The measures of a sweep that names none.
 USUAL = ("reached", "time_s", "position_error_m", "slipping_share", "violations")
@@ -291,12 +293,24 @@ def measured(run: Run, measure: Measure) -> bool | int | float | str | None:
         value = value.item()
     if isinstance(value, float) and math.isnan(value):
         return None
-    if value is None or isinstance(value, bool | int | float | str):
+    if isinstance(value, str):
+        return utf8(value)
+    if isinstance(value, int) and not -MOST_WHOLE <= value < MOST_WHOLE:
+        raise InputError(
+            f"measure {name_of(measure)} gave a whole number of {value.bit_length()} bits and a "
+            "sign, but a table has 64 in all; give a float"
+        )
+    if value is None or isinstance(value, bool | int | float):
         return value
     raise InputError(
         f"measure {name_of(measure)} gave {type(value).__name__}, but must give a number, text, "
         "true, false or None"
     )
+
+
+def utf8(text: str) -> str:
+    """The text as a table may have it: what is no letter is written out."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _figure(figures: Any, path: str) -> Any:

@@ -151,6 +151,33 @@ def test_a_measure_that_ends_its_process_is_a_failed_run(executor):
     assert result.rows[0]["failure"] == "SystemExit: 0"
 
 
+def too_large(_run):
+    return 1 << 63
+
+
+def no_letter(_run):
+    return "a\udc80"
+
+
+def fails_without_letter(_run):
+    raise ValueError("b\udc80")
+
+
+def test_values_that_no_table_holds_end_no_sweep(executor, tmp_path):
+    result = mdms.sweep(
+        ROW, {"cell.friction": [0.3]}, seeds=1, measures=[no_letter], executor=executor
+    )
+    assert result.rows[0]["no_letter"] == r"a\udc80"
+    given = {"seeds": 1, "executor": executor, "folder": tmp_path}
+    for measure, told in (
+        (too_large, "gave a whole number of 64 bits and a sign, but a table has 64 in all"),
+        (fails_without_letter, r"ValueError: b\udc80"),
+    ):
+        result = mdms.sweep(ROW, {"cell.friction": [0.3]}, measures=[measure], **given)
+        assert told in pandas.read_parquet(tmp_path / "table.parquet")["failure"][0]
+        assert result.failed == 1
+
+
 def test_a_measure_gives_one_value(executor):
     (row,) = mdms.sweep(
         ROW, {"cell.friction": [0.3]}, seeds=1, measures=[a_list], executor=executor
