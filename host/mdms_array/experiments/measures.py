@@ -57,13 +57,16 @@ def yaw_error_rad(run: Run) -> float | None:
 
 
 def belief_position_error_m(run: Run) -> float | None:
-    """Largest distance of the host's belief from the truth at the end [m]."""
+    """Largest distance of the host's belief from the truth at the end [m].
+
+    Parcels of one kind are alike, so their names do not count.
+    """
     return _largest(np.hypot(miss[0], miss[1]) for miss in _belief_misses(run))
 
 
 def belief_yaw_error_rad(run: Run) -> float | None:
-    """Largest angle of the host's belief from the truth at the end [rad]."""
-    return _largest((miss[2] + pi) % (2.0 * pi) - pi for miss in _belief_misses(run))
+    """Largest angle of the host's belief from the truth at the end [rad]; not of discs."""
+    return _largest((miss[2] + pi) % (2.0 * pi) - pi for miss in _belief_misses(run, turned=True))
 
 
 def slipping_share(run: Run) -> float:
@@ -128,13 +131,28 @@ def _largest(values: Any) -> float | None:
     return float(max(map(abs, listed)))
 
 
-def _belief_misses(run: Run) -> list[Floats]:
-    """Belief less truth at the end, of parcels of which both are known."""
-    return [
-        np.subtract(each.believed_pose, each.true_pose)
-        for each in run.parcels.values()
-        if each.believed_pose is not None and each.true_pose is not None
-    ]
+def _belief_misses(run: Run, *, turned: bool = False) -> list[Floats]:
+    """Belief less truth at the end; with `turned` of parcels alone whose turn can be seen.
+
+    Parcels of one kind are alike, and their names the host's guess: its beliefs count for those of
+    the kind that lie nearest, each for one.
+    """
+    # It is an extra.
+    from scipy.optimize import linear_sum_assignment
+
+    kinds: dict[str, list[str]] = {}
+    for parcel in run.scenario.parcel:
+        if not (turned and parcel.shape == "disc"):
+            kinds.setdefault(parcel.kind or f"only {parcel.name}", []).append(parcel.name)
+    misses: list[Floats] = []
+    for names in kinds.values():
+        runs = [run.parcels[name] for name in names]
+        believed = [each.believed_pose for each in runs if each.believed_pose is not None]
+        true = [each.true_pose for each in runs if each.true_pose is not None]
+        if believed and true:
+            away = np.array(believed)[:, None] - np.array(true)
+            misses += [*away[linear_sum_assignment(np.hypot(away[..., 0], away[..., 1]))]]
+    return misses
 
 
 NAMED: Mapping[str, Callable[[Run], Any]] = {
