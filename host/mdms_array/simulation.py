@@ -254,7 +254,7 @@ def simulate(
     `scenario` is a built-in name, a file, a dict, or a `Scenario`. `program` is `async def
     program(table)`, in place of the scenario's goals and tasks. `signals` has its values from
     outside: by name, pairs of time [s] and value. `limit_s` takes the place of the scenario's
-    duration. `record` is a folder that keeps the run.
+    duration. `record` is a folder that keeps the run; values of signals are text then.
 
     Raises `InputError` for what cannot be run, and `Error` where an extra is not installed.
     """
@@ -271,6 +271,7 @@ def simulate(
     checked = replace(checked, signal=(*checked.signal, *listed))
     if record is None:
         return run_scenario(checked, main=main)
+    _refuse_unkept(listed)
     return run_and_keep(checked, Path(record), main=main)
 
 
@@ -296,9 +297,23 @@ def run_and_keep(
     return run
 
 
+def _refuse_unkept(signals: Sequence[Signal]) -> None:
+    """Raises `InputError` for a value that the scenario of a run folder does not have."""
+    for signal in signals:
+        if not isinstance(signal.value, str):
+            raise InputError(
+                f"signals: {signal.name} has {signal.value!r}, but a record keeps text; give "
+                f"{str(signal.value)!r}, or no record"
+            )
+
+
 def _listed(signals: Signals | None) -> tuple[Signal, ...]:
     listed = []
+    if not isinstance(signals, Mapping | None):
+        raise InputError(f"signals: {signals!r} is no table of lists by name")
     for name, pairs in (signals or {}).items():
+        if not isinstance(pairs, Sequence) or not isinstance(name, str):
+            raise InputError(f"signals: {name!r} has {pairs!r}, but must have a list of pairs")
         for pair in pairs:
             if not (isinstance(pair, Sequence) and len(pair) == 2):
                 raise InputError(

@@ -83,6 +83,17 @@ def test_signals_come_at_their_times_and_the_same_run_has_the_same_bytes():
     runs[0].raise_for_status()
 
 
+def test_a_signal_that_no_record_keeps_is_refused_before_the_run(tmp_path):
+    async def waiter(table):
+        await table.signal("scanner")
+
+    signals = {"scanner": [(0.0, 7)]}
+    with pytest.raises(mdms.InputError, match="scanner has 7, but a record keeps text; give '7'"):
+        mdms.simulate("array18", program=waiter, signals=signals, record=tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    assert mdms.simulate("array18", program=waiter, signals=signals).status == "reached"
+
+
 def test_a_signal_of_the_scenario_reaches_its_program():
     tree = read_tree("array18") | {"signal": [{"name": "go", "value": "east", "time_s": 1.0}]}
     got = []
@@ -190,6 +201,8 @@ def test_a_fault_of_the_cells_ends_the_calls_that_wait():
             "the time of scanner is -1.0, but must be 0 to 100000",
         ),
         ({"scenario": "sort54", "signals": {"scanner": (1.0, "A")}}, "scanner has 1.0, but must"),
+        ({"scenario": "sort54", "signals": {"scanner": 1.0}}, "'scanner' has 1.0, but must have"),
+        ({"scenario": "sort54", "signals": [("scanner", "A")]}, "is no table of lists by name"),
     ],
 )
 def test_a_scenario_that_cannot_be_run_is_refused(arguments, told):
