@@ -50,6 +50,7 @@ class Journal:
     """The runs of a folder, or of a sweep that keeps none. Raises `InputError` for other files."""
 
     def __init__(self, path: Path | None) -> None:
+        self._path = path
         try:
             self._file = sqlite3.connect(":memory:" if path is None else path, timeout=10.0)
             self._file.execute("PRAGMA synchronous=NORMAL")
@@ -88,13 +89,21 @@ class Journal:
             raise Error(f"the journal cannot be written: {error}") from error
 
     def found(self, works: Iterable[str]) -> dict[str, dict[str, dict[str, Any]]]:
-        """The columns of the runs that are there, by work and by revision."""
+        """The columns of the runs that are there, by work and by revision.
+
+        Raises `InputError` for a damaged file.
+        """
         wanted = {*works}
         found: dict[str, dict[str, dict[str, Any]]] = {}
-        rows = self._file.execute("SELECT work, revision, columns FROM runs ORDER BY rowid")
-        for work, revision, columns in rows:
-            if work in wanted:
-                found.setdefault(work, {})[revision] = json.loads(columns)
+        try:
+            rows = self._file.execute("SELECT work, revision, columns FROM runs ORDER BY rowid")
+            for work, revision, columns in rows:
+                if work in wanted:
+                    found.setdefault(work, {})[revision] = json.loads(columns)
+        except (sqlite3.Error, ValueError) as error:
+            raise InputError(
+                f"{self._path}: the journal is damaged: {error}; give another folder with --out"
+            ) from None
         return found
 
     def tree(self, key: str) -> dict[str, Any]:

@@ -330,6 +330,17 @@ def test_folders_of_others_are_left_alone(executor, tmp_path):
         mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path / "s2")
 
 
+def test_a_damaged_journal_is_named(executor, tmp_path):
+    given = {"seeds": 1, "executor": executor, "folder": tmp_path}
+    mdms.sweep(ROW, OVER, **given)
+    journal = tmp_path / "journal.sqlite"
+    whole = journal.read_bytes()
+    # The head is whole, as after a disk that has lost the rest.
+    journal.write_bytes(whole[:4096] + bytes(len(whole) - 4096))
+    with pytest.raises(mdms.InputError, match=r"journal.sqlite: the journal is damaged: database"):
+        mdms.sweep(ROW, OVER, **given)
+
+
 def test_a_sample_has_the_same_row_whatever_runs_it(executor):
     over = {"motion.speed_m_s": uniform(0.02, 0.06)}
     rows = [mdms.sweep(ROW, over, seeds=1, samples=3, executor=executor).rows for _ in range(2)]
