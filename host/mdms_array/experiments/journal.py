@@ -7,6 +7,7 @@ of another revision count for the same work only if the caller says so; their ro
 
 import hashlib
 import json
+import os
 import sqlite3
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -170,6 +171,10 @@ def write_tables(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _replace(path: Path, write: Callable[[Path], object]) -> None:
-    partial_path = path.with_name(f".{path.name}.partial")
-    write(partial_path)
-    partial_path.replace(path)
+    # Two sweeps may write into one folder at once.
+    partial_path = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        write(partial_path)
+        partial_path.replace(path)
+    finally:
+        partial_path.unlink(missing_ok=True)

@@ -1,5 +1,6 @@
 """A sweep: one row for each run, kept as it ends, and the same again."""
 
+import multiprocessing
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from math import nan
@@ -10,7 +11,7 @@ import pytest
 import mdms_array as mdms
 from mdms_array.experiments import execution
 from mdms_array.experiments import sweep as sweeps
-from mdms_array.experiments.journal import WALL_CLOCK, Journal
+from mdms_array.experiments.journal import WALL_CLOCK, Journal, write_tables
 from mdms_array.experiments.measures import NAMED
 from mdms_array.experiments.settings import uniform
 from mdms_model.scenario.file import read_tree
@@ -328,6 +329,22 @@ def test_folders_of_others_are_left_alone(executor, tmp_path):
     (tmp_path / "s2.sqlite").rename(tmp_path / "s2" / "journal.sqlite")
     with pytest.raises(mdms.InputError, match="in format 9, but this version reads 1"):
         mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path / "s2")
+
+
+def write_often(folder):
+    for _ in range(60):
+        write_tables(folder, [{"row": row} for row in range(200)])
+
+
+def test_two_sweeps_write_their_tables_into_one_folder_at_once(tmp_path):
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=write_often, args=(tmp_path,)) for _ in range(2)]
+    for each in writers:
+        each.start()
+    for each in writers:
+        each.join()
+    assert [each.exitcode for each in writers] == [0, 0]
+    assert {path.name for path in tmp_path.iterdir()} == {"table.csv", "table.parquet"}
 
 
 def test_a_damaged_journal_is_named(executor, tmp_path):
