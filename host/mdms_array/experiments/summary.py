@@ -62,7 +62,8 @@ def bootstrap_mean(values: Sequence[float]) -> tuple[float, float, float]:
 def summarised(result: "SweepResult", by: Sequence[str] | None = None) -> list[dict[str, Any]]:
     """A row for each setting, or each value of the parameters in `by`; see `SweepResult.summary`.
 
-    Runs that raised are counted as `failed`, and in no share or quantile.
+    Runs that raised are counted as `failed`, and in no share or quantile. Those without a value are
+    in none either: `NAME_runs` says how many have one.
     """
     parameters = result.parameters if by is None else tuple(by)
     for name in parameters:
@@ -87,6 +88,7 @@ def _summary(
     summary = values | {"runs": len(rows), "failed": len(rows) - len(ran)}
     for name in measures:
         known = [row[name] for row in ran if row[name] is not None]
+        summary[f"{name}_runs"] = len(known)
         if is_share(known):
             low, high = wilson(sum(known), len(known))
             summary |= {
@@ -135,14 +137,16 @@ def cells_of(summary: Row, parameters: Sequence[str], measures: Sequence[str]) -
     cells = [_text(summary[name]) for name in parameters]
     cells += [str(summary["runs"]), str(summary["failed"])]
     for name in measures:
+        known, ran = summary[f"{name}_runs"], summary["runs"] - summary["failed"]
+        missing = f", {known} of {ran} runs" if known < ran else ""
         if f"{name}_share" in summary:
             share, low, high = (summary[f"{name}_{end}"] for end in ("share", "low", "high"))
-            cells.append(f"{100 * share:.0f} % [{100 * low:.0f}, {100 * high:.0f}]")
+            cells.append(f"{100 * share:.0f} % [{100 * low:.0f}, {100 * high:.0f}]{missing}")
         elif f"{name}_median" in summary:
             median, low, high = (summary[f"{name}_median{end}"] for end in ("", "_low", "_high"))
-            cells.append(f"{median:.3g} [{low:.3g}, {high:.3g}]")
+            cells.append(f"{median:.3g} [{low:.3g}, {high:.3g}]{missing}")
         else:
-            cells.append("")
+            cells.append(missing.removeprefix(", "))
     return cells
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import mdms_array as mdms
 from mdms_array.experiments.settings import settings_of
-from mdms_array.experiments.summary import bootstrap, wilson
+from mdms_array.experiments.summary import bootstrap, cells_of, summarised, wilson
 
 
 def table(over, measures=None, samples=32):
@@ -68,6 +68,20 @@ def test_runs_that_raised_are_counted_and_in_no_share():
     summary = mdms.SweepResult([*result.rows, failed], result.parameters, result.measures).summary()
     assert summary["failed"][0] == 1
     assert summary["reached_share"][0] == result.summary()["reached_share"][0]
+
+
+def test_runs_without_a_value_are_told():
+    result = table({"cell.friction": [0.4]})
+    away = {"cell.friction": 0.4, "failure": None, "reached": False, "time_s": None}
+    result = mdms.SweepResult([*result.rows, away], result.parameters, result.measures)
+    (row,) = summarised(result)
+    assert (row["runs"], row["reached_runs"], row["time_s_runs"]) == (5, 5, 4)
+    _, _, _, share, median = cells_of(row, result.parameters, result.measures)
+    assert "runs" not in share
+    assert median.endswith("], 4 of 5 runs")
+    silent = table({"cell.friction": [0.4]}, {"miss_m": None})
+    (row,) = summarised(silent)
+    assert cells_of(row, silent.parameters, silent.measures)[-1] == "0 of 4 runs"
 
 
 GRID = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]
