@@ -181,7 +181,7 @@ class StoredRun:
 def told_of_run(folder: str | Path) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """The figures and the provenance of a run folder; None for anything else."""
     meta = _read_meta(Path(folder))
-    return (meta["figures"], meta.get("provenance", {})) if _is_meta(meta) else None
+    return (meta.get("figures", {}), meta.get("provenance", {})) if _is_meta(meta) else None
 
 
 def check_target(folder: Path) -> None:

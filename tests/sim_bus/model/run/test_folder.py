@@ -13,10 +13,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from mdms_model.run.folder import RunFolderError, export_csv, fresh_folder, read_run, write_run
+from mdms_model.run.folder import (
+    RunFolderError,
+    export_csv,
+    fresh_folder,
+    read_run,
+    told_of_run,
+    write_run,
+)
 from mdms_model.run.mcap.file import read_record, write_record
 from mdms_model.run.record import Contact, Event, Record, leaving
 from mdms_model.scenario.file import load_scenario
+from mdms_model.scenario.scenario import ScenarioError
 
 ARRAYS = [item.name for item in fields(Record) if item.name != "events"]
 SCENARIO = load_scenario("paper-fig7", ["parcel.0.name=a/b"])
@@ -229,6 +237,13 @@ def test_damaged_run_is_refused(tmp_path, plane, plane_record, spoil, told):
     spoil(folder)
     with pytest.raises(RunFolderError, match=told):
         read_run(folder)
+
+
+def test_a_run_that_tells_nothing_of_itself_has_no_figures(tmp_path):
+    (tmp_path / "meta.json").write_text('{"format": "mdms-run", "format_version": 1}')
+    assert told_of_run(tmp_path) == ({}, {})
+    with pytest.raises(ScenarioError, match="holds no scenario"):
+        load_scenario(tmp_path)
 
 
 def test_missing_folder_is_refused(tmp_path):
