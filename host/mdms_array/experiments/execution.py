@@ -221,7 +221,9 @@ class LocalPool(ProcessPoolExecutor):
             if process.is_alive():
                 process.terminate()
         for process in self.context.processes:
-            process.join()
+            # One that could not be started has nothing to be waited for.
+            if process.pid is not None:
+                process.join()
 
 
 class Workers:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 
 import mdms_array as mdms
-from mdms_array.experiments.execution import cluster
+from mdms_array.experiments.execution import LocalPool, cluster
 from mdms_array.experiments.journal import WALL_CLOCK
 from mdms_array.experiments.measures import FileFunction
 from mdms_model.scenario.file import read_tree
@@ -143,3 +143,9 @@ def test_an_address_at_which_nothing_answers_is_told(monkeypatch):
     told = r"tcp://127.0.0.1:9: no scheduler of Dask answers"
     with pytest.raises(mdms.InputError, match=told), cluster("tcp://127.0.0.1:9"):
         pass
+
+
+def test_a_process_that_was_never_started_hides_no_error():
+    pool = LocalPool(1)
+    pool.context.Process(target=print)
+    pool.end()
