@@ -311,6 +311,11 @@ def measured(run: Run, measure: Measure) -> bool | int | float | str | None:
         value = value.item()
     if isinstance(value, float) and math.isnan(value):
         return None
+    if isinstance(value, float) and math.isinf(value):
+        raise InputError(
+            f"measure {name_of(measure)} gave {value}, of which there is no mean; give a finite "
+            "number, or None for a run without a value"
+        )
     if isinstance(value, str):
         return utf8(value)
     if isinstance(value, int) and not -MOST_WHOLE <= value < MOST_WHOLE:

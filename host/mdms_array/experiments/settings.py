@@ -123,7 +123,11 @@ def _listed(key: str, values: Values) -> list[Any] | None:
     if not len(values):
         raise InputError(f"over: {key} has no values; give it one or more, or leave it out")
     # Numbers of numpy become those of Python, as a scenario has them.
-    return [each.tolist() if hasattr(each, "tolist") else each for each in values]
+    listed = [each.tolist() if hasattr(each, "tolist") else each for each in values]
+    for each in listed:
+        if isinstance(each, float) and not math.isfinite(each):
+            raise InputError(f"over: {key} has {each}, but must have finite numbers")
+    return listed
 
 
 def _points(keys: int, samples: int, sampling: str, seed: int) -> list[Sequence[float]]:

@@ -109,7 +109,18 @@ class Episode:
         }
 
     def step(self, actions: Floats) -> tuple[Judgement, Bools]:
-        """Move all tables by a period; the judgement, and which episodes have no time left."""
+        """Move all tables by a period; the judgement, and which episodes have no time left.
+
+        Raises `InputError` for actions of another shape than (N, A), or with NaN.
+        """
+        actions = np.asarray(actions)
+        shape = len(self._done), len(self.actions.names)
+        if actions.shape != shape:
+            raise InputError(
+                f"action: its shape is {actions.shape}, but must be {shape}: tables, numbers"
+            )
+        if np.isnan(actions).any():
+            raise InputError("action: it has NaN, but must have numbers from -1 to 1")
         return self.move(self.actions.references_m_s(actions))
 
     def move(self, reference_m_s: Floats) -> tuple[Judgement, Bools]:

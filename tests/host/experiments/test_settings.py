@@ -106,6 +106,7 @@ def test_a_key_that_leads_nowhere_is_refused(key, told):
     [
         ({"a": []}, 4, "sobol", "a has no values"),
         ({"a": 0.3}, 4, "sobol", "must be a list of values or a distribution"),
+        ({"a": [0.3, float("nan")]}, 4, "sobol", "a has nan, but must have finite numbers"),
         ({"a": "low"}, 4, "sobol", "must be a list of values or a distribution"),
         ({"a": mdms.uniform(0, 1)}, 20, "sobol", "take 16 or 32"),
         ({"a": mdms.uniform(0, 1)}, 4, "halton", "must be one of latin_hypercube"),

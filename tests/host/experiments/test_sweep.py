@@ -3,7 +3,7 @@
 import multiprocessing
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
-from math import nan
+from math import inf, nan
 
 import pandas
 import pytest
@@ -156,6 +156,10 @@ def too_large(_run):
     return 1 << 63
 
 
+def without_end(_run):
+    return inf
+
+
 def no_letter(_run):
     return "a\udc80"
 
@@ -172,6 +176,7 @@ def test_values_that_no_table_holds_end_no_sweep(executor, tmp_path):
     given = {"seeds": 1, "executor": executor, "folder": tmp_path}
     for measure, told in (
         (too_large, "gave a whole number of 64 bits and a sign, but a table has 64 in all"),
+        (without_end, "gave inf, of which there is no mean; give a finite number, or None"),
         (fails_without_letter, r"ValueError: b\udc80"),
     ):
         result = mdms.sweep(ROW, {"cell.friction": [0.3]}, measures=[measure], **given)

@@ -278,6 +278,18 @@ def test_an_episode_may_be_given():
             many.reset(seed=seeds)
 
 
+def test_actions_that_are_none_are_refused():
+    one, many = gymnasium.make(PARCEL).unwrapped, gymnasium.make_vec(PARCEL, num_envs=2)
+    one.reset(seed=1)
+    many.reset(seed=1)
+    with pytest.raises(InputError, match="action: it has NaN, but must have numbers from -1 to 1"):
+        one.step(np.full(36, nan, np.float32))
+    with pytest.raises(InputError, match=r"action: its shape is \(1,\), but must be \(1, 36\)"):
+        one.step(np.float32(0.5))
+    with pytest.raises(InputError, match=r"its shape is \(36,\), but must be \(2, 36\)"):
+        many.step(np.zeros(36, np.float32))
+
+
 def test_sensors_are_late_and_noisy_as_the_scenario_says():
     quiet = gymnasium.make(PARCEL, scenario={"scenario": "array18", "cell": {"sensor_noise": 0.0}})
     noisy = gymnasium.make(PARCEL, scenario={"scenario": "array18", "cell": {"sensor_noise": 0.2}})
