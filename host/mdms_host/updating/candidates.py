@@ -24,6 +24,7 @@ class Candidate:
     """A cell, the firmware that runs, and what its board takes; `refusal` is why it takes none.
 
     `identification` is that of the bundle that it runs, 0 for firmware that USB has brought.
+    `on_trial` is whether it goes back to the firmware before unless somebody confirms that bundle.
     """
 
     node_id: int
@@ -34,6 +35,7 @@ class Candidate:
     bytecode: int = 0
     room: int = 0
     counter: int = 0
+    on_trial: bool = False
     refusal: str | None = None
 
     @property
@@ -80,6 +82,7 @@ def read_candidate(commissioning: Commissioning, node_id: int, identity: Identit
         bytecode=commissioning.read(node_id, indices.UPDATE, 4),
         room=room,
         counter=commissioning.read(node_id, indices.UPDATE, 6),
+        on_trial=bool(commissioning.read(node_id, indices.UPDATE, 8)),
     )
 
 

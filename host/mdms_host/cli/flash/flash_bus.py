@@ -62,8 +62,10 @@ class Row:
 
     @property
     def current(self) -> bool:
-        """Whether it runs the bundle already."""
-        return self.bundle is not None and self.bundle.identification == self.cell.identification
+        """Whether it runs the bundle already, and stays with it."""
+        if self.bundle is None or self.cell.on_trial:
+            return False
+        return self.bundle.identification == self.cell.identification
 
 
 def run(arguments: Namespace) -> Exit:
@@ -218,7 +220,7 @@ def _list(arguments: Namespace, cells: "Sequence[Candidate]") -> dict[str, Any]:
             cell.identity.software,
             came,
             key,
-            cell.refusal or "",
+            cell.refusal or ("on trial: it is not confirmed" if cell.on_trial else ""),
         )
     show(table)
     return figures
@@ -234,6 +236,7 @@ def _facts(cell: "Candidate") -> dict[str, object]:
         "room": cell.room,
         "key": cell.key_id.hex(),
         "counter": cell.counter,
+        "on_trial": cell.on_trial,
     }
 
 

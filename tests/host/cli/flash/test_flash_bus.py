@@ -7,11 +7,12 @@ import pytest
 from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import INTERRUPTED, Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.updating.bundles import make_key, read_key, sign
-from mdms_protocol.codecs import nmt
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 from mdms_sim.nodes.python_bank import PythonBank
@@ -94,6 +95,30 @@ def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_
     assert (code, told["cells"][0]["updated"]) == (Exit.OK, True)
     code, told, _ = flash("--list")
     assert {row["counter"] for row in told["cells"]} == {3}
+
+
+def test_a_cell_that_was_left_on_trial_does_not_count_as_done(commissioned, flash, cells):
+    commissioned()
+
+    def end_before_a_confirmation(frame):
+        wanted = sdo.write_request(indices.PROGRAM_CONTROL, 1, bytes((codes.CONFIRM,)))
+        if frame.can_id == cob.SDO_REQUEST_BASE + 2 and frame.data == wanted:
+            raise KeyboardInterrupt
+
+    cells.before_send = end_before_a_confirmation
+    assert flash("--node", 2)[0] == INTERRUPTED
+    cells.before_send = lambda _frame: None
+    code, told, _ = flash("--list")
+    assert [row["on_trial"] for row in told["cells"]] == [False, True, False]
+    # It would be back at the firmware before within a minute.
+    code, told, said = flash()
+    assert code == Exit.NODE_FAULT
+    assert "node 2: other firmware is on trial; it ends within a minute" in said
+    assert [row["updated"] for row in told["cells"]] == [True, False, True]
+    cells.sleep(61)
+    code, told, _ = flash()
+    assert (code, told["cells"][1]["updated"]) == (Exit.OK, True)
+    assert {row["on_trial"] for row in flash("--list")[1]["cells"]} == {False}
 
 
 def test_a_cell_of_the_array_file_that_is_not_there_is_named(commissioned, flash, tmp_path):
