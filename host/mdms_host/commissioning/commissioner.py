@@ -20,7 +20,7 @@ from mdms_host.commissioning.node_ids import (
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
 from mdms_host.commissioning.wheel_turn import Direction
 from mdms_protocol import indices
-from mdms_protocol.codecs import cob
+from mdms_protocol.codecs import cob, sdo
 
 
 class CommissionError(Exception):
@@ -183,17 +183,22 @@ def polarity_of(axis: int) -> Parameter:
 
 
 def _keep(commissioning: Commissioning, node_id: int) -> bool:
-    """Store a cell's settings; whether they are the same after a restart.
+    """Store a cell's settings, and see that a restart keeps them; whether its board can.
 
-    A board without memory for settings refuses, and is left as it is.
+    A board without memory for settings refuses, and is left as it is. Raises CommissioningError for
+    a memory that fails.
     """
     try:
         commissioning.store(node_id)
-    except RefusedError:
-        return False
+    except RefusedError as refusal:
+        if refusal.code == sdo.CANNOT_STORE:
+            return False
+        raise
     before = commissioning.read(node_id, indices.SIGNATURE)
     commissioning.restart(node_id)
-    return commissioning.read(node_id, indices.SIGNATURE) == before
+    if commissioning.read(node_id, indices.SIGNATURE) != before:
+        raise CommissioningError(f"node {node_id} has other settings after a restart")
+    return True
 
 
 def _before(node_id: int) -> int | None:

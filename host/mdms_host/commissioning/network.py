@@ -67,7 +67,11 @@ class CommissioningError(Exception):
 
 
 class RefusedError(CommissioningError):
-    """The cell answered, and refused; the message has its reason."""
+    """The cell answered, and refused; the message has its reason, and `code` is its abort code."""
+
+    def __init__(self, message: str = "", code: int = 0) -> None:
+        super().__init__(message)
+        self.code = code
 
 
 class SilentError(CommissioningError):
@@ -296,7 +300,7 @@ def _sdo_errors(node_id: int, entry: Entry) -> Iterator[None]:
     try:
         yield
     except canopen.SdoAbortedError as error:
-        raise RefusedError(f"{place}: refused, {error}") from None
+        raise RefusedError(f"{place}: refused, {error}", error.code) from None
     except canopen.SdoCommunicationError as error:
         raise SilentError(f"{place}: {error}") from None
 

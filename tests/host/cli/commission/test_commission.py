@@ -42,6 +42,43 @@ def test_blank_cells_get_ids_places_and_neighbours_and_keep_them(
     ]
 
 
+def test_a_memory_that_fails_is_no_board_without_one(  # noqa: PLR0917
+    commission, cells, bus, tmp_path, monkeypatch, capsys
+):
+    path = tmp_path / "list.txt"
+    path.write_text("1 2 3")
+    first, second, _ = cells.array.bank._cells
+    monkeypatch.setattr(first._store, "_memory", None)
+    flash = second._store._memory
+
+    def fail(_bank, _offset, _data):
+        raise OSError("flash failed")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(flash, "write", fail)
+        assert commission("--list", path, *GRID, "--yes") == Exit.NODE_FAULT
+    printed = capsys.readouterr()
+    assert "node 1, 5 settings, not stored: its board has no memory" in printed.out
+    assert "00000002: node 2, 0x1010:1" in printed.err
+    assert "hardware error" in printed.err
+    assert "2 of 3 cells are done, and no file was written" in printed.err
+    assert not (tmp_path / "array.toml").exists()
+    assert commission("--list", path, *GRID, "--yes") == Exit.OK
+    bus.restart(2)
+    assert [bus.read(2, indices.PLACE, sub) for sub in (1, 2)] == [2, 1]
+
+
+def test_settings_that_a_restart_does_not_keep_are_no_success(
+    commission, cells, tmp_path, monkeypatch, capsys
+):
+    path = tmp_path / "list.txt"
+    path.write_text("1 2 3")
+    store = cells.array.bank._cells[1]._store
+    monkeypatch.setattr(store, "restore", lambda _objects, _flags: [])
+    assert commission("--list", path, *GRID, "--yes") == Exit.NODE_FAULT
+    assert "00000002: node 2 has other settings after a restart" in capsys.readouterr().err
+
+
 def test_the_file_makes_the_same_array_again_and_asks_nothing(
     commission, listed, bus, tmp_path, capsys
 ):
