@@ -60,6 +60,10 @@ _FLASH_S = 3.0
 #: A reset, and the time for which a cell makes sure that its node id is its own.
 _BOOT_S = 3.0
 _LOOK_S = 0.005
+#: Bytes of an SDO answer, and of an emergency.
+_WHOLE = 8
+#: No entry that is read here has more bytes.
+_LONGEST = 1024
 
 
 class CommissioningError(Exception):
@@ -251,8 +255,17 @@ class Commissioning:
             client.RESPONSE_TIMEOUT = usual_s
 
     def _upload(self, node_id: int, entry: Entry) -> bytes:
-        with _sdo_errors(node_id, entry):
-            return bytes(self._node(node_id).sdo.upload(entry.index, entry.sub))
+        data = b""
+        with (
+            _sdo_errors(node_id, entry),
+            self._node(node_id).sdo.open(entry.index, entry.sub, buffering=0) as stream,
+        ):
+            while piece := stream.read(_WHOLE):
+                data += piece
+                if len(data) > _LONGEST:
+                    reason = f"its answer goes on after {_LONGEST} bytes"
+                    raise canopen.SdoCommunicationError(reason)
+        return data
 
     def _node(self, node_id: int) -> canopen.RemoteNode:
         if node_id not in self._nodes:
@@ -279,7 +292,11 @@ class Commissioning:
             self._host_node_answers = True
         if frame.can_id == cob.LSS_RESPONSE:
             self.lss.on_response(frame.data)
-        self._network.notify(frame.can_id, bytearray(frame.data), now_s)
+        if len(frame.data) == _WHOLE:
+            self._network.notify(frame.can_id, bytearray(frame.data), now_s)
+        else:
+            # `canopen` takes the length of an answer, and of an emergency, for granted.
+            self._network.scanner.on_message_received(frame.can_id)
 
 
 class _LinkedNetwork(canopen.Network):

@@ -1,4 +1,5 @@
 import io
+from collections.abc import Callable
 
 import canopen
 import pytest
@@ -9,7 +10,7 @@ from tests.virtual_array import StandingArray, virtual_time
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, RefusedError, SilentError
 from mdms_host.commissioning.status import scan_bus, scan_table
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE
 from mdms_protocol.entry import OutOfRangeError
@@ -67,6 +68,48 @@ def test_name_of_a_stranger_controls_no_terminal() -> None:
     shown.print(scan_table({"can0": [stranger]}))
     assert "?[2J[/red]?" in shown.file.getvalue()
     assert "\x9b" not in stranger.identity.software
+
+
+def _answered_by(answer: Callable[[bytes], bytes], *besides: Frame) -> StandingArray:
+    """Two cells, and a node 9 that gives such answers to SDO requests, behind other frames."""
+    array = StandingArray(PythonBank((1, 2)), 2)
+
+    def deliver(frame: Frame, _now_s: float) -> None:
+        if frame.can_id == cob.SDO_REQUEST_BASE + 9:
+            for each in (*besides, Frame(cob.SDO_RESPONSE_BASE + 9, answer(frame.data))):
+                send(each)
+
+    send = array.attach(deliver)
+    return array
+
+
+@pytest.mark.parametrize("size", range(8))
+@pytest.mark.parametrize("command", [0x43, sdo.ABORT])
+def test_answers_that_are_cut_off_are_none(size: int, command: int) -> None:
+    array = _answered_by(lambda request: (bytes((command,)) + request[1:])[:size])
+    with virtual_time(array):
+        *cells, stranger = scan_bus(None, MonotonicClock())
+    assert [(node.node_id, node.problem) for node in cells] == [(1, None), (2, None)]
+    assert (stranger.node_id, stranger.identity) == (9, None)
+    assert "No SDO response received" in stranger.problem
+
+
+def test_short_emergencies_and_heartbeats_harm_no_answer() -> None:
+    short = (Frame(cob.EMCY_BASE + 9, b"\x50\x82"), Frame(cob.HEARTBEAT_BASE + 9, b""))
+    array = _answered_by(lambda request: b"\x43" + request[1:4] + b"\1\0\0\0", *short)
+    with virtual_time(array), Commissioning(None, MonotonicClock()) as bus:
+        assert [bus.read(9, 0x1000) for _ in range(3)] == [1, 1, 1]
+
+
+def test_a_text_without_an_end_is_given_up() -> None:
+    def answer(request: bytes) -> bytes:
+        if request[0] & sdo.SPECIFIER == sdo.UPLOAD_SEGMENT:
+            return bytes((request[0] & sdo.TOGGLE,)) + b"endless"
+        return b"\x40" + request[1:4] + bytes(4)
+
+    with virtual_time(_answered_by(answer)):
+        stranger = scan_bus(None, MonotonicClock())[-1]
+    assert stranger.problem.endswith("its answer goes on after 1024 bytes")
 
 
 def test_written_values_are_read_back(commissioning) -> None:
