@@ -53,11 +53,20 @@ def read_key(path: Path) -> bytes:
 
 
 def make_key(path: Path) -> bytes:
-    """A new key in a new file. Raises OSError, and FileExistsError for an existing file."""
+    """A new key in a new file. Raises OSError, and FileExistsError for an existing file.
+
+    Cells keep a key for good, so it is on the disk, all of it, before anybody has it.
+    """
     key = secrets.token_bytes(KEY_SIZE)
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, stat.S_IRUSR | stat.S_IWUSR)
-    with open(descriptor, "w", encoding="ascii") as file:
-        file.write(key.hex() + "\n")
+    try:
+        with open(descriptor, "w", encoding="ascii") as file:
+            file.write(key.hex() + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except BaseException:
+        path.unlink()
+        raise
     return key
 
 

@@ -1,5 +1,6 @@
 """The place of the array's key, and the users that may read it."""
 
+import errno
 import os
 
 import pytest
@@ -17,6 +18,21 @@ def test_new_key_is_its_owners_alone_and_is_read_again(tmp_path):
     assert key_id(key) == signature.key_id(key)
     with pytest.raises(FileExistsError):
         make_key(path)
+
+
+def test_key_that_finds_no_room_leaves_no_file(tmp_path, monkeypatch):
+    path = tmp_path / "array.key"
+
+    def full(_descriptor):
+        assert len(path.read_text()) == 65
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", full)
+        with pytest.raises(OSError, match="No space left"):
+            make_key(path)
+    assert not path.exists()
+    assert make_key(path) == read_key(path)
 
 
 def test_key_that_others_may_read_is_refused(tmp_path):
