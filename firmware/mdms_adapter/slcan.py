@@ -126,7 +126,8 @@ class Slcan:
         """Send a frame. Raises ValueError for a character that is no digit."""
         if not self.is_open or self.listens_only or len(line) < 5:
             return ERROR
-        can_id = int(line[1:4], 16)
+        # `int` would take a sign or a space for a digit.
+        can_id = int.from_bytes(unhexlify(b"0" + line[1:4]), "big")
         size = int(line[4:5])
         digits = line[5:]
         if can_id > 0x7FF or size > 8 or len(digits) != 2 * size:

@@ -102,6 +102,8 @@ def test_a_bad_line_or_another_speed_is_refused():
     adapter, bus, port = made(b"O\r")
     for line in (b"t8000", b"t0019", b"t00120", b"tXYZ0", b"t001", b"T000000010", b"r0010", b"S8"):
         assert said(adapter, port, line + b"\r") == b"\x07", line
+    for line in (b"t-01100", b"t+01100", b"t 1 100", b"t0_1100"):
+        assert said(adapter, port, line + b"\r") == b"\x07", line
     assert said(adapter, port, b"t001" + b"0" * 40 + b"\r") == b"\x07"
     assert said(adapter, port, b"C\rS6\r") == b"\r\x07"
     assert bus.sent == []
