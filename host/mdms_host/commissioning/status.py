@@ -189,28 +189,35 @@ class StatusModel:
         self._next_poll_s = now_s + _POLL_S
         for node_id, client in list(self._reading.items()):
             yield from client.poll(now_s)
-            if client.failure:
-                del self._reading[node_id]
+            self._take(node_id)
 
     def rows(self, now_s: float) -> list[CellStatus]:
         """All nodes that have appeared so far, by node id."""
         return [_row(self._cells[node_id], now_s, self._cells) for node_id in sorted(self._cells)]
 
     def _on_answer(self, node_id: int, data: bytes) -> None:
-        client, cell = self._reading[node_id], self._cells[node_id]
-        client.on_response(data)
-        if not client.done:
+        self._reading[node_id].on_response(data)
+        self._take(node_id)
+
+    def _take(self, node_id: int) -> None:
+        """Take over the answers of a node that has been asked for all, or refuses to go on."""
+        client, cell = self._reading.get(node_id), self._cells[node_id]
+        if client is None or not (client.done or client.failure):
             return
         del self._reading[node_id]
-        named = (client.answers.get(place, 0) for place in NEIGHBOURS)
-        self.neighbours[node_id] = tuple(filter(None, named))
+        answers = client.answers
+        if client.done:
+            named = (answers.get(place, 0) for place in NEIGHBOURS)
+            self.neighbours[node_id] = tuple(filter(None, named))
+        if not all((index, 0) in answers for index in _STATUSWORDS):
+            return
         if cell.drive_states is None or cell.nmt_state != nmt.OPERATIONAL:
-            words = (client.answers[index, 0] for index in _STATUSWORDS)
+            words = (answers[index, 0] for index in _STATUSWORDS)
             cell.drive_states = tuple(cia402.state(word) for word in words)
-            cell.presence = client.answers[indices.PRESENCE, 0]
-            cell.suspect = cell.suspect or client.answers[indices.SUSPECT, 0]
+            cell.presence = answers.get((indices.PRESENCE, 0))
+            cell.suspect = cell.suspect or answers.get((indices.SUSPECT, 0), 0)
             for source, index in enumerate(_ERROR_CODES, 1):
-                self._on_error_code(cell, source, client.answers[index, 0])
+                self._on_error_code(cell, source, answers.get((index, 0), 0))
 
     def _on_error_code(self, cell: RemoteCell, source: int, code: int) -> None:
         """An axis in fault has its code in 0x603F, though its emergency came before we listened."""

@@ -4,6 +4,7 @@ import pytest
 from rich.console import Console
 
 from mdms_host.commissioning.status import StatusModel, status_table
+from mdms_protocol.codecs import sdo
 from mdms_protocol.codecs.frame import Frame
 
 WORD, PRESENCE, SUSPECT = 0x6041, 0x3001, 0x3015
@@ -43,6 +44,21 @@ def test_a_cell_that_appears_is_asked_once() -> None:
     assert row.drives == ("switch on disabled", "operation enabled")
     assert row.presence == 0b10001
     assert "●○○○●" in text(model, 0.2)
+
+
+@pytest.mark.parametrize(("refused", "code"), [(SUSPECT, 0x7121), (PRESENCE, None)])
+def test_a_refused_object_hides_no_fault(refused: int, code: int | None) -> None:
+    model, replies = StatusModel(), {WORD: 0x08, 0x603F: 0x7121}
+    model.on_frame(Frame(0x705, b"\x7f"), 0.0)
+    for step in range(20):
+        for frame in model.poll(step / 100):
+            index = frame.data[1] | frame.data[2] << 8
+            refusal = Frame(0x585, sdo.abort(index, 0, sdo.NO_SUCH_OBJECT))
+            reply = refusal if index == refused else answer(index, replies.get(index, 0x40))
+            model.on_frame(reply, step / 100)
+    (row,) = model.rows(0.2)
+    assert row.drives == ("fault", "switch on disabled")
+    assert (row.in_fault, row.emergency) == (True, code)
 
 
 def test_changes_that_cells_tell_are_shown() -> None:
