@@ -152,8 +152,19 @@ class LssMaster:
         return found
 
     def set_node_id(self, node_id: int) -> None:
-        """Give the selected cell a node id, or `cob.NODE_NONE`. Raises LssError."""
+        """Give the selected cell a node id, or `cob.NODE_NONE`. Raises LssError.
+
+        The search of another master puts cells that it finds into the configuration state. If one
+        of them takes the id as well, neither keeps it.
+        """
         self._configure(lss.CONFIGURE_NODE_ID, bytes((node_id,)), self._answer_s)
+        if self._others_answer():
+            self._send(lss.CONFIGURE_NODE_ID, bytes((cob.NODE_NONE,)))
+            self.leave()
+            raise LssError(
+                f"more than one cell has taken node id {node_id}: does another host look for cells "
+                "at the same time? Run the same again when it has ended"
+            )
 
     def store(self) -> bool:
         """Have the selected cell keep its node id; whether its board can. Raises LssError."""

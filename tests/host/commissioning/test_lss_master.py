@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mdms_cell.canopen.lss import Lss
 from mdms_host.commissioning.lss_master import LssAddress, LssError, LssMaster
-from mdms_protocol.codecs import cob, sdo
+from mdms_protocol.codecs import cob, lss, sdo
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
 
 OURS = (VENDOR_ID, PRODUCT_CODE, REVISION)
@@ -129,6 +129,25 @@ def test_two_cells_of_one_serial_number_are_told_and_not_configured():
         bus.master.select(ours(1))
     with pytest.raises(LssError, match="the selected cell does not answer"):
         bus.master.set_node_id(4)
+
+
+def test_a_cell_that_another_master_has_found_meanwhile_takes_no_node_id():
+    bus = Bus(Slave(ours(1)), Slave(ours(2)))
+    bus.master.select(ours(1))
+    # The search of the other has come to its end.
+    bus.slaves[1].lss.on_request(bytes((lss.FAST_SCAN, 0, 0, 0, 0, lss.SCAN_ALL, 0, 0)))
+    for part, number in enumerate(ours(2)):
+        place = bytes((0, part, (part + 1) % 4))
+        bus.slaves[1].lss.on_request(bytes((lss.FAST_SCAN,)) + number.to_bytes(4, "little") + place)
+    bus.slaves[1].answers.clear()
+    with pytest.raises(LssError, match="more than one cell has taken node id 17"):
+        bus.master.set_node_id(17)
+    assert [slave.pending_node_id for slave in bus.slaves] == [cob.NODE_NONE] * 2
+    assert [(slave.booted, slave.saved) for slave in bus.slaves] == [(None, None)] * 2
+    bus.master.select(ours(1))
+    bus.master.set_node_id(17)
+    bus.master.leave()
+    assert [slave.booted for slave in bus.slaves] == [17, None]
 
 
 def test_a_refusal_is_told():
