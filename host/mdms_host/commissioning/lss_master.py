@@ -116,16 +116,18 @@ class LssMaster:
         """Serial numbers of cells beside those known, whatever their node ids, in order.
 
         Cells answer by their serial numbers though they have lost the fight for a node id, or
-        answer SDO at the same time as another.
+        answer SDO at the same time as another. Raises LssError where more answer than a bus has.
         """
         self._timeout_s = _BESIDE_S
         self.leave()
         bounds = [-1, *sorted(set(known)), 1 << 32]
-        return [
-            serial
-            for below, above in pairwise(bounds)
-            for serial in self._serials(below + 1, above - 1)
-        ]
+        found: list[int] = []
+        for below, above in pairwise(bounds):
+            for serial in self._serials(below + 1, above - 1):
+                found.append(serial)
+                if len(found) > cob.NODE_MAX:
+                    raise LssError("something on the bus answers to any serial number")
+        return found
 
     def _serials(self, low: int, high: int) -> Iterator[int]:
         """The serial numbers in a range, both ends included, by halving it."""

@@ -118,6 +118,16 @@ def test_selected_cell_takes_and_keeps_its_node_id_and_no_other_does():
     assert bus.slaves[0].pending_node_id == cob.NODE_NONE
 
 
+def test_a_device_that_answers_every_question_ends_the_search(monkeypatch):
+    monkeypatch.setattr("mdms_host.commissioning.lss_master._BESIDE_S", 0.001)
+    bus = Bus(Slave(ours(1), node_id=5))
+    bus.slaves[0].lss.on_request = lambda _data: bus.slaves[0].answers.append(
+        bytes((lss.IDENTIFIED,)) + bytes(7)
+    )
+    with pytest.raises(LssError, match="answers to any serial number"):
+        bus.master.find_beside([1])
+
+
 def test_an_absent_cell_cannot_be_selected():
     with pytest.raises(LssError, match="no cell answers to serial number 00000004"):
         Bus(Slave(ours(1))).master.select(ours(4))
