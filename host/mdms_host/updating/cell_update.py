@@ -52,6 +52,8 @@ _ANSWER_S = 0.7
 #: The end is answered when all is read again from flash.
 _END_S = 5.0
 _NUDGES = 3
+#: Blocks in a row of which nothing has arrived.
+_BARREN = 10
 
 
 class BlockDownload:
@@ -76,6 +78,7 @@ class BlockDownload:
         self._awaits: int | None = None
         self._due_s = 0.0
         self._asked = 0
+        self._barren = 0
 
     @property
     def wake_s(self) -> float:
@@ -106,7 +109,11 @@ class BlockDownload:
             self._begin_block(data[4])
         elif answers == sdo.BLOCK_ACKNOWLEDGE and self._awaits == sdo.BLOCK_ACKNOWLEDGE:
             self.acknowledged = min(self.acknowledged + data[1] * _SEGMENT, len(self._data))
-            self._begin_block(data[2])
+            self._barren = 0 if data[1] else self._barren + 1
+            if self._barren == _BARREN:
+                self.failure = f"none of {_BARREN} blocks in a row has arrived"
+            else:
+                self._begin_block(data[2])
         elif answers == sdo.BLOCK_END and self._awaits == sdo.BLOCK_END:
             self.done = True
 

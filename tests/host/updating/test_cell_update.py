@@ -108,6 +108,18 @@ def test_cell_that_does_not_answer_is_given_up():
     assert client.failure == "it does not answer"
 
 
+def test_cell_that_acknowledges_nothing_is_given_up():
+    client = BlockDownload(NODE, indices.PROGRAM_DATA, 1, bytes(1000))
+    begun = bytes((sdo.BLOCK_DOWNLOAD_RESPONSE,)) + indices.PROGRAM_DATA.to_bytes(2, "little")
+    nothing = bytes((sdo.BLOCK_DOWNLOAD_RESPONSE | sdo.BLOCK_ACKNOWLEDGE, 0, 63)) + bytes(5)
+    list(client.poll(0.0))
+    client.on_response(begun + bytes((1, 63, 0, 0, 0)))
+    for number in range(1, 20):
+        if list(client.poll(number * STEP_S)):
+            client.on_response(nothing)
+    assert client.failure == "none of 10 blocks in a row has arrived"
+
+
 def test_frames_that_are_not_taken_come_with_the_next_poll():
     client = BlockDownload(NODE, indices.PROGRAM_DATA, 1, bytes(40))
     next(client.poll(0.0))
