@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mdms_host.cli.cell_options import add_nodes, nodes_of
 from mdms_host.cli.console import bars, progress, show
 from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
 
 if TYPE_CHECKING:
@@ -132,7 +133,8 @@ def _planned(arguments: Namespace, cells: "Sequence[Candidate]") -> list[Row]:
         bundle = bundles.get(cell.bytecode) if cell.refusal is None else None
         rows.append(Row(cell, bundle, cell.refusal))
     if arguments.save is not None:
-        _save(arguments.save, list({id(each): each for each in bundles.values()}.values()))
+        made = list({id(each): each for each in bundles.values()}.values())
+        _save(arguments.save, made, force=arguments.force)
     return rows
 
 
@@ -168,14 +170,18 @@ def _bundles(arguments: Namespace, cells: "Sequence[Candidate]") -> "dict[int, B
     return made
 
 
-def _save(path: Path, bundles: "Sequence[Bundle]") -> None:
+def _save(path: Path, bundles: "Sequence[Bundle]", *, force: bool) -> None:
+    """Keep the bundle, whole or not at all, and over no file that is none but with `force`."""
+    from mdms_protocol.update.bundle import MAGIC
+
     if len(bundles) != 1:
         raise CommandError(
             f"these cells take {len(bundles)} bundles, and --save keeps one; name cells of one "
             "kind with --node",
             Exit.USAGE,
         )
-    path.write_bytes(bundles[0].data)
+    with replacing(path, MAGIC, force) as partial:
+        partial.write_bytes(bundles[0].data)
 
 
 def _carried_out(

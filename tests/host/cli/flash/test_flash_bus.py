@@ -1,6 +1,8 @@
 """`mdms flash --bus` and the key of `mdms commission`, on firmware cells in virtual time."""
 
+import errno
 import json
+import os
 from contextlib import contextmanager
 
 import pytest
@@ -207,6 +209,34 @@ def test_each_bar_is_seen_to_go_to_its_end(commissioned, flash, monkeypatch):
     commissioned()
     assert flash()[0] == Exit.OK
     assert shares == {"node 1": 1.0, "node 2": 1.0, "node 3": 1.0}
+
+
+def test_bundle_is_saved_over_no_other_file_and_whole_or_not_at_all(
+    flash, firmware, tmp_path, monkeypatch
+):
+    other = tmp_path / "array.toml"
+    other.write_text("[array]\n")
+    code, told, said = flash("--save", other)
+    assert (code, told) == (Exit.USAGE, {})
+    assert "array.toml: is there already, and was not written by this verb" in said
+    assert other.read_text() == "[array]\n"
+    path = tmp_path / "bundle.mdmb"
+    assert flash("--dry-run", "--save", path)[0] == Exit.OK
+    before = path.read_bytes()
+    firmware(OTHER)
+
+    def full(self, data):
+        with self.open("wb") as file:
+            file.write(data[:100])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.write_bytes", full)
+        code, _, said = flash("--dry-run", "--save", path)
+    assert (code, "bundle.mdmb: cannot be written: No space left" in said) == (Exit.FAILURE, True)
+    assert path.read_bytes() == before
+    assert flash("--dry-run", "--save", path)[0] == Exit.OK
+    assert path.read_bytes() != before
 
 
 def test_dry_run_sends_nothing(flash):
