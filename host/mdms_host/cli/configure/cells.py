@@ -136,8 +136,23 @@ def write_cells(
             say(f"mdms: {round(done * len(changes))} of {len(changes)} settings were written")
             raise
     if save:
-        for node_id in node_ids:
+        _store(commissioning, node_ids)
+
+
+def _store(commissioning: Commissioning, node_ids: Iterable[int]) -> None:
+    """Have all cells store their settings; one that fails keeps no other from it.
+
+    Raises the error of the first that fails, when those that have not stored them were named.
+    """
+    failed: dict[int, CommissioningError] = {}
+    for node_id in node_ids:
+        try:
             commissioning.store(node_id)
+        except CommissioningError as error:
+            failed[node_id] = error
+    if failed:
+        say(f"mdms: the settings are written, but not stored on node {ranges(failed)}")
+        raise next(iter(failed.values()))
 
 
 def of_buses(figures: Mapping[str, dict[str, object]]) -> dict[str, object]:

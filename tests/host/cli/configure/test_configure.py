@@ -103,6 +103,18 @@ def test_identifiers_that_follow_from_the_node_id_are_no_difference(configure, c
     assert not any(row["changed"] or row["cells_differ"] for row in rows)
 
 
+def test_a_cell_that_cannot_store_keeps_no_other_from_it_and_is_named(configure, capsys, cells):
+    cells.array.bank._cells[0]._store._memory = None
+    assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.NODE_FAULT
+    printed = capsys.readouterr()
+    assert "mdms: the settings are written, but not stored on node 1\n" in printed.err
+    assert printed.err.endswith("or stored to the application\n")
+    with Commissioning(None, MonotonicClock()) as commissioning:
+        for node_id in (1, 2, 3):
+            commissioning.restart(node_id)
+        assert [commissioning.read(node_id, 0x3000) for node_id in (1, 2, 3)] == [50, 80, 80]
+
+
 def test_saved_settings_stay_and_others_go_with_the_power(configure, capsys, cells):
     assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.OK
     assert configure("set", "setpoint_timeout=0.09") == Exit.OK
