@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from mdms_host.commissioning.cell_settings import StrangerError
-from mdms_host.commissioning.lss_master import LssAddress
+from mdms_host.commissioning.lss_master import LssAddress, LssError
 from mdms_host.commissioning.network import (
     Commissioning,
     Identity,
@@ -202,8 +202,16 @@ def carry_out(
     passing: list[Assignment] = []
     for move in moves:
         lss.select(move.address)
-        lss.set_node_id(move.node_id)
-        if not lss.store():
+        try:
+            lss.set_node_id(move.node_id)
+            stored = lss.store()
+        except BaseException:
+            # It would boot with an id that it has not stored, and that nobody would give it again.
+            with suppress(LssError):
+                lss.set_node_id(cob.NODE_NONE)
+            lss.leave()
+            raise
+        if not stored:
             passing.append(move)
         commissioning.expect_boot(move.node_id)
         lss.leave()

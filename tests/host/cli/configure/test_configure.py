@@ -103,6 +103,28 @@ def test_identifiers_that_follow_from_the_node_id_are_no_difference(configure, c
     assert not any(row["changed"] or row["cells_differ"] for row in rows)
 
 
+def test_a_node_id_that_was_not_stored_is_given_again(
+    configure, cells, tmp_path, monkeypatch, capsys
+):
+    file = tmp_path / "array.toml"
+    nodes = ((1, 2), (2, 3), (3, 1))
+    rows = (f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n' for serial, node in nodes)
+    file.write_text("".join(rows))
+    stores = [cell._store for cell in cells.array.bank._cells]
+
+    def fail(_bank, _offset, _data):
+        raise OSError("flash failed")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stores[1]._memory, "write", fail)
+        assert configure("assign", "--from", file) == Exit.NODE_FAULT
+    assert "refuses LSS command 0x17: 2" in capsys.readouterr().err
+    assert [store.node_id() for store in stores] == [2, None, 1]
+    assert configure("assign", "--from", file) == Exit.OK
+    assert "00000002: blank -> node 3" in capsys.readouterr().out
+    assert [store.node_id() for store in stores] == [2, 3, 1]
+
+
 def test_a_cell_that_cannot_store_keeps_no_other_from_it_and_is_named(configure, capsys, cells):
     cells.array.bank._cells[0]._store._memory = None
     assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.NODE_FAULT
