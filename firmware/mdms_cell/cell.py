@@ -398,9 +398,13 @@ class Cell:
     # The background
 
     def _initialise(self):
-        """Claim the node id, a step a millisecond; a trial and a restart do not wait for it."""
+        """Claim the node id, a step a millisecond.
+
+        A trial, a restart and the end of the blinking do not wait for it.
+        """
         self._nmt.initialise(self.now_ms)
         self._update.poll(self.now_ms)
+        self._identification.poll(self.now_ms)
         if self._nmt.refused:
             self._guard.on_refusal()
             self._emcy.poll(self.now_ms)

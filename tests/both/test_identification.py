@@ -70,6 +70,18 @@ def test_zero_ends_it_and_so_does_a_reset():
     assert not board.lit
 
 
+def test_a_cell_whose_node_id_is_taken_does_not_blink_for_ever():
+    cell, board = lit_cell()
+    ask(cell, 500)
+    cell.on_frame(0x000, bytes((nmt.RESET_COMMUNICATION, 5)), cell.now_ms)
+    cell.poll(51)
+    cell.on_frame(0x705, b"\x7f", cell.now_ms)
+    cell.poll(549)
+    assert (cell.state, board.lit) == (nmt.INITIALISING, True)
+    cell.poll(550)
+    assert not board.lit
+
+
 def test_a_cell_that_blinks_is_polled_when_its_time_is_over_and_drives_nothing():
     cell, board = lit_cell()
     ask(cell, 70)
