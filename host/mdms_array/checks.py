@@ -9,6 +9,7 @@ from math import degrees
 import numpy as np
 
 from mdms_host.coordination.run_state import Timing
+from mdms_host.estimation.tracked_parcel import LEARNED_M
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.safe_goals import Footing, SupportedParcel, least_footing
@@ -44,7 +45,7 @@ _LEAST_PITCHES = 2.0
 def refuse_tipping(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that comes too near to tipping.
 
-    A parcel that is too small for cells that steer is refused, too.
+    A parcel that is too small for cells that steer is refused, too, and one of a rough size.
 
     Asked of the cells alone, which carry real parcels: in the paper's fidelities a parcel may tip,
     and the physics reports it. Fields have no way that is known beforehand, so the start counts.
@@ -53,6 +54,7 @@ def refuse_tipping(scenario: Scenario) -> None:
         return
     if scenario.motion.control == "cells":
         _refuse_small(scenario)
+        _refuse_rough(scenario)
     wheel_m = build_wheels(scenario).position_m
     stock = in_stock(scenario)
     for number, parcel in enumerate(scenario.parcel):
@@ -123,6 +125,18 @@ def _refuse_small(scenario: Scenario) -> None:
                 f"parcel.{number}: {parcel.name!r} is {width_m:.3g} m wide, and cells that steer "
                 f'(motion.control = "cells") carry none below {least_m:.3g} m, two pitches of the '
                 "array; take a larger parcel, or have the host steer"
+            )
+
+
+def _refuse_rough(scenario: Scenario) -> None:
+    """Raises `InputError` for a size that is told too roughly to cells that steer."""
+    for number, parcel in enumerate(believed(scenario).parcel):
+        if parcel.shape == "rectangle" and parcel.size_spread_m > LEARNED_M:
+            raise InputError(
+                f"parcel.{number}: the size of {parcel.name!r} is told within "
+                f"{1e3 * parcel.size_spread_m:.3g} mm (size_spread_m), but must be within "
+                f'{1e3 * LEARNED_M:g} mm for cells that steer (motion.control = "cells"), since '
+                "they learn none; measure it, or have the host steer"
             )
 
 

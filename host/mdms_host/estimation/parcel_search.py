@@ -137,10 +137,10 @@ class ParcelSearch:
         """A parcel has been found: sensors that contradict are not believed for now."""
         estimator, covered = known.estimator, self._presence.covered
         location = found.location
-        unknown = known.unknown
-        if known.learns and unknown is not None and unknown in self._unknowns.all:
-            yaw_rad = known.parcel.yaw_hint_rad
-            allowed = self._unknowns.rectangles(unknown, valid & ~covered, yaw_rad)
+        if known.learns:
+            allowed = self._unknowns.rectangles(
+                found.group, valid & ~covered, known.sought.yaw_hint_rad
+            )
             location = known.of_any_size(location, *allowed)
         estimator.start(now_s, location)
         known.keep_place(now_s)

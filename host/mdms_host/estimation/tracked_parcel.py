@@ -16,7 +16,7 @@ from mdms_model.arrays import Bools, Floats
 
 #: A size that is told no better than this is to be learned; it is off by so many deviations at most
 #: [m].
-_LEARNED_M = 0.002
+LEARNED_M = 0.002
 _DEVIATIONS = 3.0
 #: A parcel that sensors still show has left where its centre is so far past its gate [m].
 _OUT_M = 0.02
@@ -90,21 +90,24 @@ class TrackedParcel:
     @property
     def learns(self) -> bool:
         """Whether its size is to be learned."""
-        return self.parcel.shape == "rectangle" and self.parcel.spread_m > _LEARNED_M
+        return self.parcel.shape == "rectangle" and self.parcel.spread_m > LEARNED_M
 
     def of_any_size(self, found: Location, poses: Floats, sides_m: Floats) -> Location:
         """The place where it has been found, by the poses and sides that the sensors allow.
 
-        Sides too far from the given size do not count. All others count alike.
+        Sides too far from the given size do not count. Others count by how likely the given size
+        makes them. All count alike for a thing whose size is known by the same sensors.
         """
         off_m = (sides_m - (self.parcel.length_m, self.parcel.width_m)) / 2
-        may_be = (abs(off_m) < _DEVIATIONS * self.parcel.spread_m).all(axis=1)
+        deviations = off_m / self.parcel.spread_m
+        may_be = (abs(deviations) < _DEVIATIONS).all(axis=1)
         if not may_be.any():
             return found
+        told = np.exp(-(deviations[may_be] ** 2).sum(axis=1) / 2)
         return replace(
             found,
             poses=poses[may_be],
-            weights=np.ones(may_be.sum()),
+            weights=told if self.unknown is None else np.ones(len(told)),
             grid=np.zeros(3),
             growths=off_m[may_be],
         )

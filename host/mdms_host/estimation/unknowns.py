@@ -209,12 +209,14 @@ class Unknowns:
         near = self._surroundings.of(one.pose[:2], one.outline.reach_m)
         return size_of(self._sensors_m[one.sensors], near.sensors_m[free[near.sensors]])
 
-    def rectangles(self, name: str, free: Bools, yaw_rad: float) -> tuple[Floats, Floats]:
-        """Poses (N, 3) and sides (N, 2) of rectangles that something may be, about a yaw."""
-        one = self._all[name]
-        near = self._surroundings.of(one.pose[:2], one.outline.reach_m)
+    def rectangles(self, group: Ints, free: Bools, yaw_rad: float) -> tuple[Floats, Floats]:
+        """Poses (N, 3) and sides (N, 2) of rectangles that cover a group, about a yaw."""
+        covered_m = self._sensors_m[group]
+        middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
+        reach_m = float(np.hypot(*(covered_m - middle_m).T).max()) + self._most_m
+        near = self._surroundings.of(middle_m, reach_m)
         free_m = near.sensors_m[free[near.sensors]]
-        return rectangles_of(self._sensors_m[one.sensors], free_m, yaw_rad, _RECTANGLES)
+        return rectangles_of(covered_m, free_m, yaw_rad, _RECTANGLES)
 
     def expect(self, sensors: Ints) -> None:
         """Something has been over these sensors for long: once nothing explains it, it is unknown.

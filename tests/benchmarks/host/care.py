@@ -93,7 +93,9 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "0.20 x 0.20 m": (NOTHING, size(0.20, 0.20)),
 }
 #: Cells refuse such a parcel by its name.
-HOST_ONLY = {"hexagon", "0.20 x 0.20 m"}
+HOST_ONLY = {"told 15 mm too large", "told 15 mm too small", "hexagon", "0.20 x 0.20 m"}
+#: Some of these boxes tip (`docs/motion.md`), so they run by name alone.
+BY_NAME = {"0.20 x 0.20 m"}
 
 
 @dataclass(slots=True)
@@ -216,7 +218,9 @@ def run() -> list[dict[str, Any]]:
     first = int(os.environ.get("MDMS_SEED", "1"))
     control = os.environ.get("MDMS_CONTROL", "host")
     kinds = [kind for kind in os.environ.get("MDMS_KINDS", "").split(";") if kind] or [
-        kind for kind in KINDS if control == "host" or kind not in HOST_ONLY
+        kind
+        for kind in KINDS
+        if kind not in BY_NAME and (control == "host" or kind not in HOST_ONLY)
     ]
     print(
         f"MDMS_CASES={cases} MDMS_SEED={first} MDMS_CONTROL={control} python -m tests.benchmarks "

@@ -69,3 +69,12 @@ def test_every_verb_that_moves_parcels_refuses(verb, capsys):
 def test_a_parcel_too_small_for_cells_that_steer_is_refused_with_the_least_width(keys, width):
     with pytest.raises(InputError, match=rf"is {width} m wide, .* none below 0\.254 m"):
         open_program("neighbours", keys)
+
+
+def test_a_size_too_rough_for_cells_that_steer_is_refused_with_the_limit():
+    rough = "belief.box.size_spread_m=0.003"
+    told = r"'box' is told within 3 mm \(size_spread_m\), but must be within 2 mm for cells that"
+    with pytest.raises(InputError, match=told):
+        open_program("neighbours", [rough])
+    open_program("neighbours", [rough, "motion.control='host'"])
+    open_program("neighbours", ["belief.box.size_spread_m=0.002"])

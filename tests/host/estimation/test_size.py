@@ -1,9 +1,12 @@
+from math import remainder
+
 import numpy as np
 import pytest
 from tests.host.estimation.lying import WHEELS, Lying
 
 from mdms_host.estimation.belief import BeliefEvent
 from mdms_host.estimation.footprint import Rectangle
+from mdms_host.estimation.parcel import Parcel
 from mdms_host.estimation.size import rectangles_of, size_of
 from mdms_host.layout import Layout
 
@@ -81,3 +84,19 @@ def test_a_size_that_is_not_told_is_learned_within_a_millimetre_as_edges_pass() 
     assert max(size.deviation_m) < 0.001
     assert table.off_m("box") < 0.002
     assert ("box", BeliefEvent.DOUBTFUL) not in table.events()
+
+
+@pytest.mark.parametrize("off_m", [-0.015, 0.015])
+def test_a_size_that_is_told_wrong_widens_the_region_where_the_parcel_is_found(off_m) -> None:
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        pose = random.uniform((-0.1, -0.1, -1.5), (0.1, 0.1, 1.5))
+        told = Parcel("box", 0.36 + off_m, 0.30 + off_m, yaw_hint_rad=pose[2], spread_m=0.008)
+        table = Lying(LAYOUT, (told,))
+        table.put("box", Rectangle(0.36, 0.30), *pose)
+        table.run(0.4)
+        belief = table.tracker.beliefs(table.now_s, table.now_s)["box"]
+        off = belief.pose - pose
+        off[2] = remainder(off[2], np.pi)
+        # Within four standard deviations.
+        assert off @ np.linalg.solve(belief.covariance, off) < 4.0**2

@@ -1,5 +1,7 @@
 """Firmware and coordinator in a world that goes wrong, or that is not as believed."""
 
+from math import pi, radians, remainder
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,46 @@ def test_a_size_that_is_told_roughly_is_learned_before_the_parcel_has_arrived(of
     assert ended.status == "reached"
     x_m, y_m, _ = ended.parcels["box"].true_pose
     assert np.hypot(x_m + 0.124, y_m + 0.043) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "seed"),
+    [
+        (
+            (0.12878161692789075, -0.001496537206905471, -1.4977763959093837),
+            (0.06512742515350706, -0.0029745742935555, -3.067153618539824),
+            6,
+        ),
+        (
+            (0.1462969140999686, 0.03568630063847496, 1.7669451536757466),
+            (0.14201825436170346, -0.031009796869262807, 1.6156219259308726),
+            11,
+        ),
+    ],
+)
+def test_a_parcel_that_is_told_too_large_is_found_with_the_sizes_that_sensors_allow(
+    start, goal, seed
+):
+    """With the told size alone it was found beside, or turned a quarter, and called arrived."""
+    scenario = load_scenario(
+        "neighbours",
+        [
+            *("motion.control='host'", "run.duration_s=14.0", f"run.seed={seed}"),
+            *("cell.motor_spread=0.3", "cell.friction_spread=0.3"),
+            *("parcel.0.length_m=0.36", "parcel.0.width_m=0.30"),
+            f"parcel.0.x_m={start[0]}",
+            f"parcel.0.y_m={start[1]}",
+            f"parcel.0.yaw_rad={start[2]}",
+            "parcel.0.goal={{x_m={}, y_m={}, yaw_rad={}}}".format(*goal),
+            *("belief.box.length_m=0.375", "belief.box.width_m=0.315"),
+            "belief.box.size_spread_m=0.008",
+        ],
+    )
+    ended = mdms.simulate(scenario)
+    assert ended.status == "reached"
+    x_m, y_m, yaw_rad = ended.parcels["box"].true_pose
+    assert np.hypot(x_m - goal[0], y_m - goal[1]) < 0.003
+    assert abs(remainder(yaw_rad - goal[2], pi)) < radians(1.0)
 
 
 @pytest.mark.parametrize("cell", [8, 9])

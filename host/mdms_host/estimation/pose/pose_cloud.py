@@ -10,8 +10,8 @@ import numpy as np
 from mdms_host.estimation.footprint import Footprint
 from mdms_model.arrays import Bools, Floats, Ints
 
-#: So many poses are kept.
-_POSES = 400
+#: So many poses are kept, and so many if each has its own size.
+_POSES, _SIZED = 400, 2000
 #: How well a sensor's distance from an edge is known: sizes are told a millimetre or two wrong, and
 #: the bits of a sensor are some milliseconds old [m].
 _EDGE_M = 0.002
@@ -58,12 +58,13 @@ class PoseCloud:
         shown = np.array([True, True, np.ptp(poses[:, 2]) > 0.0])
         self._hidden = np.zeros((len(self._extents_m),) * 2)
         np.fill_diagonal(self._hidden[:3, :3], np.where(shown, 0.0, grid**2 / 3))
+        self._count = _POSES if growths is None else _SIZED
         drawn = self._drawn(weights)
-        off = self._chance.uniform(-0.5, 0.5, (_POSES, 3))
+        off = self._chance.uniform(-0.5, 0.5, (self._count, 3))
         self._states = poses[drawn] + np.where(shown, grid, 0.0) * off
         if growths is not None:
             self._states = np.concatenate((self._states, growths[drawn]), axis=1)
-        self._weights: Floats = np.full(_POSES, 1.0 / _POSES)
+        self._weights: Floats = np.full(self._count, 1.0 / self._count)
         # How far a corner has moved since sensors were asked, their bits then, and whether these
         # were believable.
         self._moved_m = np.inf
@@ -123,7 +124,11 @@ class PoseCloud:
         # How far each sensor is on the wrong side of the edge.
         wrong_m = np.where(covered[asked], off_m, -off_m)
         self._believable = bool(wrong_m.max(axis=1, initial=0.0).min() < _NEAR_M)
-        self._weigh(np.log(_agreeing(-wrong_m / _EDGE_M) + _WRONG).sum(axis=1))
+        # A bit that is asked again is the same measurement. So poses of their own sizes that agree
+        # count alike: those near the edge would get lost before it passes.
+        sized = len(self._extents_m) > 3
+        agreeing = _no_worse(wrong_m / _EDGE_M) if sized else _agreeing(-wrong_m / _EDGE_M)
+        self._weigh(np.log(agreeing + _WRONG).sum(axis=1))
         return self._believable
 
     def _distances_m(self, points_m: Floats) -> Floats:
@@ -140,7 +145,7 @@ class PoseCloud:
     def _weigh(self, log_likelihood: Floats) -> None:
         weights = self._weights * np.exp(log_likelihood - log_likelihood.max())
         self._weights = weights / weights.sum()
-        if 1.0 / (self._weights**2).sum() < _COUNTING * _POSES:
+        if 1.0 / (self._weights**2).sum() < _COUNTING * self._count:
             self._draw_anew()
 
     def _draw_anew(self) -> None:
@@ -149,11 +154,11 @@ class PoseCloud:
         off = self._chance.normal(0.0, _KERNEL, self._states.shape) @ deviations.T
         off[:, self._hidden.diagonal() > 0.0] = 0.0
         self._states = self._states[self._drawn(self._weights)] + off
-        self._weights = np.full(_POSES, 1.0 / _POSES)
+        self._weights = np.full(self._count, 1.0 / self._count)
 
     def _drawn(self, weights: Floats) -> Ints:
         """Numbers of poses, each as often as it counts."""
-        steps = (np.arange(_POSES) + 0.5) / _POSES
+        steps = (np.arange(self._count) + 0.5) / self._count
         numbers = np.searchsorted(np.cumsum(weights) / weights.sum(), steps)
         return np.minimum(numbers, len(weights) - 1)
 
@@ -162,3 +167,9 @@ def _agreeing(deviations: Floats) -> Floats:
     """The share of a normal distribution below so many deviations, to a hundredth."""
     share: Floats = 0.5 * (1.0 + np.tanh(0.8 * deviations))
     return share
+
+
+def _no_worse(deviations: Floats) -> Floats:
+    """The density of a normal distribution so far above its middle, over that of the middle."""
+    density: Floats = np.exp(-(np.maximum(deviations, 0.0) ** 2) / 2)
+    return density
