@@ -266,7 +266,7 @@ def _source(function: Any) -> str:
 
 
 def _used_by(function: Any) -> dict[str, str]:
-    """What a function uses of its module, and what that uses in turn: text by name."""
+    """The texts of all names of its module that a function uses, directly or not, by name."""
     used: dict[str, str] = {}
     waiting = [inspect.unwrap(function)]
     while waiting:

@@ -23,9 +23,7 @@ from mdms_model.errors import InputError
 BATCH = 4
 #: Trials of the best settings are compared with the base on seeds drawn from this one on.
 UNSEEN_SEED = 1_000_003
-
-
-#: The sampler takes so many seeds.
+#: The sampler takes seeds below this.
 MOST_SEEDS = 1 << 32
 
 

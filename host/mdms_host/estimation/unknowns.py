@@ -211,12 +211,7 @@ class Unknowns:
 
     def rectangles(self, group: Ints, free: Bools, yaw_rad: float) -> tuple[Floats, Floats]:
         """Poses (N, 3) and sides (N, 2) of rectangles that cover a group, about a yaw."""
-        covered_m = self._sensors_m[group]
-        middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
-        reach_m = float(np.hypot(*(covered_m - middle_m).T).max()) + self._most_m
-        near = self._surroundings.of(middle_m, reach_m)
-        free_m = near.sensors_m[free[near.sensors]]
-        return rectangles_of(covered_m, free_m, yaw_rad, _RECTANGLES)
+        return rectangles_of(*self._around(group, free), yaw_rad, _RECTANGLES)
 
     def expect(self, sensors: Ints) -> None:
         """Something has been over these sensors for long: once nothing explains it, it is unknown.
@@ -260,11 +255,7 @@ class Unknowns:
 
     def _drawn(self, name: str, since_s: float, now_s: float, group: Ints, free: Bools) -> Unknown:
         """The outline around a group of sensors; a heap reaches as far as any part of it may."""
-        covered_m = self._sensors_m[group]
-        middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
-        reach_m = float(np.hypot(*(covered_m - middle_m).T).max()) + self._most_m
-        near = self._surroundings.of(middle_m, reach_m)
-        free_m = near.sensors_m[free[near.sensors]]
+        covered_m, free_m = self._around(group, free)
         convex = is_convex(covered_m, free_m)
         limits_m = free_m if convex else free_m[:0]
         corners_m = containing_outline_m(covered_m, limits_m, self._most_m)
@@ -273,6 +264,15 @@ class Unknowns:
         kind = BeliefKind.UNKNOWN if convex else BeliefKind.HEAP
         pose = np.array([*centre_m.tolist(), 0.0])
         return Unknown(name, since_s, now_s, group, outline, pose, kind)
+
+    def _around(self, group: Ints, free: Bools) -> tuple[Floats, Floats]:
+        """The sensors of a group (C, 2), and free ones (F, 2) that may bound it [m]."""
+        covered_m = self._sensors_m[group]
+        middle_m = (covered_m.min(axis=0) + covered_m.max(axis=0)) / 2
+        reach_m = float(np.hypot(*(covered_m - middle_m).T).max()) + self._most_m
+        near = self._surroundings.of(middle_m, reach_m)
+        free_m = near.sensors_m[free[near.sensors]]
+        return covered_m, free_m
 
     def _report(self, one: Unknown) -> None:
         if one.reported is not one.kind:
