@@ -423,6 +423,7 @@ class _Meter:
         report: Callable[[Progress], None] | None,
     ) -> None:
         self._missing, self._ended, self._failed = missing, 0, failed
+        self._told = 0
         self._total, self._kept = total, total - missing
         self._clock: MonotonicClock | None = None
         self._report = report or (lambda _: None)
@@ -440,10 +441,11 @@ class _Meter:
             left_s = (self._missing - self._ended) / rate_per_s
         done = self._kept + self._ended
         self._report(Progress(self._total, done, self._failed, self._kept, rate_per_s, left_s))
+        self._told = self._ended
 
     def end(self, *, ended: int, failed: int) -> None:
-        """Report how many runs have ended if some were not counted."""
-        if ended != self._ended:
+        """Report how many runs have ended if some were not reported."""
+        if ended != self._told:
             self._report(Progress(self._total, self._kept + ended, failed, self._kept))
 
 

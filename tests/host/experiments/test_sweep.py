@@ -263,6 +263,18 @@ def test_a_run_that_the_journal_has_is_in_the_table_if_ctrl_c_comes_between(
     assert len(pandas.read_csv(tmp_path / "table.csv")) == seen[-1].done == 3
 
 
+def test_a_run_that_is_counted_is_reported_if_ctrl_c_comes_between(executor, tmp_path, monkeypatch):
+    class Ending:
+        def now_s(self):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweeps, "MonotonicClock", Ending)
+    seen = []
+    with pytest.raises(KeyboardInterrupt):
+        mdms.sweep(ROW, OVER, seeds=2, executor=executor, folder=tmp_path, progress=seen.append)
+    assert len(pandas.read_csv(tmp_path / "table.csv")) == seen[-1].done == 2
+
+
 def kept_friction(result):
     """The friction of each row, and that of the run which is kept under its key."""
     rows = [
