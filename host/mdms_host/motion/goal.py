@@ -124,6 +124,11 @@ class GoalController:
         return self._within_s > 0.0 and not self.arrived
 
     @property
+    def may_feel(self) -> bool:
+        """Whether moves of `feel` count in the next step: it is about to arrive, or is felt."""
+        return self.settling or self._felt is not None
+
+    @property
     def speed_m_s(self) -> float:
         """How fast the parcel is commanded to go there, a corner's way included [m/s]."""
         if self._follower is None:

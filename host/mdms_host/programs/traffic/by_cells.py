@@ -328,7 +328,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
 
     @property
     def near(self) -> Collection[str]:
-        """See `OrderedTraffic`: parcels that may be moved to make their places sure."""
+        """See `OrderedTraffic`."""
         return self._cells.near
 
     @property

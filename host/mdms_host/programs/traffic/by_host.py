@@ -1,6 +1,6 @@
 """Orders carried out by the host: it sets every wheel, and each parcel follows its trajectory."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from mdms_host.estimation.belief import Belief, Gain
@@ -74,6 +74,11 @@ class TableTraffic(OrderedTraffic[Ride]):
         if carried:
             self._moved_s = self._now_s
         return self._carrying.references_m_s(carried, self._where.outlines, self._where.places)
+
+    @property
+    def near(self) -> Collection[str]:
+        """See `OrderedTraffic`."""
+        return [name for name, ride in self._rides.items() if ride.may_feel]
 
     @property
     def speeds_m_s(self) -> Floats:

@@ -189,9 +189,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
         return all(ride.at_rest for ride in self._rides.values())
 
     @property
+    @abstractmethod
     def near(self) -> Collection[str]:
-        """Parcels about to arrive."""
-        return [name for name, ride in self._rides.items() if ride.has_come]
+        """Parcels that may be moved in the next step to make their places sure."""
 
     @property
     def plan(self) -> Plan | None:

@@ -195,6 +195,11 @@ class Ride:
         return self.controller is not None and self.at_rest
 
     @property
+    def may_feel(self) -> bool:
+        """Whether the parcel may be moved in the next step to make its place sure."""
+        return self.has_come and self.controller is not None and self.controller.may_feel
+
+    @property
     def arrived(self) -> bool:
         """Whether the parcel is at its goal and has settled."""
         return self.controller is not None and self.controller.arrived
