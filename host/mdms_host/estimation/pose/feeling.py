@@ -58,14 +58,17 @@ def moves_to_feel(
     Others follow only where a shift is worth it: the way back, or another axis. The last are shifts
     by half a cell: where a place is hardly known, none is sure to help, and most will.
     """
+    unsure = list(_unsure(covariance))
+    if not unsure:
+        return ()
     stands = -footprint.distance_m(pose[None, :2], pose)[0] >= _SAFE_M
     near_m = max(_MOST_RAD * footprint.reach_m, _MOST_M)
     near = sensors_m[usable & (abs(footprint.distance_m(sensors_m, pose)) < near_m)]
-    unsure = list(_unsure(covariance))
     found = _found(footprint, near, pose, covariance, unsure, stands=stands)
-    slopes = [edge_of(footprint, sensor_m, pose)[1] for sensor_m in near]
+    shifted = [one for one in unsure if one.shifts]
+    slopes = [edge_of(footprint, sensor_m, pose)[1] for sensor_m in near] if shifted else []
     # No edge shows how a disc is turned.
-    felt = (one for one in unsure if any(abs(slope @ one.axis) > _SHOWN for slope in slopes))
+    felt = (one for one in shifted if any(abs(slope @ one.axis) > _SHOWN for slope in slopes))
     shifts = [shift for one in felt for shift in one.shifts]
     if not shifts:
         return tuple(islice(found, 1))
