@@ -5,6 +5,7 @@ Convex hulls of points are found by Andrew's monotone chain.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -59,6 +60,7 @@ class Outline:
     """Moment of inertia of a uniform plate about its own centroid, per mass."""
 
 
+@lru_cache
 def outline_of(parcel: Parcel) -> Outline:
     """The outline of a parcel. Raises `ScenarioError` for corners that make no convex polygon."""
     if parcel.shape == "disc":
@@ -101,12 +103,17 @@ def _disc(parcel: Parcel) -> Outline:
 
 def polygon_outline(corners: Floats) -> Outline:
     """The outline with these corners (n, 2), convex and counter-clockwise [m]."""
-    ends = np.roll(corners, -1, axis=0)
-    sides = ends - corners
-    normals = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
-    distances = (normals * corners).sum(axis=1)
+    ends = np.concatenate((corners[1:], corners[:1]))
+    edges = np.column_stack([*_edges(corners, ends), corners])
     radius_m = float(np.hypot(*corners.T).max())
-    return Outline(np.column_stack([normals, distances, corners]), radius_m, _moment(corners, ends))
+    return Outline(edges, radius_m, _moment(corners, ends))
+
+
+def _edges(corners: Floats, ends: Floats) -> tuple[Floats, Floats]:
+    """Outward normals (n, 2) of a polygon's edges, and their distances from the origin [m]."""
+    x_m, y_m = (ends - corners).T
+    normals = np.stack((y_m, -x_m), axis=1) / np.hypot(x_m, y_m)[:, None]
+    return normals, (normals * corners).sum(axis=1)
 
 
 def gap_m(one_m: Floats, other_m: Floats) -> float:
@@ -119,8 +126,8 @@ def gap_m(one_m: Floats, other_m: Floats) -> float:
 
 def _beyond_m(inner_m: Floats, outer_m: Floats) -> float:
     """The widest gap between any edge of one outline and all of another [m]."""
-    edges = polygon_outline(inner_m).edges
-    beyond_m = outer_m @ edges[:, :2].T - edges[:, 2]
+    normals, distances_m = _edges(inner_m, np.concatenate((inner_m[1:], inner_m[:1])))
+    beyond_m = outer_m @ normals.T - distances_m
     return float(beyond_m.min(axis=0).max())
 
 
