@@ -7,6 +7,8 @@ from mdms_protocol import packed, record
 from mdms_protocol.codecs import sdo
 
 _COUNT = len(packed.RECORDS) // record.RECORD_SIZE - 1
+#: The byte of a record that has its flags.
+_FLAGS = 4
 #: Stands for all entries of an object; CiA 301 (7.4.3) gives this sub-index to no value.
 _WHOLE = 0xFF
 _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<I"}
@@ -19,12 +21,8 @@ class Record:
     """
 
     def __init__(self, position, sub):
-        start = position * record.RECORD_SIZE
-        self.index, first, kind, self.flags, self._limits, place = struct.unpack_from(
-            record.RECORD, packed.RECORDS, start
-        )
-        end = start + 2 * record.RECORD_SIZE
-        size = (packed.RECORDS[end - 2] | packed.RECORDS[end - 1] << 8) - place
+        self.index, first, kind, self.flags, self._limits, place = _record(position)
+        size = _place(position + 1) - place
         self.sub = sub
         self.past = sub - first - (kind >> record.COUNT_SHIFT)
         self.type = kind & record.TYPE
@@ -231,7 +229,10 @@ class Objects:
     def reset(self, node_id, flags):
         """Give the entries that have one of these flags the defaults that they have at a node."""
         self._node_id = node_id
-        for entry in entries(flags):
+        for position in _positions(flags):
+            start, end = _place(position), _place(position + 1)
+            self.data[start:end] = packed.DEFAULTS[start:end]
+        for entry in entries(flags & record.FROM_NODE):
             self.data[entry.place : entry.place + entry.size] = default(entry, node_id)
 
     def restore_default(self, index):
@@ -250,13 +251,27 @@ class Objects:
 
 def entries(flags):
     """The entries that have one of these flags."""
+    for position in _positions(flags):
+        _, first, kind, _, _, _ = _record(position)
+        for sub in range(first, first + (kind >> record.COUNT_SHIFT) + 1):
+            yield Record(position, sub)
+
+
+def _positions(flags):
+    """The records whose entries have one of these flags."""
     for position in range(_COUNT):
-        _, first, kind, own, _, _ = struct.unpack_from(
-            record.RECORD, packed.RECORDS, position * record.RECORD_SIZE
-        )
-        if own & flags:
-            for sub in range(first, first + (kind >> record.COUNT_SHIFT) + 1):
-                yield Record(position, sub)
+        if packed.RECORDS[position * record.RECORD_SIZE + _FLAGS] & flags:
+            yield position
+
+
+def _record(position):
+    return struct.unpack_from(record.RECORD, packed.RECORDS, position * record.RECORD_SIZE)
+
+
+def _place(position):
+    """Where the entries of a record begin, or where those of the one before end."""
+    end = (position + 1) * record.RECORD_SIZE
+    return packed.RECORDS[end - 2] | packed.RECORDS[end - 1] << 8
 
 
 def default(entry, node_id):
