@@ -270,7 +270,9 @@ class Table:
         if exit is not None:
             self.asked_exits.add((parcel.kind, exit))
         order = await self.orders.leave(parcel, gate, lambda goal: self._give(parcel, goal))
-        _check_done(order)
+        # A parcel that is not there any more was perhaps refused a place to wait at before.
+        if not parcel.has_left:
+            _check_done(order)
 
     async def _order(self, parcel: TableParcel, goal: Goal | Gate) -> None:
         order = self._give(parcel, goal)

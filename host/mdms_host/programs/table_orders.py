@@ -396,7 +396,7 @@ class TableOrders:
         while True:
             if gate.name in self.full:
                 before = await self._wait_before(parcel, gate, give)
-                if before.replaced:
+                if before.replaced or parcel.has_left:
                     return before
             order = give(gate)
             await _until_over(order, lambda: self._must_wait(parcel, gate))

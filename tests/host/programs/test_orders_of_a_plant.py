@@ -1,0 +1,41 @@
+"""Orders of a plant beside those of the program, for parcels that come, wait and are withdrawn."""
+
+import pytest
+from tests.host.programs.hands import Stage
+
+from mdms_host.programs.table_orders import LineOrder
+
+
+@pytest.mark.parametrize("ordered", [True, False])
+@pytest.mark.parametrize("refused", [None, "no way to where it is to wait"])
+def test_a_false_newcomer_before_a_full_exit_ends_neither_its_order_nor_the_program(
+    ordered, refused
+):
+    async def main(table):
+        async for parcel in table.arrivals():
+            table.start(parcel.leave("east"))
+
+    stage = Stage(main, coming=["box 1"])
+    table = stage.program.table
+    table.orders.begin_run()
+    table.orders.full.add("east")
+    if ordered:
+        table.orders.give(LineOrder("o1", "box 1", "east"))
+    stage.program.serve_orders()
+    stage.run()
+    stage.come("box 1")
+    stage.run(0.1)
+    assert table.orders.waiting == {"box 1"}
+    stage.hands.orders.pop("box 1").refused = refused
+    del stage.beliefs["box 1"]
+    stage.program.driver.remove("box 1", withdrawn=True)
+    stage.run(0.1)
+    assert stage.program.stuck is None
+    events = [report.event for report in table.orders.take_reports()]
+    assert "refused" not in events
+    assert list(table.orders.open) == (["o1"] if ordered else [])
+    table.orders.full.clear()
+    stage.hands.log.clear()
+    stage.come("box 1")
+    stage.run(0.1)
+    assert stage.log == [("box 1", "east")]
