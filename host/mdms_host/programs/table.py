@@ -246,12 +246,20 @@ class Table:
     async def _move_by_program(
         self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
     ) -> None:
-        if not await self.orders.carried_out(parcel):
+        if not await self._is_of_plant(parcel):
             await self._move(parcel, x_m, y_m, yaw_rad)
 
     async def _leave_by_program(self, parcel: TableParcel, exit: str | None) -> None:
-        if not await self.orders.carried_out(parcel):
+        if not await self._is_of_plant(parcel):
             await self._leave(parcel, exit)
+
+    async def _is_of_plant(self, parcel: TableParcel) -> bool:
+        """Wait for the plant's orders for a parcel; whether they took the place of this one."""
+        is_of_plant = await self.orders.carried_out(parcel)
+        if is_of_plant:
+            # A program that orders it to and fro would go round without end in one cycle.
+            await self.sleep(0.0)
+        return is_of_plant
 
     async def _move(
         self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None

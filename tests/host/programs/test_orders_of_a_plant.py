@@ -39,3 +39,27 @@ def test_a_false_newcomer_before_a_full_exit_ends_neither_its_order_nor_the_prog
     stage.come("box 1")
     stage.run(0.1)
     assert stage.log == [("box 1", "east")]
+
+
+@pytest.mark.parametrize("order", ["move", "leave"])
+def test_a_program_that_orders_a_parcel_of_the_plant_in_a_loop_waits_a_cycle_each_time(order):
+    rounds = []
+
+    async def main(table):
+        box = table["box 1"]
+        while True:
+            await (box.move(0.2, 0.0) if order == "move" else box.leave("east"))
+            rounds.append(table.now_s)
+            assert len(rounds) < 100
+
+    stage = Stage(main, lying=["box 1"])
+    orders = stage.program.table.orders
+    orders.begin_run()
+    orders.give(LineOrder("o1", "box 1", x_m=0.1, y_m=0.0))
+    stage.program.serve_orders()
+    stage.run(0.05)
+    stage.arrive("box 1")
+    stage.run(0.2)
+    assert stage.program.stuck is None
+    assert [report.event for report in orders.take_reports()][-1] == "arrived"
+    assert rounds == sorted(set(rounds))
