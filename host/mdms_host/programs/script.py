@@ -35,6 +35,10 @@ _OURS = str(Path(__file__).parent)
 _MOST_ROUNDS = 1000
 #: A task that computes for longer keeps the wheels without setpoints, and cells wait for 50 ms [s].
 BLOCKED_S = 0.03
+_WAITS_ON = (
+    "is broken off, and waits again all the same; let no `finally` await, and catch ProgramError "
+    "in place of everything"
+)
 #: Python's own word about a coroutine that is dropped.
 _DROPPED = "was never awaited"
 
@@ -104,10 +108,21 @@ class Task(Generic[Result]):
         return None if self._is_awaited else self.error
 
     def cancel(self) -> None:
-        """Break it off where it waits, if it is not done; `finally` in it still runs."""
-        if not self.done:
+        """Break it off where it waits, if it is not done; `finally` in it still runs.
+
+        An error that comes of that is the task's own: whoever breaks it off goes on.
+        """
+        if self.done:
+            return
+        self.done = True
+        where = self.where
+        try:
             self._routine.close()
-            self.done = True
+        except RuntimeError as error:
+            waits = self.line is not None
+            self.error = ScriptError(f"{where} {_WAITS_ON}") if waits else error
+        except (Exception, SystemExit) as error:
+            self.error = error
 
     def go_on(self) -> bool:
         """Go on to its next condition; returns False while its condition does not hold."""
@@ -122,11 +137,12 @@ class Task(Generic[Result]):
             self.error, self.done = error, True
         else:
             if not callable(condition):
-                self.error = ScriptError(
+                refused = ScriptError(
                     f"{self.where} awaits {type(condition).__name__}, but a program waits only for "
                     "its table: table.sleep, move, leave, arrival, and tasks"
                 )
                 self.cancel()
+                self.error = refused
             else:
                 self._condition = condition
         return True

@@ -1,6 +1,7 @@
 """Coroutines go on when the awaited event has come, in the order in which they were started."""
 
 import asyncio
+import re
 
 import pytest
 
@@ -74,6 +75,26 @@ def test_a_task_that_is_cancelled_tidies_up_and_goes_no_further():
     script.step()
     assert task.done
     assert log == ["tidy"]
+
+
+def test_a_task_that_waits_on_though_it_is_cancelled_is_over_and_has_failed():
+    script, log = Script(), []
+
+    async def stubborn():
+        try:
+            await until(lambda: False)
+        finally:
+            await until(lambda: False)
+            log.append("never")
+
+    task = script.start(stubborn())
+    script.step()
+    task.cancel()
+    error = script.step()
+    assert isinstance(error, ScriptError)
+    assert re.match(r"stubborn \(test_script.py, line \d+\) is broken off, and waits", str(error))
+    assert script.step() is None
+    assert log == []
 
 
 def test_an_awaitable_of_another_loop_is_refused():

@@ -142,6 +142,43 @@ def test_an_error_of_the_programs_own_ends_it_and_is_named_with_its_place():
     assert not stage.program.finished
 
 
+async def awaits_in_finally(table):
+    try:
+        await table.sleep(100.0)
+    finally:
+        await table.sleep(0.1)
+
+
+async def catches_all(table):
+    while True:
+        try:
+            await table.sleep(100.0)
+        except:  # noqa: E722
+            await table.sleep(0.1)
+            return
+
+
+async def fails_in_finally(table):
+    try:
+        await table.sleep(100.0)
+    finally:
+        raise ValueError
+
+
+@pytest.mark.parametrize("beside", [awaits_in_finally, catches_all, fails_in_finally])
+def test_a_program_is_broken_off_whatever_its_other_tasks_do_then(beside):
+    async def main(table):
+        table.start(beside(table))
+        await table.sleep(0.05)
+        raise ProgramError("there is no way")
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run(1.0)
+    assert stage.hands.stopped
+    assert stage.program.stuck.startswith("the program was broken off: there is no way")
+    assert not stage.program.failed
+
+
 def test_a_program_that_goes_round_without_waiting_fails_and_to_sleep_is_to_wait():
     async def round_and_round(table):
         while True:
