@@ -293,6 +293,7 @@ class ThreadDriver:
             except Empty:
                 break
         for task, done in self._calls:
-            if task.done:
+            # A task that was broken off has no result: its call waits for the end of the run.
+            if task.done and not task.cancelled:
                 done.set()
         self._calls = [(task, done) for task, done in self._calls if not task.done]

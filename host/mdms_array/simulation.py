@@ -11,9 +11,24 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdms_array.extras import COMPILER, RECORDING, require
 from mdms_array.figures import REPORTED_S, simulated_run
-from mdms_array.host import coordinator_of, estimates_of, programmed, references_m_s, waits_text
+from mdms_array.host import (
+    coordinator_of,
+    estimates_of,
+    has_failed,
+    programmed,
+    references_m_s,
+    waits_text,
+)
 from mdms_array.recording import PlanLog, coordinator_events, keep_run
-from mdms_array.run import FaultError, LostError, Run, StoppedError, TimeLimitError
+from mdms_array.run import (
+    FailedError,
+    FaultError,
+    LostError,
+    Run,
+    RunError,
+    StoppedError,
+    TimeLimitError,
+)
 from mdms_array.source import LONGEST_S, SHORTEST_S, Source, check_time, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.clock import MonotonicClock
@@ -393,8 +408,17 @@ class VirtualDriver:
             raise StoppedError("the table has stopped: its `with` block has ended", self.run_so_far)
         task = self.table.start(routine(self.table))
         task.heed()
-        self._advance(LONGEST_S if limit_s is None else limit_s, lambda: task.done)
-        if not task.done:
+
+        def has_result() -> bool:
+            # A program that ends by an error breaks all tasks off, and then the run ends.
+            return task.done and not task.cancelled
+
+        try:
+            self._advance(LONGEST_S if limit_s is None else limit_s, has_result)
+        except RunError:
+            task.cancel()
+            raise
+        if not has_result():
             task.cancel()
             where = waits_text(self._coordinator)
             raise TimeLimitError(f"not done within {limit_s:g} s{where}", self.run_so_far)
@@ -432,7 +456,8 @@ class VirtualDriver:
         if coordinator.fault is not None:
             raise FaultError(coordinator.fault, self.run_so_far)
         if coordinator.stuck is not None:
-            raise StoppedError(coordinator.stuck, self.run_so_far)
+            kind = FailedError if has_failed(coordinator) else StoppedError
+            raise kind(coordinator.stuck, self.run_so_far)
 
 
 def _schedule_signals(simulation: Simulation, scenario: Scenario, program: object) -> None:

@@ -63,6 +63,8 @@ class Task(Generic[Result]):
         self._result: Result | None = None
         self.error: BaseException | None = None
         self.done = False
+        #: Whether it has been broken off, and has no result.
+        self.cancelled = False
         self._is_awaited = False
 
     def __await__(self) -> Generator[Condition, None, Result]:
@@ -114,7 +116,7 @@ class Task(Generic[Result]):
         """
         if self.done:
             return
-        self.done = True
+        self.done = self.cancelled = True
         where = self.where
         try:
             self._routine.close()

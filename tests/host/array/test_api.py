@@ -74,6 +74,37 @@ def test_a_call_that_takes_too_long_is_given_up_and_the_table_goes_on():
         assert table["box"].pose[:2] == pytest.approx((-0.05, 0.0), abs=3e-3)
 
 
+async def fails_beside(table):
+    async def ask_for_too_much():
+        await table["box"].move(0.9, 0.0)
+
+    table.start(ask_for_too_much())
+    await table.sleep(5.0)
+
+
+async def is_wrong_beside(table):
+    async def is_wrong():
+        raise ValueError("too far")
+
+    table.start(is_wrong())
+    await table.sleep(1.0)
+
+
+@pytest.mark.parametrize(
+    ("program", "kind", "told"),
+    [
+        (fails_beside, mdms.StoppedError, r"broken off: .*0\.900 m"),
+        (is_wrong_beside, mdms.FailedError, "failed: ValueError: too far"),
+    ],
+)
+def test_a_program_by_hand_that_is_broken_off_has_not_been_done(program, kind, told):
+    with mdms.virtual("array18") as table:
+        with pytest.raises(kind, match=told):
+            table.run(program)
+        with pytest.raises(kind, match=told):
+            table["box"].move(0.1, 0.0)
+
+
 def test_signals_come_at_their_times_and_the_same_run_has_the_same_bytes():
     signals = {"scanner": [(1.0, "A"), (2.2, "B")]}
     runs = [mdms.simulate("sort54", program=sorter, signals=signals, limit_s=6.0) for _ in range(2)]

@@ -82,6 +82,24 @@ def test_leaving_the_block_turns_the_cells_off_also_by_an_error(tmp_path):
     )
 
 
+def test_a_program_that_is_broken_off_has_not_been_done(tmp_path):
+    async def ask_for_too_much(table):
+        await table["box"].move(0.9, 0.0)
+
+    async def main(table):
+        table.start(ask_for_too_much(table))
+        await table.sleep(5.0)
+
+    def use(table, simulation):
+        with pytest.raises(mdms.StoppedError) as raised:
+            table.run(main, limit_s=20.0)
+        if "broken off" not in str(raised.value):
+            raise raised.value
+        return str(raised.value)
+
+    assert "0.900 m" in on_a_served_table(tmp_path, use)
+
+
 def test_a_fault_while_the_script_thinks_is_raised_when_it_leaves(tmp_path):
     channel, fault = str(tmp_path / "bus"), 'fault=[{kind="off", start_s=4.0, cells=[3]}]'
     scenario = load_scenario("array18", ["run.pauses=0"])
