@@ -360,12 +360,9 @@ class Machine:
 
     def _end_orders(self) -> None:
         """The run has ended, if there was one; what is known of its parcels is not kept."""
-        self.orders.end_run(self._sees_clear())
-
-    def _sees_clear(self) -> bool | None:
-        """Whether nothing lies on the table, as the present or the last run sees it."""
         program = None if self._run is None else self._run.program
-        return program.is_clear if isinstance(program, TableProgram) else None
+        if isinstance(program, TableProgram):
+            self.orders.end_run(program.table.parcels, program.is_clear)
 
     def _change_run(self) -> None:
         """End the run of another recipe, which has moved nothing, and begin one of the chosen."""
@@ -376,8 +373,8 @@ class Machine:
             self._on(Command.STOP, "stopped by hand")
         elif not self._slot.busy:
             if self._run is not None and isinstance(self._run.program, TableProgram):
-                parcels = self._run.program.table.parcels
-                self._passed_on = self.orders.begin_again(parcels, self._sees_clear())
+                program = self._run.program
+                self._passed_on = self.orders.begin_again(program.table.parcels, program.is_clear)
             # A refusal leads to Stopping, with its reason.
             with suppress(CommandRefusedError):
                 self._reset()

@@ -176,14 +176,18 @@ class TableOrders:
             self._reports.append(Report("unannounced", identity))
         self._expected.clear()
 
-    def end_run(self, is_clear: bool | None = None) -> None:
+    def end_run(self, parcels: Sequence[TableParcel] = (), is_clear: bool | None = None) -> None:
         """The run has ended: its parcels are unknown, and orders under way are in doubt.
 
-        `is_clear` is whether nothing lay on the table in the end; None where nobody knows.
+        Of its `parcels` those are lost that sensors do not show any more. `is_clear` is whether
+        nothing lay on the table in the end; None where nobody knows.
         """
         if not self._runs:
             return
         self._runs = False
+        for parcel in parcels:
+            if not parcel.found:
+                self._report("lost", parcel, rejected=True)
         if is_clear is not None:
             self.was_clear = is_clear
         for order, _ in self._under_way.values():
@@ -218,7 +222,7 @@ class TableOrders:
             for parcel in parcels
             if parcel.name in self.identities and kinds[parcel.kind] == 1
         }
-        self.end_run(False if parcels else is_clear)
+        self.end_run(parcels, False if parcels else is_clear)
         return passed_on
 
     # What a program may ask ----------------------------------------------------------------------

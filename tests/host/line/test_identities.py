@@ -1,6 +1,7 @@
 """Which parcel has an announced identity: after a stop, after a mistake, and after a restart."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
 from tests.host.line.virtual_line import VirtualLine
@@ -121,6 +122,7 @@ def test_of_two_scanned_parcels_of_a_kind_none_has_an_identity_in_the_next_recip
         orders.expect(name)
     there = [parcel("box 1"), parcel("box 2")]
     for each in there:
+        each._see(SimpleNamespace())  # type: ignore[arg-type]
         orders.on_parcel(each)
     orders.begin_run(orders.begin_again(there))
     assert orders.take_reports()[-1].event == "found"

@@ -128,6 +128,27 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) ->
     assert line.state is State.EXECUTE
 
 
+@pytest.mark.parametrize(
+    ("by", "end"), [(Command.HOLD, State.STOPPED), (Command.START, State.ABORTED)]
+)
+def test_a_parcel_that_somebody_takes_off_counts_as_lost_once_the_run_ends(line, by, end) -> None:
+    line.bring_to_execute()
+    line.until(line.moving, 10.0)
+    line.pass_s(0.5)
+    if by is Command.HOLD:
+        line.command(Command.HOLD)
+        line.until_state(State.HELD, 3.0)
+    line.take_parcels_off()
+    if by is Command.HOLD:
+        line.pass_s(2.0)
+        line.command(Command.STOP)
+    line.until_state(end, 12.0)
+    assert line.events("box 1")[-1] == "lost"
+    figures = line.machine.figures
+    assert (figures.parcels_lost, figures.parcels_rejected) == (1, 1)
+    assert line.machine.snapshot()["quality"] == 0.0
+
+
 def test_a_program_gets_what_the_plant_reports_as_signals() -> None:
     heard: list[tuple[str, str]] = []
 
