@@ -207,7 +207,7 @@ class Transmitter:
         Raises the error of the device if it is not for want of room.
         """
         waited = False
-        while not self._attempt(message):
+        while not self._attempt(message, until_s):
             now_s = self._clock.now_s()
             if self.full_since_s is None:
                 self.full_since_s = now_s
@@ -220,9 +220,11 @@ class Transmitter:
         self.waited += waited
         return True
 
-    def _attempt(self, message: can.Message) -> bool:
+    def _attempt(self, message: can.Message, until_s: float) -> bool:
+        # An interface that waits by itself waits no longer than the frame may.
+        left_s = max(0.0, until_s - self._clock.now_s())
         try:
-            self._port.send(message, timeout=_ATTEMPT_S)
+            self._port.send(message, timeout=min(_ATTEMPT_S, left_s))
         except (can.CanError, OSError) as error:
             if is_full(error):
                 return False

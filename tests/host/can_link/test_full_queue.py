@@ -14,6 +14,7 @@ import serial
 from can.interfaces.socketcan import SocketcanBus
 
 from mdms_host.can_link.link import Link, is_full
+from mdms_host.can_link.links import Links
 from mdms_host.clock import MonotonicClock
 from mdms_protocol.codecs.frame import Frame
 
@@ -101,6 +102,31 @@ def test_a_queue_that_stays_full_is_shown_and_is_no_dead_device():
         assert 3 <= len(texts) <= 4
         assert all("transmit queue stays full" in text for text in texts)
         assert "not sent" in str(link.counts)
+
+
+class StuckLine(can.BusABC):
+    """An adapter that takes no frame, and whose driver waits for room by itself."""
+
+    def __init__(self, clock):
+        super().__init__("stuck")
+        self._clock = clock
+
+    def send(self, msg, timeout=None):
+        self._clock.sleep(timeout)
+        raise can.CanTimeoutError("the adapter takes no frame")
+
+    def _recv_internal(self, timeout):
+        threading.Event().wait(timeout)
+        return None, False
+
+
+def test_a_line_that_waits_by_itself_takes_no_more_than_a_cycle_from_the_other_buses():
+    clock = SteppedClock()
+    queue = QueueOfTen(clock)
+    with Links([Socketcan(queue), StuckLine(clock)], ["can0", "stuck"], clock) as links:
+        links.send_all([(1, SETPOINT)] * 27 + [(0, SETPOINT)] * 10)
+        assert len(queue.sent) == 10
+        assert clock.now_s() < 0.015
 
 
 def test_a_serial_line_that_is_not_read_for_a_while_gets_whole_lines_and_no_half_ones():
