@@ -349,7 +349,7 @@ class TableDriver:
         if exit is not None:
             self.left[exit] += 1
             self._flow.append((name, exit))
-        parcel.has_left = True
+        parcel.has_left, parcel.withdrawn = True, withdrawn
         parcel._carried_by(None)
         parcel._see(None)
         if parcel in self.table._arrived:

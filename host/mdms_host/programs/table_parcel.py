@@ -24,7 +24,7 @@ class TableParcel:
     """A parcel on the table, by the `name` that it is called by until it has left.
 
     Its `kind`, `length_m` and `width_m` are as given; `is_round` is whether it is a disc,
-    `has_left` whether it has left.
+    `has_left` whether it has left. One that is `withdrawn` was found by mistake, and never came.
     """
 
     def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:
@@ -36,6 +36,7 @@ class TableParcel:
         self._belief: Belief | None = None
         self._orders: tuple[Move, Leave] | None = None
         self.has_left = False
+        self.withdrawn = False
 
     def __repr__(self) -> str:
         return f"<parcel {self.name}>"

@@ -49,11 +49,17 @@ async def merge(table: Table, exit: str, count: int | None = None) -> None:
 
 async def _all_leave(table: Table, exit: str | None, count: int | None) -> None:
     leaving: list[Task[None]] = []
-    async for parcel in table.arrivals(count):
-        leaving = [task for task in leaving if not task.done]
-        leaving.append(table.start(parcel.leave(exit)))
-    for task in leaving:
-        await task
+    missing = count
+    while missing is None or missing > 0:
+        came: list[TableParcel] = []
+        async for parcel in table.arrivals(missing):
+            leaving = [task for task in leaving if not task.done]
+            leaving.append(table.start(parcel.leave(exit)))
+            if count is not None:
+                came.append(parcel)
+        for task in leaving:
+            await task
+        missing = sum(parcel.withdrawn for parcel in came)
 
 
 async def singulate(
@@ -72,17 +78,20 @@ async def singulate(
     left = 0
     while count is None or left < count:
         parcel = lying.pop(0) if lying else await table.arrival()
+        if parcel.has_left:
+            continue
         due_s = table.now_s + period_s
         await parcel.leave(exit)
         if table.now_s < due_s:
             await table.sleep(due_s - table.now_s)
-        left += 1
+        left += not parcel.withdrawn
 
 
 class Buffer:
     """Places at which parcels wait until they are asked for; first in, first out.
 
-    Raises ProgramError for no places.
+    A parcel that has left otherwise, or was found by mistake, frees its place. Raises ProgramError
+    for no places.
     """
 
     def __init__(self, table: Table, places: Sequence[Place]) -> None:
@@ -95,16 +104,20 @@ class Buffer:
     @property
     def parcels(self) -> tuple[TableParcel, ...]:
         """Those in it or on their way into it, the first first."""
+        self._forget_left()
         return tuple(parcel for parcel, _ in self._waiting.values())
 
     @property
     def is_full(self) -> bool:
         """Whether every place is taken."""
+        self._forget_left()
         return not self._free
 
     async def put(self, parcel: TableParcel) -> None:
         """Bring a parcel to a free place, as soon as there is one; returns when it is there."""
-        await until(lambda: bool(self._free))
+        await until(lambda: parcel.has_left or not self.is_full)
+        if parcel.has_left:
+            return
         place = self._free.popleft()
         self._waiting[parcel.name] = parcel, place
         await parcel.move(*place)
@@ -121,6 +134,12 @@ class Buffer:
         self._free.append(place)
         await wanted.leave(exit)
         return wanted
+
+    def _forget_left(self) -> None:
+        for name, (parcel, place) in list(self._waiting.items()):
+            if parcel.has_left:
+                del self._waiting[name]
+                self._free.append(place)
 
     def _wanted(self, name: str | None) -> TableParcel | None:
         fits = (one for one in self.parcels if name is None or name in (one.name, one.kind))
@@ -143,15 +162,30 @@ async def buffer(
     if order:
         filling = table.start(_fill(table, store, count))
         for name in order:
-            await store.take(exit, name)
+            # One that was found by mistake is to be another one.
+            while (await store.take(exit, name)).withdrawn:
+                pass
         filling.cancel()
         return
+    missing = count
+    while missing is None or missing > 0:
+        missing = await _fill_and_empty(table, store, exit, missing)
+
+
+async def _fill_and_empty(table: Table, store: Buffer, exit: str, count: int | None) -> int:
+    """Let so many parcels come and leave; returns how many of them were found by mistake."""
+    came: list[TableParcel] = []
     async for parcel in table.arrivals(count):
         if store.is_full:
             await store.take(exit)
-        table.start(store.put(parcel))
+        put = table.start(store.put(parcel))
+        if count is not None:
+            came.append(parcel)
+    # The last one is in it from the first turn of its task on.
+    await until(lambda: bool(store.parcels) or put.done)
     while store.parcels:
         await store.take(exit)
+    return sum(parcel.withdrawn for parcel in came)
 
 
 async def _fill(table: Table, store: Buffer, count: int | None) -> None:

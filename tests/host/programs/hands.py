@@ -105,6 +105,13 @@ class Stage:
         order.done = True
         self.run()
 
+    def withdraw(self, name):
+        """The parcel was found by mistake."""
+        del self.beliefs[name]
+        self.hands.orders.pop(name).done = True
+        self.program.driver.remove(name, withdrawn=True)
+        self.run()
+
     def leave(self, name):
         self.hands.orders.pop(name).done = True
         del self.beliefs[name]

@@ -26,9 +26,8 @@ def test_a_false_newcomer_before_a_full_exit_ends_neither_its_order_nor_the_prog
     stage.come("box 1")
     stage.run(0.1)
     assert table.orders.waiting == {"box 1"}
-    stage.hands.orders.pop("box 1").refused = refused
-    del stage.beliefs["box 1"]
-    stage.program.driver.remove("box 1", withdrawn=True)
+    stage.hands.orders["box 1"].refused = refused
+    stage.withdraw("box 1")
     stage.run(0.1)
     assert stage.program.stuck is None
     events = [report.event for report in table.orders.take_reports()]

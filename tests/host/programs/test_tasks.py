@@ -1,8 +1,11 @@
 """Tasks give the orders that they are for, in their order."""
 
+import pytest
 from tests.host.programs.hands import Stage
 
 from mdms_host.programs import tasks
+from mdms_host.programs.order import Gate
+from mdms_host.programs.table_orders import LineOrder
 from mdms_host.programs.task_list import main_of
 from mdms_model.scenario.scenario import Task
 
@@ -125,3 +128,66 @@ def test_tasks_follow_one_another_unless_they_are_beside():
     assert stage.log == []
     stage.run(0.2)
     assert stage.log == [("box 1", 0.3)]
+
+
+def carry_out_all(stage):
+    """Carry out all orders; the parcels that have left."""
+    left = []
+    for _ in range(8):
+        for name in list(stage.hands.orders):
+            if isinstance(stage.hands.orders[name].goal, Gate):
+                stage.leave(name)
+                left.append(name)
+            else:
+                stage.arrive(name)
+        stage.run(0.1)
+    return left
+
+
+def test_a_buffer_lets_the_only_parcel_out():
+    task = Task("buffer", exit="east", places=PLACES, count=1)
+    stage = Stage(main_of([task]), coming=["box 1"])
+    stage.come("box 1")
+    assert not stage.program.finished
+    assert carry_out_all(stage) == ["box 1"]
+    assert stage.program.finished
+
+
+@pytest.mark.parametrize(
+    "task",
+    [
+        Task("sort", count=2),
+        Task("singulate", exit="east", count=2),
+        Task("buffer", exit="east", places=PLACES, count=2),
+        Task("buffer", exit="east", places=PLACES, order=("box 2", "box 1")),
+    ],
+    ids=["sort", "singulate", "buffer", "buffer in order"],
+)
+@pytest.mark.parametrize("first", ["box 1", "box 2"])
+def test_a_parcel_that_was_found_by_mistake_does_not_count(task, first):
+    stage = Stage(main_of([task]), coming=["box 1", "box 2"])
+    second = "box 2" if first == "box 1" else "box 1"
+    stage.come(first)
+    stage.withdraw(first)
+    stage.come(second)
+    stage.come(first)
+    left = carry_out_all(stage)
+    assert stage.program.stuck is None
+    assert stage.program.finished
+    assert sorted(left) == ["box 1", "box 2"]
+
+
+def test_a_buffer_goes_on_without_a_parcel_that_an_order_of_the_plant_has_taken_out():
+    stage = Stage(
+        main_of([Task("buffer", exit="east", places=PLACES, count=2)]), coming=["box 1", "box 2"]
+    )
+    stage.program.table.orders.begin_run()
+    stage.program.serve_orders()
+    stage.come("box 1")
+    stage.arrive("box 1")
+    stage.program.table.orders.give(LineOrder("o1", "box 1", "north"))
+    stage.run(0.1)
+    stage.leave("box 1")
+    stage.come("box 2")
+    assert carry_out_all(stage) == ["box 2"]
+    assert stage.program.stuck is None
