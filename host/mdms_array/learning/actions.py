@@ -75,7 +75,8 @@ class Actions:
         if self.kind == WHEELS:
             return actions * self._most_m_s
         if self._matrix is not None:
-            return np.asarray(actions @ self._matrix)
+            # A product of matrices rounds by the number of rows, so tables would differ by it.
+            return _sum_rows(actions, self._matrix)
         return np.array([self._of_field(each) for each in actions])
 
     def _basis(self) -> Floats:
@@ -104,6 +105,14 @@ def scales_of(field: str, wheels: Wheels, most_m_s: float) -> list[Scale]:
         "gradient_per_s": [Scale(0.0, most_m_s / reach_m)] * 4,
     }
     return [scale for name in KEYS[field] for scale in scales[name]]
+
+
+def _sum_rows(shares: Floats, rows: Floats) -> Floats:
+    """Sums (N, W) of rows (A, W) by shares (N, A), each alike for any N, to the last bit."""
+    total = np.zeros((len(shares), rows.shape[1]))
+    for share, row in zip(shares.T, rows, strict=True):
+        total += share[:, None] * row
+    return total
 
 
 def _keys(field: str, numbers: list[float]) -> dict[str, Any]:

@@ -156,6 +156,16 @@ def test_an_action_of_a_field_is_that_field(field):
         np.testing.assert_allclose(own_m_s, field_m_s(part, wheels), atol=1e-12)
 
 
+@pytest.mark.parametrize("field", ["twist", "linear"])
+def test_references_of_many_tables_are_those_of_each_alone(field):
+    actions = Actions(load_scenario("sort54"), field, 0.5)
+    chosen = np.random.default_rng(1).uniform(-1, 1, (50, len(actions.names)))
+    for tables in (2, 3, 50):
+        many = actions.references_m_s(chosen[:tables])
+        for action, own_m_s in zip(chosen, many, strict=False):
+            assert same(actions.references_m_s(action[None])[0], own_m_s)
+
+
 def test_a_step_is_a_control_period_of_the_table():
     for fidelity in ("ideal", "firmware"):
         env = gymnasium.make(PARCEL, fidelity=fidelity).unwrapped
