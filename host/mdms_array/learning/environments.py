@@ -25,6 +25,7 @@ from mdms_array.learning.tables import (
 )
 from mdms_array.learning.tasks import Judgement, ParcelTask, SortTask, Task
 from mdms_array.source import Source
+from mdms_model.array import build_wheels
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.errors import InputError
 from mdms_model.scenario.scenario import Scenario
@@ -67,6 +68,8 @@ class Episode:
         self.actions = Actions(base, action, most_m_s)
         self._most = round(duration_s / PERIOD_S)
         self._done: Ints = np.zeros(tables, np.int64)
+        #: Tables with an episode; one whose beginning was refused has none.
+        self._begun: Bools = np.zeros(tables, np.bool_)
         self._sensors = np.arange(len(base.cell.sensor_offset_m))
         self.scenario = base
         self.tables: Tables
@@ -85,8 +88,8 @@ class Episode:
     def observation_space(self) -> spaces.Dict:
         """The space of one table's observation."""
         cells = self.scenario.array.columns * self.scenario.array.rows
-        wheels = (cells * len(self.scenario.cell.wheel),)
-        shapes = {"wheel_speed_m_s": wheels, **self.task.sizes}
+        wheels = len(build_wheels(self.scenario).cell)
+        shapes = {"wheel_speed_m_s": (wheels,), **self.task.sizes}
         boxes: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(-FAR, FAR, shape, np.float32) for name, shape in shapes.items()
         }
@@ -94,10 +97,12 @@ class Episode:
 
     def begin(self, k: int, chance: np.random.Generator, scenario: Scenario | None = None) -> None:
         """Begin another episode at table k: the scenario, or one that is drawn."""
+        self._begun[k] = False
         scenario = scenario or self._episodes.draw(chance)
         self.tables.begin(k, scenario)
         self.task.begin(k, scenario, self.tables)
         self._done[k] = 0
+        self._begun[k] = True
 
     def observation(self) -> Observation:
         """The observations of all tables."""
@@ -111,8 +116,11 @@ class Episode:
     def step(self, actions: Floats) -> tuple[Judgement, Bools]:
         """Move all tables by a period; the judgement, and which episodes have no time left.
 
-        Raises `InputError` for actions of another shape than (N, A), or with NaN.
+        Raises `InputError` for actions of another shape than (N, A), or with NaN, and for tables
+        without an episode.
         """
+        if not self._begun.all():
+            raise InputError("step: no episode has begun; call reset first")
         actions = np.asarray(actions)
         shape = len(self._done), len(self.actions.names)
         if actions.shape != shape:

@@ -15,7 +15,7 @@ from mdms_model.arrays import Bits, Bools, Floats
 from mdms_model.errors import Error, InputError
 from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.physics.plane.batch import Batch
+from mdms_sim.physics.plane.batch import Batch, check_alike
 from mdms_sim.physics.plane.world import World, WorldState
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
@@ -206,6 +206,7 @@ class FirmwareTables:
 
     def begin(self, k: int, scenario: Scenario) -> None:
         """See `Tables`."""
+        check_alike(self._scenarios[0], scenario, k)
         old = self._tables[k]
         if old is not None:
             old.close()

@@ -74,13 +74,13 @@ class ParcelTask:
     sizes: Mapping[str, tuple[int, ...]] = {"pose": (4,), "twist": (3,), "goal": (4,)}
 
     def __init__(self, scenario: Scenario, tables: int) -> None:
-        if scenario.exit or scenario.stream:
-            raise InputError("parcels come or go in this scenario; take mdms/Sort-v0 for it")
+        _check_stays(scenario)
         self._goal, self._distance_m = np.zeros((tables, 3)), np.zeros(tables)
         self._goal_seen = as_seen(self._goal)
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
-        """See `Task`. Raises `InputError` for a parcel without a goal."""
+        """See `Task`. Raises `InputError` for a parcel without a goal, or that does not stay."""
+        _check_stays(scenario)
         goal = scenario.parcel[0].goal
         if goal is None:
             raise InputError(f"parcel {scenario.parcel[0].name!r} has no goal; give it one")
@@ -114,6 +114,14 @@ class ParcelTask:
         return {"pose": as_seen(pose[:, 0]), "twist": twist[:, 0], "goal": self._goal_seen}
 
 
+def _check_stays(scenario: Scenario) -> None:
+    """Raises `InputError` for a scenario without a parcel that stays on the table."""
+    if scenario.exit or scenario.stream:
+        raise InputError("parcels come or go in this scenario; take mdms/Sort-v0 for it")
+    if not scenario.parcel:
+        raise InputError("the scenario has no parcel; give it one, with a goal")
+
+
 class SortTask:
     """Parcels that come are to leave by the exits for their kinds.
 
@@ -123,18 +131,18 @@ class SortTask:
     """
 
     def __init__(self, scenario: Scenario, tables: int) -> None:
-        if not scenario.exit or not scenario.stream:
-            raise InputError("the scenario has no exit or no stream; take one such as sort54")
         parcels = len(scenario.parcel)
         self.sizes = {"on_table": (parcels,), "pose": (parcels, 4), "twist": (parcels, 3)}
         self.sizes |= {"exit_m": (parcels, 2)}
-        self._exit_m = np.array([_exit_m(scenario, parcel.kind) for parcel in scenario.parcel])
+        #: Each table has the exits of its own scenario.
+        self._exit_m = np.tile(_exits_m(scenario), (tables, 1, 1))
         self._left_m = np.zeros((tables, parcels))
         self._events: Ints = np.zeros(tables, np.int64)
         self._right, self._wrong = np.zeros((2, tables), np.int64)
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
-        """See `Task`."""
+        """See `Task`. Raises `InputError` for a scenario without exits or a stream."""
+        self._exit_m[k] = _exits_m(scenario)
         self._events[k] = len(tables.worlds[k].events)
         self._right[k] = self._wrong[k] = 0
         self._left_m[k] = self._distances_m(tables)[k]
@@ -166,8 +174,14 @@ class SortTask:
         pose, twist = tables.motion
         here = ~np.isnan(pose[..., 0])
         poses, twists = (np.where(here[..., None], each, 0.0) for each in (as_seen(pose), twist))
-        exits_m = np.broadcast_to(self._exit_m, (*here.shape, 2))
-        return {"on_table": 1.0 * here, "pose": poses, "twist": twists, "exit_m": exits_m}
+        return {"on_table": 1.0 * here, "pose": poses, "twist": twists, "exit_m": self._exit_m}
+
+
+def _exits_m(scenario: Scenario) -> list[Sequence[float]]:
+    """The middle of each parcel's exit. Raises `InputError`."""
+    if not scenario.exit or not scenario.stream:
+        raise InputError("the scenario has no exit or no stream; take one such as sort54")
+    return [_exit_m(scenario, parcel.kind) for parcel in scenario.parcel]
 
 
 def _exit_m(scenario: Scenario, kind: str) -> Sequence[float]:

@@ -23,6 +23,8 @@ from mdms_model.scenario.motion import Part
 from mdms_model.scenario.scenario import ScenarioError
 
 PARCEL, SORT = "mdms/Parcel-v0", "mdms/Sort-v0"
+BOX = {"name": "box", "mass_kg": 2.0, "length_m": 0.3, "width_m": 0.2, "x_m": 0.0, "y_m": 0.0}
+INWARD = {"motion": {"field": "inward"}, "run": {"fidelity": "ideal"}}
 SPREAD = {"cell.friction": mdms.uniform(0.15, 0.4), "run.seed": mdms.integers(0, 1000)}
 
 
@@ -355,6 +357,57 @@ def test_a_key_that_leads_nowhere_is_refused_when_the_environment_is_made():
 def test_scenarios_that_the_model_cannot_be_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         gymnasium.make(PARCEL, **options).reset()
+
+
+def test_a_step_without_an_episode_is_refused():
+    for env in (gymnasium.make(PARCEL).unwrapped, gymnasium.make_vec(PARCEL, num_envs=2)):
+        with pytest.raises(InputError, match="no episode has begun; call reset first"):
+            env.step(np.zeros(env.action_space.shape))
+
+
+def test_an_episode_that_is_refused_leaves_none_behind():
+    env = gymnasium.make(PARCEL).unwrapped
+    env.reset(seed=1)
+    goalless = {"scenario": "array18", "parcel": [BOX], **INWARD}
+    with pytest.raises(InputError, match="parcel 'box' has no goal; give it one"):
+        env.reset(options={"scenario": goalless})
+    with pytest.raises(InputError, match="no episode has begun; call reset first"):
+        env.step(np.zeros(36))
+
+
+@pytest.mark.parametrize("fidelity", ["ideal", "firmware"])
+def test_an_episode_on_another_table_is_refused(fidelity):
+    env = gymnasium.make(PARCEL, fidelity=fidelity).unwrapped
+    wider = load_scenario("array18", ["array.columns=7"])
+    with pytest.raises(InputError, match="its array differs from that of the first table"):
+        env.reset(options={"scenario": wider})
+    env.close()
+
+
+def test_cells_with_fewer_wheels_are_within_the_space():
+    fewer = {"patch": [{"cells": [1, 2], "wheel": [{"direction_rad": 0.0}]}]}
+    table = {"scenario": "array18", "parcel": [BOX], **INWARD, **fewer}
+    env = gymnasium.make(PARCEL, scenario=table).unwrapped
+    seen, _ = env.reset(seed=1)
+    assert env.action_space.shape == seen["wheel_speed_m_s"].shape == (34,)
+    assert env.observation_space.contains(seen)
+
+
+def test_an_episode_has_the_exits_of_its_own_scenario():
+    env = gymnasium.make(SORT).unwrapped
+    seen, _ = env.reset(seed=1)
+    kinds = ["small", "medium", "large", "disc"]
+    turned = {"exit": [{"name": "all", "side": "west", "kinds": kinds}]}
+    others, _ = env.reset(options={"scenario": {"scenario": "sort54", **turned}})
+    edge_m = -env.episode.scenario.array.columns * env.episode.scenario.array.pitch_m / 2
+    assert (others["exit_m"][:, 0] == np.float32(edge_m)).all()
+    assert (seen["exit_m"][:, 0] > 0.0).all()
+
+
+def test_a_scenario_without_a_parcel_has_no_task():
+    bare = {"scenario": "array18", "parcel": [], **INWARD}
+    with pytest.raises(InputError, match="the scenario has no parcel; give it one, with a goal"):
+        gymnasium.make(PARCEL, scenario=bare, randomise={})
 
 
 def test_a_scenario_without_exits_sorts_nothing():

@@ -219,7 +219,7 @@ class Batch:
 
     def _settle(self, k: int, world: World) -> None:
         """Move the arrays of a world to place k."""
-        _check_alike(self._first, world.scenario, k)
+        check_alike(self._first, world.scenario, k)
         scene: Scene = _plain(scene_of)(self.tables, k)
         room, edges = len(scene.model.edges), world.scene.model.edges
         if len(edges) > room:
@@ -339,7 +339,7 @@ def _room(world: World, tables: int, edges: int) -> Tables:
     )
 
 
-def _check_alike(one: Scenario, other: Scenario, k: int) -> None:
+def check_alike(one: Scenario, other: Scenario, k: int) -> None:
     """Raises `InputError` where a table has another shape than the first one."""
     for name, shape in (
         ("array", lambda each: (each.array.columns, each.array.rows, each.array.pitch_m)),
