@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mdms_array.experiments.settings import is_number
 from mdms_model.array import Wheels, build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.errors import InputError
@@ -46,11 +47,11 @@ class Actions:
     """
 
     def __init__(self, scenario: Scenario, kind: str, most_m_s: float) -> None:
-        if kind != WHEELS and kind not in KEYS:
+        if kind not in (WHEELS, *KEYS):
             raise InputError(
                 f"action is {kind!r}, but must be {WHEELS!r} or a field: {', '.join(KEYS)}"
             )
-        if not 0.0 < most_m_s <= 2.0:
+        if not (is_number(most_m_s) and 0.0 < most_m_s <= 2.0):
             raise InputError(f"most_m_s is {most_m_s!r}, but must be above 0 and at most 2 m/s")
         self.kind = kind
         self._most_m_s = most_m_s

@@ -7,7 +7,7 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
-from mdms_array.learning.environments import FAR, PARCEL, Episode
+from mdms_array.learning.environments import FAR, PARCEL, Episode, own_option
 from mdms_array.learning.episodes import open_scenario
 from mdms_array.learning.tasks import ParcelTask
 from mdms_model.array import cell_centres
@@ -73,7 +73,7 @@ class CellsEnv(ParallelEnv[str, Floats, Floats]):  # type: ignore[misc]
         """Begin an episode: that of `options["scenario"]`, or one that is drawn."""
         if seed is not None:
             self._chance = seeding.np_random(seed)[0]
-        given = (options or {}).get("scenario")
+        given = own_option(options, "scenario")
         self.episode.begin(0, self._chance, None if given is None else open_scenario(given))
         self.agents = [*self.possible_agents]
         return self._seen(), {agent: {} for agent in self.agents}
@@ -87,12 +87,13 @@ class CellsEnv(ParallelEnv[str, Floats, Floats]):  # type: ignore[misc]
         dict[str, bool],
         dict[str, dict[str, Any]],
     ]:
-        """Move the table by a control period of 10 ms; see PettingZoo."""
+        """Move the table by a control period of 10 ms; agents without an action stand still.
+
+        Raises `InputError` for actions of no agent, or that are no references of its wheels.
+        """
         if not self.agents:
             return {}, {}, {}, {}, {}
-        still = np.zeros(self._axes, np.float32)
-        shares = np.concatenate([actions.get(agent, still) for agent in self.possible_agents])
-        judgement, late = self.episode.step(shares[None])
+        judgement, late = self.episode.step(self._shares(actions)[None])
         reward, over = float(judgement.reward[0]), bool(judgement.ended[0])
         infos = {name: each[0] for name, each in judgement.infos.items()}
         seen, agents = self._seen(), self.agents
@@ -105,6 +106,21 @@ class CellsEnv(ParallelEnv[str, Floats, Floats]):  # type: ignore[misc]
             dict.fromkeys(agents, bool(late[0])),
             {agent: dict(infos) for agent in agents},
         )
+
+    def _shares(self, actions: dict[str, Floats]) -> Floats:
+        for agent, action in actions.items():
+            if agent not in self._own:
+                raise InputError(
+                    f"actions: {agent!r} is no agent; there are {self.possible_agents[0]} to "
+                    f"{self.possible_agents[-1]}"
+                )
+            if np.shape(action) != (self._axes,):
+                raise InputError(
+                    f"actions: that of {agent} has the shape {np.shape(action)}, but must have "
+                    f"{(self._axes,)}: a number for each wheel"
+                )
+        still = np.zeros(self._axes, np.float32)
+        return np.concatenate([actions.get(agent, still) for agent in self.possible_agents])
 
     def _seen(self) -> dict[str, Floats]:
         table = {name: each[0] for name, each in self.episode.observation().items()}

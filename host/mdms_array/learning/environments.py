@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from mdms_array.experiments.settings import check_count, integers, uniform
+from mdms_array.experiments.settings import check_count, integers, is_number, uniform
 from mdms_array.learning.actions import Actions
 from mdms_array.learning.episodes import Episodes, open_scenario
 from mdms_array.learning.tables import (
@@ -34,6 +34,8 @@ Observation = dict[str, Any]
 #: No place [m], speed [m/s] or yaw rate [rad/s] is beyond this.
 FAR = 1000.0
 LONGEST_S = 3600.0
+#: Options of a reset: of one table, of many, and of Gymnasium's own for many.
+OPTIONS = ("scenario", "scenarios", "reset_mask")
 
 
 class Episode:
@@ -47,6 +49,7 @@ class Episode:
         self,
         task: Callable[..., Task],
         tables: int = 1,
+        /,
         *,
         scenario: Source,
         fidelity: str = "ideal",
@@ -58,7 +61,7 @@ class Episode:
     ) -> None:
         if fidelity not in FIDELITIES:
             raise InputError(f"fidelity is {fidelity!r}, but must be {' or '.join(FIDELITIES)}")
-        if not PERIOD_S <= duration_s <= LONGEST_S:
+        if not (is_number(duration_s) and PERIOD_S <= duration_s <= LONGEST_S):
             raise InputError(
                 f"duration_s is {duration_s!r}, but must be {PERIOD_S:g} to {LONGEST_S:g} seconds"
             )
@@ -116,8 +119,8 @@ class Episode:
     def step(self, actions: Floats) -> tuple[Judgement, Bools]:
         """Move all tables by a period; the judgement, and which episodes have no time left.
 
-        Raises `InputError` for actions of another shape than (N, A), or with NaN, and for tables
-        without an episode.
+        Raises `InputError` for actions of another shape than (N, A), or that are no numbers, and
+        for tables without an episode.
         """
         if not self._begun.all():
             raise InputError("step: no episode has begun; call reset first")
@@ -127,6 +130,8 @@ class Episode:
             raise InputError(
                 f"action: its shape is {actions.shape}, but must be {shape}: tables, numbers"
             )
+        if actions.dtype.kind not in "fiub":
+            raise InputError(f"action: it has {actions.dtype}, but must have numbers from -1 to 1")
         if np.isnan(actions).any():
             raise InputError("action: it has NaN, but must have numbers from -1 to 1")
         return self.move(self.actions.references_m_s(actions))
@@ -161,6 +166,17 @@ SORT: Mapping[str, Any] = {
 }
 
 
+def own_option(options: Mapping[str, Any] | None, name: str) -> Any:
+    """An option of a reset, None without. Raises `InputError` for one of other environments.
+
+    Options that no environment here knows are for others: PettingZoo's tests give some.
+    """
+    for other in OPTIONS:
+        if options and other != name and other in options:
+            raise InputError(f"options: {other!r} is given, but this reset takes {name!r}")
+    return None if options is None else options.get(name)
+
+
 class _TableEnv(gymnasium.Env[Observation, Any]):
     """One table; `defaults` are those of its task."""
 
@@ -181,7 +197,7 @@ class _TableEnv(gymnasium.Env[Observation, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode: that of `options["scenario"]`, or one that is drawn."""
         super().reset(seed=seed)
-        given = (options or {}).get("scenario")
+        given = own_option(options, "scenario")
         scenario = None if given is None else open_scenario(given)
         self.episode.begin(0, self.np_random, scenario)
         return self._seen(), {}
@@ -229,13 +245,21 @@ class _TableVectorEnv(VectorEnv[Observation, Any, Any]):
 
         `options["scenarios"]` has a scenario for each table, in place of those that are drawn.
         """
-        given = (options or {}).get("scenarios", [None] * self.num_envs)
+        given = own_option(options, "scenarios")
+        if given is None:
+            given = [None] * self.num_envs
+        if not isinstance(given, list | tuple):
+            raise InputError(f"scenarios: {given!r} is no list; give one scenario for each table")
         if len(given) != self.num_envs:
             raise InputError(
                 f"scenarios: {len(given)} are given, but there are {self.num_envs} tables"
             )
         if isinstance(seed, int):
             seed = [seed + k for k in range(self.num_envs)]
+        if not isinstance(seed, list | tuple | None):
+            raise InputError(
+                f"seed is {seed!r}, but must be a whole number, or a list of one for each table"
+            )
         if seed is not None and len(seed) != self.num_envs:
             raise InputError(f"seed: {len(seed)} are given, but there are {self.num_envs} tables")
         for k, own in enumerate(seed or ()):

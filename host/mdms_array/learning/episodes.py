@@ -35,6 +35,11 @@ class Episodes:
     def __init__(self, scenario: Source, randomise: Mapping[str, Any]) -> None:
         self.base = open_scenario(scenario)
         self._tree = plain(self.base)
+        if not isinstance(randomise, Mapping) or not all(isinstance(key, str) for key in randomise):
+            raise InputError(
+                f"randomise is {randomise!r}, but must be a dict by keys of a scenario; "
+                "{} draws nothing"
+            )
         self._randomise = dict(randomise)
         for key, values in self._randomise.items():
             listed = isinstance(values, list | tuple | np.ndarray) and len(values)
@@ -47,6 +52,8 @@ class Episodes:
         for key, values in self._randomise.items():
             if self._pose_key(key) is not None:
                 _check_pose(key, values)
+            if key == SEED:
+                _check_seed(values)
         self.draw(np.random.default_rng(0))
 
     def draw(self, chance: np.random.Generator) -> Scenario:
@@ -93,7 +100,21 @@ def _check_pose(key: str, values: Any) -> None:
         build_values(Goal, {name: each.item() if hasattr(each, "item") else each}, path)
 
 
+def _check_seed(values: Any) -> None:
+    """Raises `InputError` for seeds that are no whole numbers."""
+    if isinstance(values, Distribution):
+        is_whole = values.kind == "integers"
+    else:
+        is_whole = all(isinstance(each, int | np.integer) for each in values)
+    if not is_whole:
+        raise InputError(
+            f"randomise: {SEED} is {values}, but must be whole numbers; take mdms_array.integers"
+        )
+
+
 def _drawn(values: Any, chance: np.random.Generator) -> Any:
     if isinstance(values, Distribution):
         return values.at(float(chance.random()))
-    return values[int(chance.integers(len(values)))]
+    each = values[int(chance.integers(len(values)))]
+    # Numbers of numpy become those of Python, as a scenario has them.
+    return each.item() if isinstance(each, np.generic) else each

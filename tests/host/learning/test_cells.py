@@ -90,3 +90,17 @@ def test_options_that_are_none_are_refused():
         cells_env(action="twist")
     with pytest.raises(InputError, match="nothing is drawn"):
         cells_env(render_mode="human")
+
+
+def test_actions_of_no_agent_or_of_another_shape_are_refused():
+    env = cells_env()
+    env.reset(seed=1)
+    still = np.zeros(2, np.float32)
+    with pytest.raises(InputError, match="'cell_99' is no agent; there are cell_1 to cell_18"):
+        env.step({"cell_99": still})
+    # Together they have as many numbers as two cells, so each would drive the other's wheel.
+    odd = {"cell_1": np.zeros(1, np.float32), "cell_2": np.zeros(3, np.float32)}
+    with pytest.raises(InputError, match=r"cell_1 has the shape \(1,\), but must have \(2,\)"):
+        env.step(odd)
+    with pytest.raises(InputError, match=r"cell_1 has the shape \(\), but must have \(2,\)"):
+        env.step({"cell_1": 0.5})

@@ -263,6 +263,11 @@ def test_keys_are_drawn_for_each_episode_from_their_distributions():
     assert {each.cell.gain_vs_per_m for each in drawn} == {8.0}
 
 
+def test_lists_of_numpy_are_those_of_python():
+    episodes = Episodes("array18", {"parcel.box.mass_kg": np.array([2, 3])})
+    assert {episodes.draw(np.random.default_rng(k)).parcel[0].mass_kg for k in range(9)} == {2, 3}
+
+
 def test_poses_alone_are_drawn_as_a_scenario_has_them():
     keys = {"parcel.0.x_m": [0.05], "parcel.box.yaw_rad": [0.3], "parcel.0.goal.y_m": [0.02]}
     fast = Episodes("array18", keys).draw(np.random.default_rng(0))
@@ -298,6 +303,8 @@ def test_actions_that_are_none_are_refused():
         one.step(np.full(36, nan, np.float32))
     with pytest.raises(InputError, match=r"action: its shape is \(1,\), but must be \(1, 36\)"):
         one.step(np.float32(0.5))
+    with pytest.raises(InputError, match="action: it has object, but must have numbers"):
+        one.step(np.array([None] * 36))
     with pytest.raises(InputError, match=r"its shape is \(36,\), but must be \(2, 36\)"):
         many.step(np.zeros(36, np.float32))
 
@@ -325,6 +332,14 @@ def test_sensors_are_late_and_noisy_as_the_scenario_says():
         ({"action": "goal"}, "action is 'goal', but must be 'wheels' or a field: uniform, "),
         ({"most_m_s": 0.0}, "most_m_s is 0.0, but must be above 0"),
         ({"duration_s": 0.0}, "duration_s is 0.0, but must be 0.01 to 3600 seconds"),
+        ({"duration_s": "10"}, "duration_s is '10', but must be 0.01 to 3600 seconds"),
+        ({"most_m_s": "fast"}, "most_m_s is 'fast', but must be above 0"),
+        ({"action": ["twist"]}, "action is ..twist.., but must be 'wheels' or a field"),
+        ({"randomise": None}, "randomise is None, but must be a dict by keys of a scenario"),
+        ({"randomise": {1: [0.0]}}, "randomise is {1: .0.0.}, but must be a dict by keys"),
+        ({"randomise": {"run.seed": [1.5]}}, "run.seed is .1.5., but must be whole numbers"),
+        ({"randomise": {"run.seed": ["a"]}}, "run.seed is .'a'., but must be whole numbers"),
+        ({"randomise": {"run.seed": mdms.uniform(0, 9)}}, "must be whole numbers; take mdms_arr"),
         ({"threads": 0}, "threads is 0, but must be a whole number"),
         ({"randomise": {"cell.friction": 0.3}}, "a distribution, such as mdms_array.uniform"),
         ({"randomise": {"parcel.0.x_m": [nan]}}, "parcel.0.x_m is nan, but must be a finite"),
@@ -357,6 +372,24 @@ def test_a_key_that_leads_nowhere_is_refused_when_the_environment_is_made():
 def test_scenarios_that_the_model_cannot_be_are_refused(options, message):
     with pytest.raises(InputError, match=message):
         gymnasium.make(PARCEL, **options).reset()
+
+
+def test_one_table_is_no_number_of_tables():
+    with pytest.raises(TypeError, match="tables"):
+        gymnasium.make(PARCEL, tables=3)
+
+
+def test_resets_refuse_what_they_do_not_take():
+    one, many = gymnasium.make(PARCEL).unwrapped, gymnasium.make_vec(PARCEL, num_envs=2)
+    with pytest.raises(InputError, match="'scenarios' is given, but this reset takes 'scenario'"):
+        one.reset(options={"scenarios": ["array18"]})
+    with pytest.raises(InputError, match="'reset_mask' is given, but this reset takes 'scenar"):
+        many.reset(options={"reset_mask": np.array([True, False])})
+    with pytest.raises(InputError, match="scenarios: 'array18' is no list"):
+        many.reset(options={"scenarios": "array18"})
+    for seed in (1.5, np.array([1, 2])):
+        with pytest.raises(InputError, match="but must be a whole number, or a list of one for"):
+            many.reset(seed=seed)
 
 
 def test_a_step_without_an_episode_is_refused():
