@@ -59,9 +59,9 @@ def read_sweep(path: Path) -> tuple[Design, tuple[Plot, ...]]:
         given["measures"] = measures_of(path, tree["measures"])
     try:
         design = design_of(
-            source_of(path, tree),
-            {key: values_of(path, key, each) for key, each in _over(path, tree).items()},
-            program=program_of(path, tree),
+            _source_of(path, tree),
+            _varied(tree, "over"),
+            program=_program_of(path, tree),
             **given,
         )
     except InputError as error:
@@ -82,7 +82,7 @@ def read_tuning(path: Path) -> Task:
         [objective, *bounds.values(), *measures_of(path, tree.get("measures", []))]
     )
     try:
-        vary = {key: values_of(path, key, each) for key, each in _over(path, tree, "vary").items()}
+        vary = _varied(tree, "vary")
         distributions = {key: each for key, each in vary.items() if isinstance(each, Distribution)}
         if len(distributions) < len(vary):
             raise InputError(
@@ -90,12 +90,12 @@ def read_tuning(path: Path) -> Task:
             )
         seed = tree.get("seed", 1)
         design = design_of(
-            source_of(path, tree),
+            _source_of(path, tree),
             {},
             seeds=tree.get("seeds", TRIAL_SEEDS),
             seed=seed,
             measures=list(measures),
-            program=program_of(path, tree),
+            program=_program_of(path, tree),
         )
         return task_of(
             design,
@@ -150,7 +150,7 @@ def read_table(path: Path, known: tuple[str, ...]) -> dict[str, Any]:
     return tree
 
 
-def source_of(path: Path, tree: Mapping[str, Any]) -> Source:
+def _source_of(path: Path, tree: Mapping[str, Any]) -> Source:
     """The scenario that a file names, or has; names are of files beside it, or built in."""
     source = tree.get("scenario")
     if isinstance(source, str):
@@ -161,8 +161,8 @@ def source_of(path: Path, tree: Mapping[str, Any]) -> Source:
             return {**source, "scenario": _beside(path, base)}
         return source
     raise InputError(
-        f"{path}: scenario is {source!r}, but must be the name of a scenario or of a file, or a "
-        "table with the keys of one"
+        f"scenario is {source!r}, but must be the name of a scenario or of a file, or a table with "
+        "the keys of one"
     )
 
 
@@ -173,12 +173,12 @@ def _beside(path: Path, name: str) -> str:
     return str(beside) if beside.exists() else name
 
 
-def _over(path: Path, tree: Mapping[str, Any], name: str = "over") -> dict[str, Any]:
-    """The keys that vary, with dots between them, whether the file has tables or dotted texts."""
-    over = tree.get(name)
-    if not isinstance(over, Mapping):
-        raise InputError(f"{path}: {name} is {over!r}, but must be a table of the keys that vary")
-    return dict(_flat(over, ""))
+def _varied(tree: Mapping[str, Any], name: str) -> dict[str, Values]:
+    """The values of the keys that vary, which the file has as tables or as dotted texts."""
+    table = tree.get(name)
+    if not isinstance(table, Mapping):
+        raise InputError(f"{name} is {table!r}, but must be a table of the keys that vary")
+    return {key: _values_of(f"{name}.{key}", each) for key, each in _flat(table, "")}
 
 
 def _flat(table: Mapping[str, Any], prefix: str) -> list[tuple[str, Any]]:
@@ -191,36 +191,43 @@ def _flat(table: Mapping[str, Any], prefix: str) -> list[tuple[str, Any]]:
     return pairs
 
 
-def values_of(path: Path, key: str, value: Any) -> Values:
+def _values_of(name: str, value: Any) -> Values:
     """A list, a range or a distribution as a file writes them. Raises `InputError`."""
     if isinstance(value, list):
         return value
     if isinstance(value, Mapping):
         if {*value} <= {*_RANGE} and {"from", "to", "count"} <= {*value}:
-            return _range(path, key, value)
+            return _range(name, value)
         (kind, bounds), *others = value.items() or [("", ())]
         if kind in DISTRIBUTIONS and not others and isinstance(bounds, list) and len(bounds) == 2:
-            return DISTRIBUTIONS[kind](*bounds)
+            return _bounded(name, kind, bounds)
     kinds = ", ".join(f"{{ {kind} = [LOW, HIGH] }}" for kind in DISTRIBUTIONS)
     raise InputError(
-        f"{path}: over.{key} is {value!r}, but must be a list of values, "
+        f"{name} is {value!r}, but must be a list of values, "
         f"{{ from = LOW, to = HIGH, count = N }}, or one of {kinds}"
     )
 
 
-def _range(path: Path, key: str, value: Mapping[str, Any]) -> list[float]:
+def _bounded(name: str, kind: str, bounds: Sequence[Any]) -> Distribution:
+    """A distribution of a key. Raises `InputError` with the key for bounds that are none."""
+    try:
+        return DISTRIBUTIONS[kind](*bounds)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _range(name: str, value: Mapping[str, Any]) -> list[float]:
     """So many values from one to another, both included, their logarithms evenly with `log`."""
-    bounds = uniform(value["from"], value["to"])
+    ends = value["from"], value["to"]
+    bounds = _bounded(name, "uniform", ends)
     count = value["count"]
     if not isinstance(count, int) or not 2 <= count <= 10_000:
-        raise InputError(
-            f"{path}: over.{key}.count is {count!r}, but must be a whole number, 2 to 10,000"
-        )
+        raise InputError(f"{name}.count is {count!r}, but must be a whole number, 2 to 10,000")
     log = value.get("log", False)
     if not isinstance(log, bool):
-        raise InputError(f"{path}: over.{key}.log is {log!r}, but must be true or false")
+        raise InputError(f"{name}.log is {log!r}, but must be true or false")
     if log:
-        bounds = log_uniform(bounds.low, bounds.high)
+        bounds = _bounded(name, "log_uniform", ends)
     # Rounded, so that 0.3 is 0.3.
     return [float(f"{bounds.at(share):.12g}") for share in np.linspace(0.0, 1.0, count).tolist()]
 
@@ -241,14 +248,14 @@ def measures_of(path: Path, listed: Any) -> list[Measure]:
     return [measure_named(each, path.parent) for each in listed]
 
 
-def program_of(path: Path, tree: Mapping[str, Any]) -> FileFunction | None:
+def _program_of(path: Path, tree: Mapping[str, Any]) -> FileFunction | None:
     """The program that a file names as `FILE.py:FUNCTION`. Raises `InputError`."""
     text = tree.get("program")
     if text is None:
         return None
     measure = measure_named(text, path.parent) if isinstance(text, str) else text
     if not isinstance(measure, FileFunction):
-        raise InputError(f"{path}: program is {text!r}, but must be 'FILE.py:FUNCTION'")
+        raise InputError(f"program is {text!r}, but must be 'FILE.py:FUNCTION'")
     return measure
 
 

@@ -112,8 +112,7 @@ def settings_of(
 
 def _listed(key: str, values: Values) -> list[Any] | None:
     """The values of a key; None for a distribution. Raises `InputError`."""
-    if key.removeprefix(TRUTH) == "run.seed":
-        raise InputError("over: run.seed cannot vary by itself; `seeds` says which seeds are run")
+    check_no_seed("over", key)
     if isinstance(values, Distribution):
         return None
     if isinstance(values, str | bytes | Mapping) or not hasattr(values, "__len__"):
@@ -128,6 +127,14 @@ def _listed(key: str, values: Values) -> list[Any] | None:
         if isinstance(each, float) and not math.isfinite(each):
             raise InputError(f"over: {key} has {each}, but must have finite numbers")
     return listed
+
+
+def check_no_seed(name: str, key: str) -> None:
+    """Raises `InputError` for the seed among the keys that vary, which each run has anyhow."""
+    if key.removeprefix(TRUTH) == "run.seed":
+        raise InputError(
+            f"{name}: run.seed cannot vary by itself; `seeds` says which seeds are run"
+        )
 
 
 def _points(keys: int, samples: int, sampling: str, seed: int) -> list[Sequence[float]]:

@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 
 from mdms_array.experiments.measures import check_measures, name_of
-from mdms_array.experiments.settings import Distribution, check_count, seeds_of, tree_of
+from mdms_array.experiments.settings import (
+    Distribution,
+    check_count,
+    check_no_seed,
+    seeds_of,
+    tree_of,
+)
 from mdms_array.experiments.summary import bootstrap_mean
 from mdms_array.experiments.sweep import Design, SweepResult
 from mdms_array.extras import TUNE, require
@@ -119,6 +125,8 @@ def task_of(
     for name in (objective, *(bound.measure for bound in bounds)):
         if name not in names:
             raise InputError(f"{name} is not measured; there are {', '.join(sorted(names))}")
+    for key in vary:
+        check_no_seed("vary", key)
     base = {key: _base_value(design.base, key) for key in vary}
     for key, value in base.items():
         limits = vary[key]

@@ -7,6 +7,7 @@ from contextlib import closing
 import pandas
 import pytest
 
+from mdms_array.experiments.sweep import run_design
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
 
@@ -27,6 +28,8 @@ reached = { at_least = 1.0 }
 """
 OWN = """
 def miss(run): return (run.scenario.cell.friction - 0.4) ** 2
+def unlucky(run): return miss(run) if run.scenario.run.seed == 5 or is_base(run) else None
+def is_base(run): return run.scenario.cell.friction == 0.3
 def speed(run): return run.scenario.motion.speed_m_s
 def raises(run): raise ValueError("no value")
 """
@@ -83,7 +86,37 @@ def test_runs_that_raise_are_no_end(file, capsys):
     changed = FILE.replace("own.py:miss", "own.py:raises").replace("trials = 12", "trials = 2")
     file.write_text(changed)
     assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.FAILURE
-    assert "the scenario's own: failed" in capsys.readouterr().out
+    told = capsys.readouterr()
+    assert "the scenario's own: failed" in told.out
+    assert "no trial has a mean: a run failed, or gave no number of raises" in told.out
+    assert told.err.splitlines() == ["mdms: ValueError: no value"]
+
+
+def test_a_best_that_fails_on_unseen_seeds_is_not_called_no_better(file, capsys):
+    file.write_text(
+        FILE.replace("own.py:miss", "own.py:unlucky").replace("seeds = 1", "seeds = [5]")
+    )
+    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.OK
+    told = capsys.readouterr().out
+    assert "unseen seeds failed" in told
+    assert "they cannot be compared on 2 unseen seeds: a run failed, or gave no number" in told
+    assert "no trial is better" not in told
+
+
+def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, monkeypatch):
+    designs = []
+
+    def interrupted(*arguments, **options):
+        designs.append(arguments)
+        if len(designs) == 3:
+            raise KeyboardInterrupt
+        return run_design(*arguments, **options)
+
+    monkeypatch.setattr("mdms_host.cli.experiments.sweep.run_design", interrupted)
+    main(["tune", "grip.toml", "--workers", "1"])
+    told = capsys.readouterr().err
+    assert "mdms: all ended runs are kept in runs/grip; the same command goes on from" in told
+    assert len(runs_in(file.parent / "runs" / "grip" / "journal.sqlite")) == 8
 
 
 @pytest.mark.parametrize(
@@ -100,6 +133,12 @@ def test_runs_that_raise_are_no_end(file, capsys):
         (("at_least = 1.0", "at_least = true"), "or both, of finite numbers"),
         (("at_least = 1.0", "at_least = 1, at_most = 0"), "at_least 1 above at_most 0, so nothing"),
         (("seeds = 1", "seeds = 1\nseed = -5"), "seed is -5, but must be 0 to 4,294,967,295"),
+        (("{ uniform = [0.1, 0.6] }", "5"), "grip.toml: vary.cell.friction is 5, but must be a li"),
+        (("[0.1, 0.6]", "[0.1, 'a']"), "vary.cell.friction: uniform(0.1, 'a'): give two finite"),
+        (
+            ('"cell.friction" = { uniform = [0.1, 0.6] }', "run.seed = { integers = [0, 9] }"),
+            "vary: run.seed cannot vary by itself; `seeds` says which seeds are run",
+        ),
         (("reached =", "speed ="), "'speed' is unknown"),
         (("[vary]", "[varied]"), "varied is not a known key; there are scenario, vary"),
     ],
@@ -109,4 +148,5 @@ def test_a_file_that_cannot_be_tuned_is_refused(file, change, told, capsys):
     assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.USAGE
     error = capsys.readouterr().err
     assert told in error
+    assert error.count("grip.toml") == 1
     assert error.count("\n") == 1

@@ -3,9 +3,10 @@
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn
@@ -45,36 +46,45 @@ def run(arguments: Namespace) -> Exit:
         _print(result)
         print(f"  {len(result.rows)} runs, {result.failed} failed: {folder / CSV}")
         print(*(f"  picture: {path}" for path in pictures), sep="\n")
-    for failure in list(dict.fromkeys(row["failure"] for row in result.rows if row["failure"]))[:3]:
-        say(f"mdms: {failure}")
+    tell_failures(result.rows)
     return Exit.FAILURE if result.failed == len(result.rows) else Exit.OK
+
+
+def tell_failures(rows: Iterable[Mapping[str, Any]]) -> None:
+    """Say why runs have failed, the first three reasons."""
+    for failure in list(dict.fromkeys(row["failure"] for row in rows if row["failure"]))[:3]:
+        say(f"mdms: {failure}")
 
 
 @contextmanager
 def running(folder: Path, arguments: Namespace) -> Iterator[Callable[[Design], SweepResult]]:
     """Does the missing runs of designs, with progress; Ctrl-C says how to go on."""
-    latest = Progress(0)
+    latest, designs = Progress(0), 0
 
     def note(state: Progress) -> None:
         nonlocal latest
         latest = state
         advance(state)
 
+    def run_missing(design: Design) -> SweepResult:
+        nonlocal designs
+        designs += 1
+        return run_design(
+            design,
+            workers,
+            folder=folder,
+            records=getattr(arguments, "records", False),
+            on_changed="mark" if arguments.changed else "refuse",
+            progress=note,
+        )
+
     with progress_line() as advance, workers_of(arguments) as workers:
         try:
-            yield lambda design: run_design(
-                design,
-                workers,
-                folder=folder,
-                records=getattr(arguments, "records", False),
-                on_changed="mark" if arguments.changed else "refuse",
-                progress=note,
-            )
+            yield run_missing
         except KeyboardInterrupt:
-            say(
-                f"mdms: {latest.done} of {latest.total} runs are kept in {folder}; "
-                "the same command goes on from there"
-            )
+            # The progress is that of the last design alone.
+            ended = f"{latest.done} of {latest.total} runs" if designs <= 1 else "all ended runs"
+            say(f"mdms: {ended} are kept in {folder}; the same command goes on from there")
             raise
 
 

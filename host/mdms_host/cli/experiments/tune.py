@@ -2,15 +2,17 @@
 
 import json
 from argparse import Namespace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from mdms_array.experiments.files import read_tuning
 from mdms_array.experiments.pictures import draw_tuning
+from mdms_array.experiments.sweep import Design, SweepResult
 from mdms_array.experiments.tuning import Task, Trial, Tuned, tune
 from mdms_array.extras import TUNE, require
 from mdms_host.cli.exits import Exit
-from mdms_host.cli.experiments.sweep import running
+from mdms_host.cli.experiments.sweep import running, tell_failures
 from mdms_sim.plots.canvas import save
 
 PICTURE = "tuning.png"
@@ -21,13 +23,21 @@ def run(arguments: Namespace) -> Exit:
     require(TUNE, "mdms tune")
     task = read_tuning(arguments.file)
     folder = arguments.out or Path("runs") / arguments.file.stem
+    rows: list[Mapping[str, Any]] = []
+
+    def run_noted(design: Design) -> SweepResult:
+        result = run_missing(design)
+        rows.extend(result.rows)
+        return result
+
     with running(folder, arguments) as run_missing:
-        tuned = tune(task, run_missing)
+        tuned = tune(task, run_noted)
     save(draw_tuning(tuned, task.objective), folder / PICTURE)
     if arguments.json:
         print(json.dumps(_figures(task, tuned, folder)))
     else:
         print(*_report(task, tuned), f"  picture: {folder / PICTURE}", sep="\n")
+    tell_failures(rows)
     return Exit.OK if tuned.best.is_within else Exit.FAILURE
 
 
@@ -57,10 +67,14 @@ def _report(task: Task, tuned: Tuned) -> list[str]:
         f"  the best: {_shown(tuned.best)}, {unseen} {_shown(tuned.best_unseen)}",
         *(f"    --set {key}={value:.6g}" for key, value in tuned.best.setting.items()),
     ]
-    if not tuned.best.is_within:
+    if tuned.best.mean is None:
+        lines.append(f"  no trial has a mean: a run failed, or gave no number of {task.objective}")
+    elif not tuned.best.is_within:
         lines.append("  no trial keeps all bounds; the best is the one that is least beyond them")
-    elif tuned.gain is None:
+    elif tuned.best.setting == tuned.trials[0].setting:
         lines.append("  no trial is better than the scenario's own values")
+    elif tuned.gain is None:
+        lines.append(f"  they cannot be compared {unseen}: a run failed, or gave no number")
     else:
         gain, low, high = tuned.gain
         verdict = "the best is better" if tuned.is_better else "no sure difference"
