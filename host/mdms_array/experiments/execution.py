@@ -283,8 +283,11 @@ def cluster(address: str) -> Iterator[Executor]:
     require(CLUSTER, "a sweep on a cluster")
     # It is an extra.
     distributed: Any = import_module("distributed")
+    addressing: Any = import_module("distributed.comm.addressing")
 
     try:
+        # A client of an address that is none prints a traceback when it is thrown away.
+        addressing.get_address_host_port(addressing.normalize_address(address), strict=True)
         client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(

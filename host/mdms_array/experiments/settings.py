@@ -201,7 +201,7 @@ def tree_of(base: Tree, setting: Setting, seed: int) -> dict[str, Any]:
     """
     tree = dict(deepcopy(base))
     for key, value in setting.items():
-        path = _numbered(tree, key.removeprefix(TRUTH))
+        path = numbered(tree, key.removeprefix(TRUTH))
         if key.startswith(TRUTH):
             _keep_belief(base, tree, path, setting)
         set_key(tree, path, value)
@@ -209,7 +209,7 @@ def tree_of(base: Tree, setting: Setting, seed: int) -> dict[str, Any]:
     return tree
 
 
-def _numbered(tree: Tree, key: str) -> str:
+def numbered(tree: Tree, key: str) -> str:
     """The key with the number of a parcel in place of its name."""
     head, _, rest = key.partition(".")
     name, dot, inner = rest.partition(".")

@@ -145,6 +145,15 @@ def test_an_address_at_which_nothing_answers_is_told(monkeypatch):
         pass
 
 
+@pytest.mark.parametrize("address", ["nowhere", "x:y", "", "foo://x:1"])
+def test_an_address_that_is_none_makes_no_client(address, monkeypatch):
+    made = []
+    monkeypatch.setattr("distributed.Client", lambda *_, **__: made.append(address))
+    with pytest.raises(mdms.InputError, match="no scheduler of Dask"), cluster(address):
+        pass
+    assert made == []
+
+
 def test_a_process_that_was_never_started_hides_no_error():
     pool = LocalPool(1)
     pool.context.Process(target=print)

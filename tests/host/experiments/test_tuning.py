@@ -10,6 +10,7 @@ import pytest
 from mdms_array.experiments.sweep import run_design
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
+from mdms_model.scenario.file import load_scenario
 
 FILE = """
 scenario = "paper-fig8"
@@ -101,6 +102,28 @@ def test_a_best_that_fails_on_unseen_seeds_is_not_called_no_better(file, capsys)
     assert "unseen seeds failed" in told
     assert "they cannot be compared on 2 unseen seeds: a run failed, or gave no number" in told
     assert "no trial is better" not in told
+
+
+def test_the_best_values_are_told_as_simulate_takes_them(file, capsys):
+    vary = """[vary]
+parcel.box.mass_kg = { uniform = [1.0, 3.0] }
+truth.cell.friction = { uniform = [0.1, 0.6] }
+parcel.box.centre_of_mass_m.0 = { uniform = [-0.01, 0.01] }
+cell.pwm_steps = { integers = [100, 1_000_000] }
+"""
+    text = FILE.split("[vary]", maxsplit=1)[0] + vary
+    table = '{ scenario = "paper-fig8", cell = { pwm_steps = 1000000 } }'
+    text = text.replace('"paper-fig8"', table).replace("trials = 12", "trials = 1")
+    file.write_text(text)
+    main(["tune", "grip.toml", "--workers", "1"])
+    told = capsys.readouterr().out
+    assert "    truth.cell.friction = 0.3\n" in told
+    words = told.split()
+    options = [word for word in words if "=" in word and word != "="]
+    assert options == [
+        *("parcel.0.mass_kg=2", "parcel.0.centre_of_mass_m.0=0", "cell.pwm_steps=1000000"),
+    ]
+    load_scenario("paper-fig8", options)
 
 
 def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, monkeypatch):

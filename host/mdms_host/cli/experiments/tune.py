@@ -8,6 +8,7 @@ from typing import Any
 
 from mdms_array.experiments.files import read_tuning
 from mdms_array.experiments.pictures import draw_tuning
+from mdms_array.experiments.settings import TRUTH, numbered
 from mdms_array.experiments.sweep import Design, SweepResult
 from mdms_array.experiments.tuning import Task, Trial, Tuned, tune
 from mdms_array.extras import TUNE, require
@@ -65,7 +66,7 @@ def _report(task: Task, tuned: Tuned) -> list[str]:
         f"{len(tuned.trials)} trials of {len(task.design.seeds)} seeds, mean {task.objective}",
         f"  the scenario's own: {_shown(tuned.trials[0])}, {unseen} {_shown(tuned.base_unseen)}",
         f"  the best: {_shown(tuned.best)}, {unseen} {_shown(tuned.best_unseen)}",
-        *(f"    --set {key}={value:.6g}" for key, value in tuned.best.setting.items()),
+        *(f"    {_shown_value(task, *pair)}" for pair in tuned.best.setting.items()),
     ]
     if tuned.best.mean is None:
         lines.append(f"  no trial has a mean: a run failed, or gave no number of {task.objective}")
@@ -80,6 +81,14 @@ def _report(task: Task, tuned: Tuned) -> list[str]:
         verdict = "the best is better" if tuned.is_better else "no sure difference"
         lines.append(f"  {verdict}: by {gain:.3g} [{low:.3g}, {high:.3g}] {unseen}, in pairs")
     return lines
+
+
+def _shown_value(task: Task, key: str, value: float) -> str:
+    """A value as `mdms simulate` takes it; as a key of this file where it takes none."""
+    shown = value if isinstance(value, int) else f"{value:.6g}"
+    if key.startswith(TRUTH):
+        return f"{key} = {shown}"
+    return f"--set {numbered(task.design.base, key)}={shown}"
 
 
 def _shown(trial: Trial) -> str:
