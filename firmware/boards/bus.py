@@ -126,11 +126,13 @@ class Bus:
         return self._can.get_counters(self._counters)[1]
 
     def send(self, can_id, data):
-        """Queue a frame; False when there is no room."""
-        if not self._outbox.push(can_id, data):
+        """Queue a frame; False when there is no room, and while the bus is off.
+
+        After that it would come too late: neighbours would take an old promise for a new one.
+        """
+        if self.off or not self._outbox.push(can_id, data):
             return False
-        if not self.off:
-            self._outbox.drain(self.transmit)
+        self._outbox.drain(self.transmit)
         return True
 
     def listen(self, identifiers):

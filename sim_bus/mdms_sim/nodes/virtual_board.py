@@ -47,6 +47,7 @@ class VirtualBoard:
         self.blinking = False
         self.voltages_uv = [0, 0]
         self.frames: list[Frame] = []
+        self.bus_off = False
         self.identifiers: list[int] | None = None
         self.restarting = False
         self.slots = Slots(settings.files)
@@ -74,8 +75,8 @@ class VirtualBoard:
         self.blinking = on
 
     def send(self, can_id: int, data: bytes) -> bool:
-        """Queue a frame; False when there is no room."""
-        if len(self.frames) >= TRANSMIT_QUEUE:
+        """Queue a frame; False when there is no room, and while the bus is off."""
+        if self.bus_off or len(self.frames) >= TRANSMIT_QUEUE:
             return False
         self.frames.append(Frame(can_id, bytes(data)))
         return True
@@ -244,10 +245,12 @@ def leave_bus(cell: object, board: VirtualBoard) -> None:
     board.registers[speed_loop.CUT] = 1
     board.motors_off()
     board.frames.clear()
+    board.bus_off = True
     cell.fail(BUS_OFF)  # type: ignore[attr-defined]
 
 
 def rejoin_bus(cell: object, board: VirtualBoard) -> None:
     """Do as a board does when its controller is back on the bus."""
+    board.bus_off = False
     cell.recover()  # type: ignore[attr-defined]
     board.registers[speed_loop.CUT] = 0
