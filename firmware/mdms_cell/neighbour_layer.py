@@ -228,6 +228,8 @@ class Layer:
             self.nonsense += self._heard.read()
             # The frames may be of any age, so they are not passed on.
             self._heard.passed_on()
+        elif not self._heard.hears():
+            self._rights.on_deaf_beat()
         self._heard.begin_beat(self._registers)
         self._due = waited_ms <= LATE_MS
         if not self._due:

@@ -95,6 +95,15 @@ class Heard:
         return NEVER if came == NEVER else self.beat - came & 0xFFFFFF
 
     @micropython.native
+    def hears(self):
+        """Whether speeds or an estimate of any neighbour have come in this beat."""
+        stamps, beat = self.boxes.stamps, self.beat
+        for box in range(2 * DIRECTIONS):  # noqa: SIM110 - no generator
+            if stamps[box] == beat:
+                return True
+        return False
+
+    @micropython.native
     def silent_beats(self, direction):
         """For how many beats nothing has come of a direction; NEVER if nothing has."""
         return min(self.age(direction), self.speeds_age(direction))

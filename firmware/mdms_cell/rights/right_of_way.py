@@ -189,6 +189,15 @@ class RightOfWay:
         self.unheeded_beats = registers[_BOUND_BEATS] + 1 + self._late_beats
         self.lost.on_gap()
         registers[DRIVE_BEATS] = 0
+        self.on_deaf_beat()
+
+    def on_deaf_beat(self):
+        """No neighbour was heard in a beat: what this cell has announced may still be on its way.
+
+        A cell that is cut off alone goes on sending until others hear it again. So its promise
+        lasts from then on as if it was announced then.
+        """
+        registers = self.registers
         if registers[BOUND]:
             registers[BOUND] = registers[_BOUND_BEATS] + 1
 

@@ -1,4 +1,4 @@
-"""A cell that has restarted: the parcel of its promise, by the reports of its neighbours."""
+"""A cell that has restarted or was cut off alone: what it may promise, and when."""
 
 from array import array
 
@@ -6,6 +6,7 @@ from layer_bench import IDENTITY, NEIGHBOURS, NODE, PITCH_UM, STEPS, Middle
 from layer_bench import LENGTH_UM as BOX_UM
 
 from mdms_cell.rights.right_of_way import DEAD_BEATS
+from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 
@@ -115,6 +116,27 @@ class Planned(Unseen):
     """Somebody plans their ways."""
 
     parcel_flags = 0
+
+
+class CutOff(Restarted):
+    """It gives the beat itself where it hears no other."""
+
+    def _start(self):
+        self._write(indices.LEASE, 3, 1, 1)
+        super()._start()
+
+    def alone(self, time_ms):
+        """Let time pass without a frame of others; return the announcements that wait meanwhile."""
+        self.board.take()
+        for _ in range(time_ms):
+            self._pass(1)
+        waiting = []
+        for can_id, data in self.board.take():
+            if can_id == cob.TPDO_BASES[2] + NODE:
+                fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+                assert wire.unpack_estimate(data, fields, 0)
+                waiting.append((fields[wire.IDENTITY], fields[wire.STATE]))
+        return waiting
 
 
 def overhangs(identity, side, by_um=20_000):
@@ -280,3 +302,13 @@ def test_parcel_asks_for_squares_that_it_may_lie_over_until_an_edge_is_seen():
     for _ in range(PLENTY):
         middle.beat(moving=False)
     assert not middle.wants() >> WEST & 1
+
+
+def test_promise_of_a_cell_that_was_alone_lasts_until_it_has_run_out_where_it_comes_late():
+    cell = CutOff({WEST: waits(LYING, WEST)})
+    assert cell.promised(PLENTY) == LYING
+    assert (LYING, wire.PROMISED) in cell.alone(1000)
+    # Its neighbours get that only now, and another parcel asks.
+    cell.reports = {EAST: waits(WAITING, EAST)}
+    assert cell.promised(BOUND_BEATS - 1) != WAITING
+    assert cell.promised(5) == WAITING
