@@ -14,6 +14,8 @@ BITRATE = 1_000_000
 SAMPLE_POINT = 87
 #: How long the bus is left alone after bus-off, and between attempts to come back.
 BUS_OFF_MS = 100
+#: For so long a cell's frames wait while the bus takes none: two beats, then they are late.
+WAIT_MS = 20
 #: Events that raise the interrupt.
 TRIGGERS = CAN.IRQ_RX | CAN.IRQ_STATE
 
@@ -25,14 +27,18 @@ _TIME_MASK = 0x3FFFFFFF
 class Bus:
     """Fills `inbox` from a hard interrupt, sends, and sets CUT in `registers` at bus-off.
 
-    `off` is set from bus-off until the controller is back, and for `BUS_OFF_MS` at least.
+    `off` is set from bus-off until the controller is back, and for `BUS_OFF_MS` at least. Frames
+    that the bus does not take for `wait_ms` are dropped; with 0 they wait as long as it takes.
     A port's class defines its filters, and may define the other methods.
     """
 
     def __init__(self, can: CAN, registers):
         self.inbox = Inbox(registers=registers)
         self.off = False
+        self.wait_ms = 0
         self._outbox = Outbox()
+        self._waiting = -1  # place of the frame that waits for a mailbox, and since when
+        self._waiting_ms = 0
         self._registers = registers
         self._can = can
         interrupt = can.irq()  # which is there before it can come
@@ -57,7 +63,7 @@ class Bus:
         return self._can.send(can_id, data)
 
     def drop_sent(self):
-        """Bus-off: drop what would go out after it by itself."""
+        """Drop what the controller would send late, if it holds more than one of an identifier."""
 
     def may_restart(self) -> bool:
         """Whether `CAN.restart` returns at once."""
@@ -95,7 +101,18 @@ class Bus:
         elif self.off:
             self._return(now_ms, off)
         if not self.off:
-            self._outbox.drain(self.transmit)
+            waiting = self._outbox.drain(self.transmit)
+            if waiting != self._waiting:
+                self._waiting = waiting
+                self._waiting_ms = now_ms
+            elif waiting >= 0 and self.wait_ms:
+                self._drop_late(now_ms)
+
+    def _drop_late(self, now_ms):
+        """Drop what waits too long: nobody acknowledges frames of a cell that is cut off alone."""
+        if (now_ms - self._waiting_ms) & _TIME_MASK > self.wait_ms:
+            self._outbox.clear()
+            self.drop_sent()
 
     def _leave(self, now_ms):
         """Cut the drive, and leave the bus alone for a while."""

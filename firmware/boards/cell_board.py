@@ -15,6 +15,7 @@ import micropython
 from machine import ADC, WDT, Pin
 from micropython import const
 
+from boards.bus import WAIT_MS
 from boards.wheel import CURRENT_TOO_LARGE_MA
 from mdms_cell.drive import speed_loop
 from mdms_protocol.update import codes
@@ -103,6 +104,7 @@ class CellBoard:
     def start(self, tick, watchdog=True):
         """Begin to call `tick` every millisecond and to receive; the watchdog cannot be stopped."""
         micropython.alloc_emergency_exception_buf(EXCEPTION_BYTES)
+        self.bus.wait_ms = WAIT_MS
         self.bus.start()
         self.start_tick(tick)
         if watchdog:

@@ -101,7 +101,7 @@ class FlexCanBus(Bus):
         return [(can_id, mask, 0) for can_id, mask in shared(identifiers, _FILTER_PLACES)]
 
     def drop_sent(self):
-        """Bus-off ends by itself, and what waits in mailboxes would go out."""
+        """Bus-off ends by itself, and all that waits in mailboxes would go out, beats of it."""
         self._can.restart()
 
     def service(self, now_ms):

@@ -228,18 +228,20 @@ class Outbox:
 
         It takes none while its mailboxes are full and, on an STM32, while one with the same
         identifier waits. In bus-off ports take frames as ever, though MicroPython's manual has them
-        raise OSError: the board calls this only while the bus is not off.
+        raise OSError: the board calls this only while the bus is not off. Returns the place of the
+        oldest frame that waits, -1 without one.
         """
         while self._count:
             try:
                 taken = send(self._identifiers[self._first], self._data[self._first])
             except OSError:
-                return
+                taken = None
             if taken is None:
-                return
+                return self._first
             self._data[self._first] = b""  # frees the data of the frame
             self._first = (self._first + 1) % self._size
             self._count -= 1
+        return -1
 
     def clear(self):
         """Forget all that waits."""

@@ -98,6 +98,8 @@ NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
 #: Latency of a cell's background loop: from a frame's end, or a tick, to its answer in a mailbox.
 PROCESSING_NS = 100_000
+#: A board drops frames that the bus has not taken for so long.
+WAIT_NS = 20_000_000
 SAMPLE_NS = 10_000_000
 
 # At one instant frames end first, then the world moves and the cells tick, then answers leave, then
@@ -327,13 +329,17 @@ class Simulation:
 
     def _collect(self, cells: list[int]) -> None:
         for cell in cells:
-            for frame in self._bank.collect(cell):
-                self._mailboxes[cell].send(frame)
+            self._send(cell, self._bank.collect(cell))
 
     def _collect_all(self) -> None:
         for cell, frames in self._bank.collect_all():
-            for frame in frames:
-                self._mailboxes[cell].send(frame)
+            self._send(cell, frames)
+
+    def _send(self, cell: int, frames: list[Frame]) -> None:
+        mailbox = self._mailboxes[cell]
+        mailbox.drop_late(self.kernel.now_ns, WAIT_NS)
+        for frame in frames:
+            mailbox.send(frame)
 
     def _sample(self) -> None:
         now_ns = self.kernel.now_ns

@@ -121,6 +121,8 @@ class Controller:
         "_fifo",
         "_identifiers",
         "_queue",
+        "_stuck_at",
+        "_stuck_ns",
         "accept",
         "delay_ns",
         "errors",
@@ -150,6 +152,8 @@ class Controller:
         #: Called with every frame that has passed the filter.
         self.take: Callable[[Frame, int], object] = station.on_frame
         self._queue: deque[Frame] = deque()
+        #: How many frames were sent when the queue was looked at, and since when.
+        self._stuck_at = self._stuck_ns = 0
         self._identifiers: dict[int, Frame] = {}
         self._fifo: deque[Frame] = deque()
 
@@ -203,6 +207,13 @@ class Controller:
         del taken[frame.can_id]
         while queue and len(taken) < MAILBOXES and queue[0].can_id not in taken:
             self._load(queue.popleft())
+
+    def drop_late(self, now_ns: int, wait_ns: int) -> None:
+        """Empties the queue if the bus has carried no frame of this node for so long."""
+        if not self._queue or self.sent != self._stuck_at:
+            self._stuck_at, self._stuck_ns = self.sent, now_ns
+        elif now_ns - self._stuck_ns > wait_ns:
+            self._queue.clear()
 
     def request_again(self) -> None:
         """Asks for the bus with every mailbox, after a time without one."""

@@ -153,6 +153,24 @@ def test_frames_of_the_time_off_the_bus_are_refused_and_do_not_go_out_after_it(b
     assert not [frame for frame in world.sent if frame[1] == b"old"]
 
 
+def test_frames_that_nobody_acknowledges_for_two_beats_do_not_go_out_later(bench):
+    bench.boot()
+    world.levels[bench.can.RECEIVE_PIN] = 0  # they wait, and the controller is not off
+    for _ in range(100):
+        bench.board.send(0x080, b"")
+        bench.board.send(0x380 + NODE, bytes(8))
+        bench.pass_ms(10)
+    assert not bench.board.bus_off
+    world.levels[bench.can.RECEIVE_PIN] = 1
+    world.sent.clear()
+    bench.pass_ms(50)
+    for can_id in (0x080, 0x380 + NODE):
+        assert len([frame for frame in world.sent if frame[0] == can_id]) <= 6
+    assert bench.board.send(0x080, b"new")
+    bench.pass_ms(5)
+    assert (0x080, b"new") in world.sent
+
+
 def test_node_id_is_claimed_on_the_bus_and_not_while_it_is_off(bench):
     bench.cell = Cell(bench.board, NODE)
     bench.runner = Runner(bench.board, bench.cell)

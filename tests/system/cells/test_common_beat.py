@@ -116,6 +116,14 @@ def test_after_a_partition_two_beats_coexist_for_one_beat_at_most(healed_s):
     assert beats.regular_since_s() < healed_s + BEAT_S + SLACK_S
 
 
+@pytest.mark.parametrize("node", [6, 18])
+def test_cell_that_was_cut_off_alone_brings_no_burst_of_late_beats(node):
+    beats = Beats(Fault("cut", start_s=0.3, duration_s=0.3, cells=(node,)), until_s=0.8)
+    late = [time_s for time_s in beats.syncs_s if 0.595 < time_s < 0.695]
+    assert len(late) <= 10 + 4
+    assert beats.regular_since_s() < 0.6 + 4 * BEAT_S
+
+
 def test_cells_yield_to_the_host_that_is_back():
     beats = Beats(gives=((0.1, 0.3), (0.505, 1.0)))
     assert beats.regular_since_s() < 0.505 + 2 * BEAT_S
