@@ -291,7 +291,7 @@ class Layer:
             self._report()
         # Lead the wheels, and say so at the next SYNC.
         outdated = verdict == OUTDATED
-        self._lead(None if outdated and not self._consumer.lost else program, step_ms)
+        self._lead(None if outdated and not self._consumer.host_lost else program, step_ms)
         self._announce(None if self._pages.asked or outdated else program, step_ms)
         if sent and self._tracking.under and program is not None and not verdict:
             self._pages.hand_on(program, sent, self._skipped_beats)
@@ -322,7 +322,7 @@ class Layer:
     def _find_program(self, sent):
         """Return the program of the parcel, None without one, and the verdict against it."""
         identity, pages = self._tracking.identity, self._pages
-        if self._consumer.lost:
+        if self._consumer.host_lost:
             self._silent_ms = min(self._silent_ms + self._step_ms, _GONE_MS)
             pages.programs.outdate(identity)
         elif self._silent_ms:
@@ -360,7 +360,7 @@ class Layer:
         if program is None or not under or tracking.is_doubtful() or tracking.is_alone():
             leading.stop()
             return
-        alone = self._consumer.lost
+        alone = self._consumer.host_lost
         # As many beats as were skipped before this update may be before the next.
         held = rights.drive_beats <= self._skipped_beats
         allowed = leading.may_go_on(program, step_ms, alone, held)
@@ -396,7 +396,7 @@ class Layer:
         """Parcels come over the cell in an order, which counts for the time without the host."""
         estimates, fresh = self._heard.estimates, self._heard.boxes.fresh
         turn = precedence.turn(self._rights.identity, self._rights.state, estimates, fresh)
-        if self._consumer.lost:
+        if self._consumer.host_lost:
             precedence.keep(turn, estimates, fresh)
 
     def _look_around(self, sent):

@@ -5,7 +5,7 @@ lost, they may brake first (0x605E).
 """
 
 from mdms_protocol import indices
-from mdms_protocol.codecs import nmt
+from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.compat import micropython
 
 # Sources of errors in emergency messages; axes count from 1
@@ -26,7 +26,7 @@ _STATES = {0: nmt.PRE_OPERATIONAL, 2: nmt.STOPPED}
 class Guard:
     """Reports to `emcy`, and switches off `axes`, what `consumer` and `pdos` miss.
 
-    `goes_on()` is whether a lost heartbeat is to end no motion.
+    `goes_on()` is whether the host's silence is to end no motion; that of any other node does.
     """
 
     def __init__(self, objects, node, *, axes, emcy, consumer, pdos, goes_on):
@@ -46,9 +46,10 @@ class Guard:
     def poll(self, now_ms):
         """Look for missing communication; return in how many milliseconds more may be missing."""
         consumer, pdos, emcy = self._consumer, self._pdos, self._emcy
-        if consumer.poll(now_ms):
+        silent = consumer.poll(now_ms)
+        if silent:
             emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
-            if not self._goes_on():
+            if silent != cob.HOST_NODE or not self._goes_on():
                 self._axes.fall_silent(HEARTBEAT_LOST)
                 self._enter()
         elif not consumer.lost:

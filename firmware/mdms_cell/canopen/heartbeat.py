@@ -108,14 +108,19 @@ class Consumer:
 
         return receive
 
+    @property
+    def host_lost(self):
+        """Whether the host is watched, and has fallen silent."""
+        return cob.HOST_NODE in self.lost
+
     def poll(self, now_ms):
-        """Return whether a node has fallen silent just now; `lost` are all that have."""
+        """Return the node that has fallen silent just now, 0 for none; `lost` are all that have."""
         for node_id, received_ms in self._received_ms.items():
             if ticks.diff(now_ms, received_ms) >= self._limits_ms[node_id]:
                 del self._received_ms[node_id]
                 self.lost.add(node_id)
-                return True
-        return False
+                return node_id
+        return 0
 
     def wait_ms(self, now_ms):
         """In how many milliseconds a node will have fallen silent, unless a heartbeat comes."""

@@ -238,7 +238,7 @@ class Pages:
         elif 0 < page[wire.LEG] < wire.JOINS:
             self._on_leg(program, page)
         elif not program.has_goal or self.comparison.is_ahead(direction):
-            alone_on_the_way = program.has_goal and self._consumer.lost
+            alone_on_the_way = program.has_goal and self._consumer.host_lost
             program.take(page)
             self.comparison.begin(program, shared=1 << direction)
             if alone_on_the_way:

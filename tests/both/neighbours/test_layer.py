@@ -153,6 +153,10 @@ def test_cell_that_leaves_operational_forgets_the_parcel():
     assert targets_um_s(middle) == (0, 0)
 
 
+#: Watched beside the host, as the controller of a plant may be.
+OTHER_NODE = 100
+
+
 def heartbeat(middle):
     middle.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", middle.now_ms)
 
@@ -325,6 +329,26 @@ def test_cell_takes_the_next_leg_when_the_host_is_gone_and_not_before():
     along, across = targets_um_s(middle)
     assert across > 50_000
     assert abs(along) < 5_000
+
+
+def test_cell_that_misses_another_watched_node_than_the_host_takes_no_leg():
+    middle = standing()
+    leg(middle)
+    middle._write(indices.CONSUMER_TIMES, 2, 4, (OTHER_NODE << 16) | 75)
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + OTHER_NODE, b"\x05", middle.now_ms)
+    last = beats(middle, 150, with_host=True)
+    assert last[wire.SEQUENCE] != 3
+    assert targets_um_s(middle) == (0, 0)
+
+
+def test_wheel_brakes_when_another_watched_node_than_the_host_is_gone_though_it_is_to_go_on():
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle._write(indices.CONSUMER_TIMES, 2, 4, (OTHER_NODE << 16) | 75)
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + OTHER_NODE, b"\x05", middle.now_ms)
+    for _ in range(10):
+        heartbeat(middle)
+        middle.beat()
+    assert state(middle) == cia402.FAULT_REACTION
 
 
 def test_cell_that_is_not_to_go_on_stays_where_the_leg_ends():
