@@ -358,37 +358,31 @@ class TableOrders:
     ) -> None:
         self._report("under way", parcel, key=order.key)
         identity = self.identity(parcel)
+        is_there, text = False, "the program or a person has ordered the parcel elsewhere"
         try:
             if order.exit is not None:
                 await leave(parcel, order.exit)
-                done = parcel.has_left
             else:
                 assert order.x_m is not None
                 assert order.y_m is not None
                 await move(parcel, order.x_m, order.y_m, order.yaw_rad)
-                done = parcel.found and _is_there(parcel, order)
+                is_there = parcel.found and _is_there(parcel, order)
         except ProgramError as error:
-            self._refuse(parcel, identity, order, str(error))
-        else:
-            if self._under_way.get(parcel.name) != (order, parcel):
-                # It was withdrawn: the order waits for another parcel.
-                return
-            # A parcel that has left by its exit has been reported by then.
-            if not done:
-                text = "the program or a person has ordered the parcel elsewhere"
-                self._refuse(parcel, identity, order, text)
-            elif order.exit is None:
-                self._arrived[parcel.name] = parcel
-                self._reports.append(Report("arrived", identity, order.key))
+            text = str(error)
+        if self._under_way.get(parcel.name) != (order, parcel):
+            # It was withdrawn: the order waits for another parcel.
+            return
+        if is_there:
+            self._arrived[parcel.name] = parcel
+            self._reports.append(Report("arrived", identity, order.key))
+        elif not parcel.has_left:
+            # One that has left has been reported by then.
+            self._reports.append(Report("refused", identity, order.key, text=text))
+            self._refused.add(parcel.name)
         # Not in `finally`: an order of a program that is broken off stays under way, until the run
         # ends and puts it in doubt.
         self.open.pop(order.key, None)
         self._under_way.pop(parcel.name, None)
-
-    def _refuse(self, parcel: TableParcel, identity: str, order: LineOrder, text: str) -> None:
-        self._reports.append(Report("refused", identity, order.key, text=text))
-        if not parcel.has_left:
-            self._refused.add(parcel.name)
 
     async def leave(
         self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]

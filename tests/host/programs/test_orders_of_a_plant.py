@@ -62,3 +62,27 @@ def test_a_program_that_orders_a_parcel_of_the_plant_in_a_loop_waits_a_cycle_eac
     assert stage.program.stuck is None
     assert [report.event for report in orders.take_reports()][-1] == "arrived"
     assert rounds == sorted(set(rounds))
+
+
+def test_an_order_to_a_place_whose_parcel_leaves_is_refused_once_and_the_next_one_is_carried_out():
+    async def main(table):
+        async for parcel in table.arrivals():
+            table.start(parcel.leave("north"))
+
+    stage = Stage(main, coming=["box 1"])
+    orders = stage.program.table.orders
+    orders.begin_run()
+    stage.program.serve_orders()
+    stage.run()
+    stage.come("box 1")
+    orders.give(LineOrder("o1", "box 1", x_m=0.1, y_m=0.0))
+    stage.run()
+    stage.hands.orders.pop("box 1").refused = "box 1 has left the table"
+    del stage.beliefs["box 1"]
+    stage.program.driver.remove("box 1", "north")
+    stage.run()
+    orders.give(LineOrder("o2", "box 1", "east"))
+    stage.come("box 1")
+    stage.run()
+    told = [(report.event, report.key) for report in orders.take_reports() if report.key]
+    assert told == [("under way", "o1"), ("refused", "o1"), ("under way", "o2")]

@@ -301,12 +301,14 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def _remove(self, name: str) -> None:
         """A parcel has left the table."""
-        ride = self._rides.pop(name, None)
-        order = self._orders.get(name) if ride is None else ride.order
-        if order is not None:
+        ride, order = self._rides.pop(name, None), self._orders.pop(name, None)
+        if ride is not None:
+            ride.order.done = True
+        if order is not None and (ride is None or order is ride.order):
             order.done = True
-        if self._orders.get(name) is order:
-            self._orders.pop(name, None)
+        elif order is not None:
+            # It came too late. The next parcel may have the same name.
+            order.refused = f"{name} has left the table"
         self.steered.pop(name, None)
         self._stood.pop(name, None)
         self._gone_out.discard(name)

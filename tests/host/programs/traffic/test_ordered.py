@@ -14,6 +14,7 @@ from mdms_array.recording import PlanLog
 from mdms_host.estimation.belief import Standing
 from mdms_host.motion.goal import Goal
 from mdms_host.programs.order import Gate
+from mdms_host.programs.script import until
 from mdms_host.programs.table import ProgramError
 from mdms_sim.physics.plane.handling import lift, set_down
 
@@ -336,6 +337,35 @@ def test_one_that_is_gone_at_its_exit_has_left_though_its_centre_was_still_befor
     table.run_until(3.0, lambda: table.pose(name)[1] > 0.2)
     table.hidden.add(name)
     table.run_until(2.0, lambda: table.program.finished)
+
+
+@pytest.mark.parametrize("to", ["another exit", "a place"])
+def test_an_order_that_comes_when_a_parcel_is_nearly_out_is_not_for_the_next_of_its_name(to):
+    said = []
+
+    async def order_elsewhere(parcel):
+        try:
+            await (parcel.leave("east") if to == "another exit" else parcel.move(0.0, 0.0))
+        except ProgramError as error:
+            said.append(str(error))
+
+    async def main(table):
+        first = await table.arrival()
+        table.start(first.leave("north"))
+        await until(lambda: table.gates["north"].out_m(*first.pose[:2]) > -0.03)
+        table.start(order_elsewhere(first))
+        async for parcel in table.arrivals():
+            if parcel.name == first.name:
+                break
+            table.start(parcel.leave("north"))
+        await table.sleep(2.0)
+
+    table = Rolling("sort54", "stream.0.start_s=0.1", main=main)
+    table.run_until(12.0, lambda: table.program.finished or table.program.stuck)
+    assert table.program.stuck is None
+    assert said == ([] if to == "another exit" else ["small 1 has left the table"])
+    assert [name for _, name in table.events("exit")].count("small 1") == 1
+    assert table.pose("small 1")[0] == pytest.approx(-0.345, abs=0.01)
 
 
 def test_one_that_is_believed_a_moment_longer_than_it_is_there_is_in_nobodys_way():
