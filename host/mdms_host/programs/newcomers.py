@@ -169,7 +169,9 @@ class TrackedNewcomers:
 
     def give_up(self, name: str) -> None:
         """Expect a parcel no more, which has not been found."""
-        self._register.depart(name)
+        # One whose outline sensors contradict is none of the tracker's any more.
+        if name in self._register.parcels:
+            self._register.depart(name)
 
     def _refuse_heavier(self, newcomer: Newcomer) -> None:
         if (newcomer.mass_kg or 0.0) > self._heaviest_kg:

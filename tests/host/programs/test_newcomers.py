@@ -119,6 +119,17 @@ def test_a_thing_that_cannot_be_named_is_refused_with_the_reason(newcomer, x_m, 
     assert not register.expected
 
 
+def test_a_thing_whose_outline_sensors_contradict_is_refused_with_the_reason():
+    stage, register = naming(CRATE)
+    lay_unknown(stage)
+    stage.run(0.1)
+    # So does the tracker, which knows the thing as before.
+    del register.expected["crate"]
+    stage.run(3.5)
+    assert "unknown-1 has not the outline of crate" in stage.program.stuck
+    assert not stage.program.failed
+
+
 def test_a_parcel_that_is_announced_arrives():
     seen = []
 

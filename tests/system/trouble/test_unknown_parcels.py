@@ -6,6 +6,7 @@ import pytest
 import mdms_array as mdms
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.motion.contact import gap_m
+from mdms_host.programs.script import until
 from mdms_model.scenario.file import scenario_from
 
 TABLE = {
@@ -105,3 +106,26 @@ def test_a_crate_that_is_set_down_before_a_moving_box_stops_it():
     assert 2.0 < found_s < 2.3
     after = ended.record.time_s > 2.1
     assert gaps_m(ended.record)[-after.sum() :].min() > 0.0
+
+
+def test_a_program_may_name_a_thing_anew_that_has_not_the_outline_it_was_given():
+    said = []
+
+    async def main(table):
+        await until(lambda: table.unknown_at(0.2, 0.0) is not None)
+        try:
+            await table.name(mdms.Newcomer("plank", 0.5, 0.1), 0.2, 0.0)
+        except mdms.ProgramError as error:
+            said.append(str(error))
+        await table.name(mdms.Newcomer("crate", 0.26, 0.28), 0.2, 0.0)
+
+    boxes = [{key: BOX[key] for key in BOX if key != "goal"}, CRATE | {"x_m": 0.2, "yaw_rad": 0.0}]
+    job = {
+        "parcel": boxes,
+        "motion": {"field": "program", "speed_m_s": 0.15},
+        "task": [{"do": "wait", "period_s": 1.0}],
+        "run": {"fidelity": "firmware", "duration_s": 8.0},
+    }
+    run = mdms.simulate(scenario_from(TABLE | job), program=main)
+    assert (run.status, run.reason) == ("reached", "")
+    assert said == ["unknown-1 has not the outline of plank"]
