@@ -46,8 +46,12 @@ _POWER = ("supply", "bridge_fault", "off")
 
 @dataclass(frozen=True, slots=True)
 class _Snapshot:
-    """Places of parcels at an event, their shortest ways to a stop, and the parcels that coast."""
+    """Places of parcels at an event, their shortest ways to a stop, and whether they coast.
 
+    A hand on one `parcel` excuses nothing of the others; None: the event is of all.
+    """
+
+    parcel: int | None
     time_s: float
     pose: Floats
     speed_m_s: Floats
@@ -79,7 +83,7 @@ class Parcels:
         self._driven: set[int] = set()
         self._touching: dict[frozenset[int], float] = {}
         self._snapshots: list[_Snapshot] = []
-        self._keep(0.0, coasts=False)
+        self._keep(0.0)
         # One parcel a cell
         self._centres_m = cell_centres(scenario.array)
         self._promised: dict[int, tuple[int, int]] = {}
@@ -118,8 +122,11 @@ class Parcels:
         """A fault begins or ends."""
         now_s = now_ns / NS_PER_S
         if fault.kind in _HANDS:
-            self._handled[self._names[fault.parcel]] = now_s
-            self._driven.discard(self._names[fault.parcel])
+            number = self._names[fault.parcel]
+            self._handled[number] = now_s
+            self._driven.discard(number)
+            self._keep(now_s, number)
+            return
         # Motors without a supply, and open bridges, do not brake.
         coasts = begins and fault.kind in _POWER and not fault.cells
         self._keep(now_s, coasts=coasts)
@@ -135,8 +142,8 @@ class Parcels:
     # Apart ---------------------------------------------------------------------------------------
 
     def _judge(self, event: Event) -> None:
-        if event.kind == "arrival":
-            self._keep(event.time_s, coasts=False)
+        if event.kind == "arrival" and event.parcel is not None:
+            self._keep(event.time_s, self._names[event.parcel])
         if event.kind not in ("touch", "tip") or not self._steered or event.parcel is None:
             return
         concerned = [self._names[event.parcel]]
@@ -163,6 +170,8 @@ class Parcels:
             return True
         pose = self._world.pose[concerned]
         for event in self._snapshots:
+            if event.parcel is not None and event.parcel not in concerned:
+                continue
             turned_m = abs(pose - event.pose[concerned])[:, 2] * self._reach_m[concerned]
             gone_m = np.hypot(*(pose - event.pose[concerned])[:, :2].T) + turned_m
             way_m = event.way_m[concerned]
@@ -172,15 +181,15 @@ class Parcels:
                 return True
         return False
 
-    def _keep(self, now_s: float, *, coasts: bool) -> None:
-        """Keep how parcels move at an event."""
+    def _keep(self, now_s: float, parcel: int | None = None, *, coasts: bool = False) -> None:
+        """Keep how parcels move at an event of all, or of one parcel."""
         pose, twist = self._world.motion
         speed_m_s = np.hypot(*twist[:, :2].T) + abs(twist[:, 2]) * self._reach_m
         braking_m = 1.3 * speed_m_s**2 / (2.0 * self._braking_m_s2) if self._braking_m_s2 else inf
         way_m = speed_m_s * REACTION_S + braking_m
         self._snapshots = [
             *(each for each in self._snapshots if now_s - each.time_s < _KEPT_S),
-            _Snapshot(now_s, pose, speed_m_s, way_m, coasts),
+            _Snapshot(parcel, now_s, pose, speed_m_s, way_m, coasts),
         ]
 
     def _let_go(self, voltage_uv: Registers) -> None:

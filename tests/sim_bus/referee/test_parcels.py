@@ -1,5 +1,7 @@
 """The rules about parcels: one parcel a cell, and parcels apart."""
 
+from dataclasses import replace
+
 import pytest
 from tests.sim_bus.referee.stand_ins import (
     ABOUT_WHEELS,
@@ -17,6 +19,8 @@ from tests.sim_bus.referee.stand_ins import (
 )
 
 from mdms_model.run.record import Event
+from mdms_model.scenario.fault import Fault
+from mdms_model.scenario.scenario import Stream
 from mdms_protocol.neighbours import messages
 from mdms_sim.referee import parcels
 from mdms_sim.referee.truth import HostReport
@@ -94,6 +98,32 @@ def test_a_parcel_that_is_driven_into_another_is_noted():
 @pytest.mark.violates("apart")
 def test_a_fault_long_before_does_not_excuse_a_parcel_that_is_driven_on():
     violations = noted(judged(table(LEFT, RIGHT, faults=[OFF_1]), 1.0, drive=towards))
+    assert [(rule, parcel) for rule, _, _, parcel in violations] == [("apart", "box1")]
+
+
+def lifted(boxes):
+    return replace(boxes, fault=(Fault("lift", start_s=0.3, parcel="box3"),))
+
+
+def coming(boxes):
+    """The third box is set down by a stream."""
+    *others, third = boxes.parcel
+    return replace(
+        boxes,
+        parcel=(*others, replace(third, goal=None)),
+        stream=(Stream(x_m=third.x_m, parcels=("box3",), start_s=0.3),),
+        motion=replace(boxes.motion, field="program"),
+    )
+
+
+@pytest.mark.violates("apart")
+@pytest.mark.parametrize("moved_by_hand", [lifted, coming])
+def test_a_hand_on_another_parcel_just_before_excuses_no_touch(moved_by_hand):
+    def into_each_other(time_s):
+        return along_x(2.0, [7, 8]) + along_x(-2.0, [9, 10])
+
+    boxes = moved_by_hand(table((-0.24, 0.0), (0.04, 0.0), (0.33, 0.0)))
+    violations = noted(judged(boxes, 0.6, drive=into_each_other))
     assert [(rule, parcel) for rule, _, _, parcel in violations] == [("apart", "box1")]
 
 
