@@ -68,7 +68,10 @@ class AccessGate:
             return False
         if origin is None:
             return True
-        parts = urlsplit(origin)
+        try:
+            parts = urlsplit(origin)
+        except ValueError:
+            return False
         return parts.scheme == "http" and _with_port(parts.netloc) == _with_port(host)
 
     def _is_own(self, host: str) -> bool:

@@ -31,6 +31,8 @@ def test_own_address_is_admitted(host, origin):
         ("127.0.0.1:8642", "http://127.0.0.1:9000"),
         ("127.0.0.1:8642", "https://127.0.0.1:8642"),
         ("127.0.0.1:8642", "null"),
+        ("127.0.0.1:8642", "http://["),
+        ("127.0.0.1:8642", "http://[::1"),
     ],
 )
 def test_foreign_names_and_foreign_pages_are_not(host, origin):
