@@ -120,7 +120,8 @@ class Rpdo(Pdo):
         self._layout = layout
         self._length = struct.calcsize(layout)
         self.deadline_ms = self._parameter(EVENT_TIMER)
-        self.short = False
+        self._received_ms = None
+        self.late = self.short = False
 
     def on_frame(self, data):
         """Take or hold the values; return False if the frame is too short for them."""

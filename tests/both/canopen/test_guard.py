@@ -168,3 +168,26 @@ def test_frame_too_short_is_not_reported_before_operational():
     cell.on_frame(0x205, bytes(7), cell.now_ms)
     cell.poll(51)
     assert emergencies(board) == []
+
+
+def test_timer_of_an_rpdo_that_is_written_waits_for_the_next_frame():
+    cell, board = operational()
+
+    def write_timer(time_ms):
+        data = sdo.write_request(0x1400, 5, time_ms.to_bytes(2, "little"))
+        cell.on_frame(0x605, data, cell.now_ms)
+        board.take()
+
+    def missed_within(wait_ms):
+        for _ in range(wait_ms):
+            cell.poll(cell.now_ms + 1)
+        return [data[:2] for data in emergencies(board)]
+
+    write_timer(100)
+    cell.on_frame(0x205, bytes(8), cell.now_ms)
+    write_timer(0)
+    assert missed_within(1000) == []
+    write_timer(100)
+    assert missed_within(200) == []
+    cell.on_frame(0x205, bytes(8), cell.now_ms)
+    assert missed_within(200) == [b"\x50\x82"]
