@@ -75,7 +75,7 @@ class Axis:
         setting = self._setting
         resolution = setting(indices.RESOLUTION)
         reversed_ = setting(indices.POLARITY) & _VELOCITY_REVERSED
-        registers[base + speed_loop.INVERTED] = 1 if reversed_ else 0
+        tuning.set_direction(registers, base, 1 if reversed_ else 0)
         tuning.set_encoder(registers, base, resolution, setting(indices.OBSERVER_LAG))
         tuning.set_feed(registers, base, resolution, setting(indices.ACCELERATION_PER_VOLT))
         self._load_law(registers, base, setting)

@@ -23,6 +23,21 @@ STALL_REACH_MAX = (1 << 15) - 1
 _RATE_MAX = 1 << 27
 
 
+def set_direction(registers, base, inverted):
+    """Set whether motor and encoder are mounted the other way round (1); only while they are off.
+
+    The observer begins anew at the count. Otherwise it would take its new sign for a motion.
+    """
+    if registers[base + speed_loop.INVERTED] == inverted:
+        return
+    count = registers[base + speed_loop.LAST_COUNT]
+    count = ((-count if inverted else count) & 0xFFFF ^ 0x8000) - 0x8000
+    # In this order: a tick may come between any two.
+    registers[base + speed_loop.INVERTED] = inverted
+    registers[base + speed_loop.POSITION] = count << 14
+    registers[base + speed_loop.RATE] = 0
+
+
 def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
     """Track an encoder of so many counts per metre of wheel rim.
 

@@ -57,6 +57,24 @@ def driven():
     return bench
 
 
+def test_wheel_that_is_enabled_right_after_its_polarity_was_written_stands():
+    for count in (1, 3, 20_000, 0x8000, 40_000, 0xFFFF):
+        for before, after in ((0, 0x40), (0x40, 0)):
+            bench = Bench()
+            bench.registers[s.AGE_LIMIT] = 1_000
+            bench.write(0x607E, before)
+            bench.registers[s.COUNT] = count
+            for _ in range(100):
+                s.step(bench.registers)
+            bench.write(0x607E, after)
+            bench.control(0, *UP)
+            for _ in range(100):
+                s.step(bench.registers)
+                assert bench.modes()[0] == s.RUN
+                assert abs(bench.registers[s.VOLTAGE]) < 50_000
+            assert bench.registers[s.FAULTS] == 0
+
+
 def test_axes_are_commanded_one_by_one():
     bench = Bench()
     assert not bench.axes.driving()
