@@ -127,6 +127,16 @@ class CellBoard:
             self._watchdog = WDT(timeout=wanted_ms)
         self._watchdog.feed()
 
+    def wait_for_flash(self):
+        """Have the watchdog wait while flash is written, though a bridge may still brake.
+
+        The next `feed` ends that.
+        """
+        if self._watchdog is not None:
+            self._watchdog_ms = WATCHDOG_ASLEEP_MS
+            self._watchdog = WDT(timeout=WATCHDOG_ASLEEP_MS)
+            self._watchdog.feed()
+
     # Called by the background
 
     @property

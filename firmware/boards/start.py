@@ -1,7 +1,7 @@
 """Runs a cell on its board, and never leaves the motors on.
 
 The motors are cut first when the loop ends, for any reason. Then the reason goes to the bus and
-into `crash.log`. The watchdog is no longer fed and resets the board.
+into `crash.log`. After that the watchdog is no longer fed and resets the board.
 """
 
 import gc
@@ -38,7 +38,10 @@ def run(board, slots=None, folder="/flash", node_id=NODE_UNSET, watchdog=True):
     except BaseException as error:
         board.stop()
         say_farewell(board, cell)
+        # A reset while the log is written may cost the whole file system.
+        board.wait_for_flash()
         log(error, folder)
+        board.feed()
         raise
     finally:
         board.stop()

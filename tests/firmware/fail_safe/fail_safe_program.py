@@ -8,6 +8,9 @@ from boards import start
 from mdms_cell.drive import speed_loop as s
 from mdms_protocol.version import VERSION
 
+#: For so long the processor of a PYBv1.1 may stand when a file is closed.
+SECTOR_ERASE_MS = 2000
+
 
 def exception_in_tick(bench):
     world.analog[bench.supply] = None  # no number to reckon with
@@ -33,12 +36,21 @@ def ends(bench, action, wanted):
         assert not bench.off()
         bench.board.show = action
 
+    def log_slowly(error, folder):
+        assert world.levels[bench.wake]
+        patience_ms = [each[1] for each in world.told if each[0] == "watchdog"][-1]
+        assert world.now_ms + SECTOR_ERASE_MS - world.fed_ms < patience_ms
+        log(error, folder)
+
     world.events[start_ms + 50] = plan
+    log, start.log = start.log, log_slowly
     try:
-        start.run(bench.board, None, ".", NODE, watchdog=False)
+        start.run(bench.board, None, ".", NODE)
     except wanted:
         world.told.append("ended")
     assert world.told[-1] == "ended"
+    awake_ms = bench.board.WATCHDOG_MS
+    assert ("watchdog", awake_ms) == [each for each in world.told if each[0] == "watchdog"][-1]
     assert bench.off()
     assert 0x6100 in emergencies()
     with open("crash.log") as file:
