@@ -258,6 +258,7 @@ class Cell:
         """Switch the motors off for a reason from outside, and report it."""
         self._emcy.report(SOURCE_SYSTEM, error_code)
         self._axes.fail(error_code)
+        self._nmt.ask_again()
         self._attend()
 
     def recover(self):

@@ -48,6 +48,10 @@ class Claim:
             return False
         return not self.refused and ticks.diff(now_ms, self._asked_ms) >= LISTEN_MS
 
+    def ask_again(self):
+        """The request, or an answer to it, may have been lost."""
+        self._asked_ms = None
+
     def on_request(self, data):
         """Another asks for this id while this cell is claiming it."""
         self.refused |= is_claim(data) and data != self._request

@@ -40,6 +40,11 @@ class Nmt:
             self.state = nmt.PRE_OPERATIONAL
             self._cell.on_boot()
 
+    def ask_again(self):
+        """Begin the claim of the node id anew, if it has not ended: frames may have been lost."""
+        if self._claim is not None:
+            self._claim.ask_again()
+
     def on_command(self, data):
         """Obey a command, if it is for this node; return False if it is none."""
         if len(data) != 2 or data[0] not in nmt.TRANSITIONS:

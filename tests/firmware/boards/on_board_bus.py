@@ -191,6 +191,23 @@ def test_node_id_is_claimed_on_the_bus_and_not_while_it_is_off(bench):
     assert (0x700 + NODE, b"\0") not in world.sent
 
 
+def test_node_id_is_claimed_again_after_bus_off_amid_the_claim(bench):
+    bench.cell = Cell(bench.board, NODE)
+    bench.runner = Runner(bench.board, bench.cell)
+    bench.board.start(bench.runner.tick)
+    bench.pass_ms(10)
+    claims = [frame for frame in world.sent if frame[0] == 0x600 + NODE]
+    assert len(claims) == 1
+    bench.can.fall_silent()
+    bench.pass_ms(90)
+    # The answer to the first claim may have been lost.
+    assert bench.cell.state == nmt.INITIALISING
+    bench.pass_ms(110)
+    assert [frame for frame in world.sent if frame[0] == 0x600 + NODE] == 2 * claims
+    assert bench.cell.state == nmt.PRE_OPERATIONAL
+    assert (0x700 + NODE, b"\0") in world.sent
+
+
 def attempts(bench):
     """How often the controller was restarted to leave bus-off, which some leave by themselves."""
     assert bench.can.UNASKED_BITS is None or bench.can.restarts
