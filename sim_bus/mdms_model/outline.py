@@ -5,7 +5,6 @@ Convex hulls of points are found by Andrew's monotone chain.
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -60,7 +59,6 @@ class Outline:
     """Moment of inertia of a uniform plate about its own centroid, per mass."""
 
 
-@lru_cache
 def outline_of(parcel: Parcel) -> Outline:
     """The outline of a parcel. Raises `ScenarioError` for corners that make no convex polygon."""
     if parcel.shape == "disc":
@@ -163,11 +161,16 @@ def chord_m(parcel: Parcel, y_m: float) -> tuple[float, float]:
 
 def outline_m(pose: Floats, parcel: Parcel) -> Floats:
     """Corners of a parcel at a pose (x, y, yaw), counter-clockwise, shape (n, 2)."""
+    return placed_m(own_outline_m(parcel), pose)
+
+
+def placed_m(own_m: Floats, pose: Floats) -> Floats:
+    """Points (n, 2) of a parcel's own frame, with the parcel at a pose (x, y, yaw) [m]."""
     turned = np.array(
         [[math.cos(pose[2]), math.sin(pose[2])], [-math.sin(pose[2]), math.cos(pose[2])]]
     )
-    corners_m: Floats = own_outline_m(parcel) @ turned + pose[:2]
-    return corners_m
+    places_m: Floats = own_m @ turned + pose[:2]
+    return places_m
 
 
 def own_outline_m(parcel: Parcel) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mdms_model.array import build_wheels, last_support_m
 from mdms_model.arrays import Floats, Ints
-from mdms_model.outline import gap_m, outline_m, outline_of
+from mdms_model.outline import gap_m, outline_of, own_outline_m, placed_m
 from mdms_model.parcel import turned
 from mdms_model.run.record import Event, leaving
 from mdms_model.scenario.scenario import Parcel, Scenario, Stream
@@ -98,6 +98,8 @@ class Streams:
 
     def __init__(self, scenario: Scenario) -> None:
         self._parcels = scenario.parcel
+        self._radii_m = [outline_of(parcel).radius_m for parcel in scenario.parcel]
+        self._own_m = [own_outline_m(parcel) for parcel in scenario.parcel]
         wheels_m = build_wheels(scenario).position_m
         self._exits = [(each, last_support_m(wheels_m, each.side)) for each in scenario.exit]
         numbers = {parcel.name: number for number, parcel in enumerate(scenario.parcel)}
@@ -154,16 +156,14 @@ class Streams:
 
     def _is_free(self, plan: Stream, number: int, poses: Floats) -> bool:
         """Whether a parcel can be set down, wherever about its place it turns out to be put."""
-        mine, place = self._parcels[number], np.array([plan.x_m, plan.y_m, plan.yaw_rad])
-        radius_m = outline_of(mine).radius_m
+        place, radius_m = np.array([plan.x_m, plan.y_m, plan.yaw_rad]), self._radii_m[number]
         clear_m = plan.clear_m + plan.spread_m + plan.spread_rad * radius_m
-        mine_m = outline_m(place, mine)
+        mine_m = placed_m(self._own_m[number], place)
         for other in np.flatnonzero(np.isfinite(poses[:, 0])).tolist():
-            theirs = self._parcels[other]
-            reach_m = radius_m + outline_of(theirs).radius_m + clear_m
+            reach_m = radius_m + self._radii_m[other] + clear_m
             if np.hypot(*(poses[other] - place)[:2]) > reach_m:
                 continue
-            if gap_m(mine_m, outline_m(poses[other], theirs)) < clear_m:
+            if gap_m(mine_m, placed_m(self._own_m[other], poses[other])) < clear_m:
                 return False
         return True
 
