@@ -22,6 +22,9 @@ from mdms_model.scenario.scenario import name_fault
 
 __all__ = ["Estimate", "ExitLine", "Parcel", "Region", "Tracker"]
 
+#: No parcel is so many times as large as the outline of the unknown thing that it is.
+_FAR_LARGER = 2.0
+
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
@@ -101,9 +104,16 @@ class Tracker:
         """Take an unknown thing for a parcel, which is then found there, if it has that outline.
 
         Raises KeyError if there is nothing of that name. Raises ValueError for a name that is taken
-        or that no parcel can have.
+        or that no parcel can have, for a thing that is just being named, and for a parcel that is
+        far larger than the thing: the search for it would stop the cycle.
         """
         corners_m = self._unknowns.all[unknown].corners_m
+        for each in self._known.values():
+            if each.unknown == unknown:
+                raise ValueError(
+                    f"{unknown} is just being compared with {each.parcel.name!r:.60}; ask again"
+                )
+        _refuse_far_larger(unknown, corners_m, parcel)
         low_m, high_m = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
         region = Region((low_m[0], low_m[1]), (high_m[0], high_m[1]))
         self._add(TrackedParcel(parcel, self._surroundings, region=region, unknown=unknown))
@@ -422,3 +432,17 @@ class Tracker:
             left = view.near.sensors[view.distance_m < BESIDE_M]
             self._unexplained.leave(self._now_s, left)
         self._changes.append(BeliefChange(name, BeliefEvent.DEPARTED, gone.place))
+
+
+def _refuse_far_larger(unknown: str, corners_m: Floats, parcel: Parcel) -> None:
+    """Raises ValueError for a parcel of more than twice the size that an outline has at most.
+
+    Sensors do not show how far a thing reaches over the edge. More than half of it is on the table.
+    """
+    along_m, across_m = np.ptp(corners_m, axis=0).tolist()
+    if 2 * parcel.footprint.reach_m > _FAR_LARGER * np.hypot(along_m, across_m):
+        raise ValueError(
+            f"{unknown} is {1000 * along_m:.0f} mm x {1000 * across_m:.0f} mm at most, so it is no "
+            f"parcel of {1000 * parcel.length_m:.0f} mm x {1000 * parcel.width_m:.0f} mm; give its "
+            "own size"
+        )

@@ -201,6 +201,28 @@ def test_an_unknown_of_another_outline_keeps_being_unknown(table) -> None:
     assert table.events("plank") == [("plank", BeliefEvent.FOUND)]
 
 
+def test_an_unknown_that_is_just_being_named_gets_no_second_name(table) -> None:
+    table.put("box", BOTTOM, 0.2, 0.1, 0.3)
+    table.run(0.3)
+    table.tracker.name("unknown-1", BOX)
+    with pytest.raises(ValueError, match="unknown-1 is just being compared with 'box'; ask again"):
+        table.tracker.name("unknown-1", Parcel("crate", BOX.length_m, BOX.width_m))
+    table.run(0.2)
+    # A second name would wait for ever for a thing that is there once.
+    assert list(table.tracker.parcels) == ["box"]
+
+
+@pytest.mark.parametrize("sides_m", [(9.0, 9.0), (9.0, 0.1), (2.0, 2.0)])
+def test_a_name_with_a_far_larger_outline_is_refused_before_it_is_looked_for(
+    table, sides_m
+) -> None:
+    table.put("thing", SMALL, 0.2, 0.1, 0.3)
+    table.run(0.3)
+    with pytest.raises(ValueError, match=r"unknown-1 is \d+ mm x \d+ mm at most, so it is no parc"):
+        table.tracker.name("unknown-1", Parcel("plank", *sides_m))
+    assert list(table.tracker.parcels) == []
+
+
 @pytest.mark.parametrize("gap_m", [0.002, 0.03])
 def test_an_unknown_that_is_put_beside_a_parcel_leaves_its_place_alone(gap_m) -> None:
     table = boxed()
