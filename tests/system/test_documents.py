@@ -373,3 +373,29 @@ def test_pins_in_the_drawing_are_those_of_the_board():
     drawn = re.findall(r">(D\d+)<", (ROOT / "docs" / "wiring-cell.svg").read_text())
     module = (ROOT / "firmware" / "boards" / "teensy41.py").read_text()
     assert sorted(drawn) == sorted({*re.findall(r'"(D\d+)"', module), "D22", "D23"})
+
+
+@pytest.mark.parametrize(
+    ("heading", "folder"),
+    [
+        ("Model", "mdms_model"),
+        ("Simulator", "mdms_sim"),
+        ("Physics", "mdms_sim/physics"),
+        ("Bus", "mdms_sim"),
+    ],
+)
+def test_the_map_of_the_virtual_array_names_modules_that_there_are(heading, folder):
+    package = ROOT / "sim_bus" / folder
+    section = (ROOT / "sim_bus" / "README.md").read_text().split(f"\n## {heading}\n")[1]
+    table = section.split("|---|---|\n")[1].split("\n\n")[0]
+    for row in table.splitlines():
+        names, told = row.strip("| ").split(" | ", 1)
+        places = [package / name.rstrip("/") for name in re.findall("`([^`]+)`", names)]
+        for place in places:
+            assert place.is_dir() or place.with_suffix(".py").is_file(), row
+        within = [path for place in places if place.is_dir() for path in place.rglob("*")]
+        modules = {path.stem for path in within}
+        if within:
+            # Tables of a scenario stand there too.
+            words = [name.rstrip("/") for name in re.findall("`([^`\\[]+)`", told)]
+            assert {*words} <= modules, row
