@@ -80,8 +80,10 @@ class FrameRouter:
             self._supervision.recheck()
 
     def _on_status(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
-        before = cell.drive_states
+        before, garbage = cell.drive_states, cell.garbage
         cell.on_status(data, now_s)
+        if cell.garbage != garbage:
+            return
         if cell.drive_states != before:
             self._supervision.recheck()
         if cell.presence is not None:

@@ -121,6 +121,19 @@ def test_garbage_of_a_cell_is_counted_and_dropped(rolling_array, base: int) -> N
     assert coordinator.phase == Phase.RUNNING
 
 
+def test_garbage_of_cells_is_no_report_of_their_sensors(rolling_array) -> None:
+    coordinator = Coordinator(LAYOUT, still(), parcels=(BOX,))
+    array = running(rolling_array, coordinator)
+    array.run(coordinator, array.now_s + 0.5)
+    assert coordinator.tracker.poses(array.now_s).keys() == {"box"}
+    array.lost = lambda frame: frame.can_id & ~0x7F == 0x280 and len(frame.data) > 3
+    for _ in range(10):
+        for cell in coordinator.cells:
+            array.inject(Frame(0x280 + cell.node_id, b"\xff" * 3))
+        array.run(coordinator, array.now_s + 0.1)
+    assert coordinator.tracker.doubtful == {"box"}
+
+
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
 def test_no_frame_whatever_raises(frames: list[tuple[int, bytes]]) -> None:
     coordinator = Coordinator(LAYOUT, still(), parcels=(BOX,))
