@@ -84,11 +84,15 @@ class ParcelsByHand:
         self._leave_others(coordinator)
         now_s = self._wall_s()
         gone = [name for name, held_s in self._held.items() if now_s - held_s > HELD_S]
-        for name in gone:
-            del self._held[name]
         if coordinator is None or coordinator.stopped:
-            return []
-        return [name for name in gone if _stay(coordinator, name)]
+            stay, over = [], gone
+        else:
+            stay = [name for name in gone if _stay(coordinator, name)]
+            # One that is lost stays where it is found.
+            over = [name for name in gone if name in stay or name not in coordinator.goals]
+        for name in over:
+            del self._held[name]
+        return stay
 
     def _leave_others(self, coordinator: Coordinator | None) -> None:
         """A hand that dragged a goal of a program before has nothing to do with this one."""

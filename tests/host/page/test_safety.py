@@ -93,6 +93,17 @@ def test_parcel_stays_where_it_is_when_the_hand_that_drags_its_goal_is_gone(runn
     assert place_of_box(running)[:2] == pytest.approx(stayed[:2], abs=0.02)
 
 
+def test_parcel_that_was_lost_when_the_hand_was_gone_stays_where_it_is_found(running):
+    running.table.do(commands.Goal("box", 0.15, 0.03, 0.0, held=True))
+    running.table.do(commands.BeginFault(Fault("lift", parcel="box")))
+    running.run_until(lambda: any("box is lost" in text for text in running.texts), 2.0)
+    running.run(1.0)
+    running.table.do(commands.EndFault(1, -0.1, 0.0, 0.0))
+    running.run_until(lambda: any("stays where it is" in text for text in running.texts), 2.0)
+    running.run(2.0)
+    assert place_of_box(running)[:2] == pytest.approx([-0.1, 0.0], abs=0.02)
+
+
 def test_hand_of_a_program_that_was_stopped_does_nothing_to_the_next(running):
     running.table.do(commands.Goal("box", 0.15, 0.03, 0.0, held=True))
     running.table.do(commands.StopAll())
