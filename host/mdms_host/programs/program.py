@@ -291,6 +291,9 @@ class TableProgram:
             self.driver.remove(name, self._exits.pop(name, None), withdrawn=name in self._withdrawn)
             self._withdrawn.discard(name)
             self._gone.add(name)
+            if not self.keeps_goals:
+                # The next parcel of this name is another.
+                self._given.pop(name, None)
         self._gone &= beliefs.keys()
 
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:

@@ -3,6 +3,7 @@
 import pytest
 from tests.host.programs.hands import Stage
 
+from mdms_host.motion.goal import Goal
 from mdms_host.programs.table import ProgramError
 
 
@@ -84,7 +85,7 @@ def test_a_refusal_can_be_caught_or_ends_the_program_in_order():
         stage.refuse("box 1", "box 1 is lost")
         stage.run(0.3)
     assert stages[0].program.finished
-    told = "the program was broken off: box 1 is lost, in careless (test_table.py, line 79)"
+    told = "the program was broken off: box 1 is lost, in careless (test_table.py, line 80)"
     assert stages[1].program.stuck == told
     assert stages[1].hands.stopped
     assert stages[1].program.take_notices() == [told]
@@ -216,3 +217,23 @@ def test_nobody_waits_for_an_arrival_where_none_may_come():
     stage = Stage(main, lying=["box 1"])
     stage.run(0.3)
     assert "no parcel is to come" in stage.program.stuck
+
+
+def test_a_parcel_that_has_left_takes_no_goal_from_a_person():
+    async def main(table):
+        async for parcel in table.arrivals():
+            await table.sleep(0.2)
+            await parcel.leave("east")
+
+    stage = Stage(main, coming=["box 1"])
+    stage.come("box 1")
+    stage.program.set_goal("box 1", Goal(0.1, 0.0))
+    stage.run()
+    stage.arrive("box 1")
+    stage.run(0.3)
+    stage.leave("box 1")
+    stage.log.clear()
+    with pytest.raises(KeyError):
+        stage.program.set_goal("box 1", Goal(-0.1, 0.0))
+    stage.come("box 1")
+    assert stage.log == []
