@@ -139,7 +139,10 @@ class Dispatch:
             # Places that an unknown thing may reach are closed to parcels that it may touch.
             text = f"{blocked.way}: blocked by {' and '.join(unknown)}, which may reach to it"
             return NoWay(text, may_pass=True, by_unknown=True)
-        return NoWay(str(blocked), blocked.may_pass, by_unknown=not by.isdisjoint(unknown))
+        # Nobody is led over where a lost parcel was, though a person may see nothing there.
+        unseen = [f"no sensor shows {name} now" for name in sorted(by & self._where.unseen)]
+        text = "; ".join((str(blocked), *unseen))
+        return NoWay(text, blocked.may_pass, by_unknown=not by.isdisjoint(unknown))
 
     def ask(
         self, wanting: Mapping[str, Order], riding_m: Mapping[str, float], now_s: float

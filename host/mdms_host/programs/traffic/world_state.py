@@ -162,6 +162,11 @@ class WorldState:
             for name in self.places
         }
 
+    @property
+    def unseen(self) -> set[str]:
+        """Parcels that are not believed anywhere now, though they have a last place."""
+        return self.places.keys() - self._beliefs.keys()
+
     def shape(self, name: str) -> Shape | None:
         """The shape of a parcel, or of something unknown as far as it may reach, if it is seen."""
         if name in self._loads:

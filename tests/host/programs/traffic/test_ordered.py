@@ -310,6 +310,15 @@ def test_something_unknown_at_the_goal_is_named_and_waited_for():
     table.run_until(6.0, lambda: table.program.finished)
 
 
+def test_a_lost_parcel_that_bars_the_way_is_said_to_be_lost():
+    table = two_boxes(*SMALL, "parcel.1.x_m=0.36", "parcel.1.y_m=0.0", main=go_east)
+    table.run(0.05)
+    table.hidden.add("disc")
+    table.run_until(9.0, lambda: table.program.stuck)
+    assert "blocked by 'disc' at its place" in table.program.stuck
+    assert "; no sensor shows disc now" in table.program.stuck
+
+
 def test_a_parcel_that_does_not_get_on_is_tried_again_until_its_obstacle_is_gone():
     table = two_boxes(main=go_east)
     table.run(0.6)
