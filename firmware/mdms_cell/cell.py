@@ -298,6 +298,7 @@ class Cell:
         """The node starts anew, all of it or what concerns communication."""
         self._take_state()
         self._attend()
+        self._lss.reset()
         flags = record.STORED_COMMUNICATION | record.FROM_NODE
         if command == EVERYTHING:
             flags |= record.STORED_APPLICATION

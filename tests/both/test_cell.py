@@ -331,6 +331,17 @@ def test_change_of_state_aborts_a_transfer_with_a_code():
             assert sent[0] == aborted
 
 
+def test_cell_that_is_reset_waits_for_its_lss_master_to_select_it_again():
+    for command in (nmt.RESET_NODE, nmt.RESET_COMMUNICATION):
+        cell, board = operational()
+        cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0", cell.now_ms)
+        cell.on_frame(0x000, bytes((command, NODE)), cell.now_ms)
+        board.take()
+        # A master of now configures another cell.
+        cell.on_frame(0x7E5, b"\x11\x09\0\0\0\0\0\0", cell.now_ms)
+        assert board.take() == []
+
+
 def test_reset_that_gives_another_node_id_aborts_a_transfer_under_the_old_one():
     cell, board = booted()
     cell.on_frame(0x7E5, b"\x04\x01\0\0\0\0\0\0", cell.now_ms)

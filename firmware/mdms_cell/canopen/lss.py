@@ -19,10 +19,12 @@ class Lss:
         self._cell = cell
         self._save_node_id = save_node_id
         self._send = send
+        self.reset()
+
+    def reset(self):
+        """Wait for a master, as after power-up."""
         self._configuring = False
-        self._selected = 0
-        self._identified = 0
-        self._scanned = 0
+        self._selected = self._identified = self._scanned = 0
 
     def on_request(self, data):
         """Serve one message; return False if it is none."""
