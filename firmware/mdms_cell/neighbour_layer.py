@@ -40,6 +40,7 @@ _LEFT_BEATS = const(30)
 _GONE_MS = const(500)
 #: A step between two SYNCs is counted as no more than this.
 _STEP_MAX_MS = const(50)
+_WRAP = const((1 << 30) - 1)  # of the clock, see `ticks`
 _ESTIMATE_PDO = const(2)
 
 
@@ -212,7 +213,7 @@ class Layer:
         if not self.active:
             return
         came_ms = after(now_ms, -waited_ms)
-        beat_ms = diff(came_ms, self._came_ms)
+        beat_ms = came_ms - self._came_ms & _WRAP
         # Or two beats meet, and the frames may be of either.
         gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
         if gap:
@@ -300,7 +301,7 @@ class Layer:
     @micropython.native
     def _begin_update(self):
         """Return the time since the SYNC of the last update [ms]."""
-        step_ms = max(1, min(diff(self._came_ms, self._updated_ms), _STEP_MAX_MS))
+        step_ms = max(1, min(self._came_ms - self._updated_ms & _WRAP, _STEP_MAX_MS))
         self._step_ms = step_ms
         self._updated_ms = self._came_ms
         return step_ms

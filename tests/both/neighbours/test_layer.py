@@ -515,6 +515,19 @@ def test_halt_of_the_host_outlives_a_rest():
     assert targets_um_s(middle) == (0, 0)
 
 
+def test_reports_of_before_a_pause_count_for_nothing_however_long_the_pause_was():
+    for pause_ms in (5_000, 1 << 29, (1 << 30) - 5_000):  # the clock wraps at 1 << 30
+        middle = Middle(SPEED_UM_S)
+        run(middle, 20)
+        assert targets_um_s(middle)[0] > 90_000
+        middle.now_ms = middle.now_ms + pause_ms & (1 << 30) - 1
+        middle.cell.poll(middle.now_ms)
+        middle.cell.on_frame(cob.SYNC, b"", middle.now_ms)
+        for _ in range(9):
+            middle._pass(1)
+        assert targets_um_s(middle)[0] < 80_000
+
+
 def test_sync_wakes_the_cell_for_its_update_and_not_before():
     middle = Middle()
     run(middle, 5)
