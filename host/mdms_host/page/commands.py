@@ -203,9 +203,21 @@ def command_from(message: Any) -> Command:
         command: Command = build(COMMANDS[name], values)
     except ScenarioError as error:
         raise RefusedError(str(error)) from None
-    if isinstance(command, Name) and (fault := name_fault(command.name)):
-        raise RefusedError(f"name is {command.name!r:.60}, but {fault}")
+    if isinstance(command, Name):
+        _check_name(command)
     return command
+
+
+def _check_name(command: Name) -> None:
+    """Raises `RefusedError` for a name that no parcel can have, or a disc with two diameters."""
+    fault = name_fault(command.name)
+    if fault:
+        raise RefusedError(f"name is {command.name!r:.60}, but {fault}")
+    if command.shape == "disc" and command.length_m != command.width_m:
+        raise RefusedError(
+            f"width_m is {command.width_m:g}, but a disc has one diameter; give length_m, "
+            f"{command.length_m:g}, again"
+        )
 
 
 def schema(offered: tuple[str, ...]) -> dict[str, Any]:

@@ -105,3 +105,9 @@ def test_name_that_no_parcel_can_have_is_refused(name):
     with pytest.raises(RefusedError, match="name is ") as refusal:
         command_from({**message, "length_m": 0.2, "width_m": 0.2})
     assert str(refusal.value).isprintable()
+
+
+def test_disc_with_two_diameters_is_refused():
+    message = {"command": "name", "parcel": "unknown-1", "name": "crate", "shape": "disc"}
+    with pytest.raises(RefusedError, match=r"width_m is 0\.2, but a disc has one diameter"):
+        command_from({**message, "length_m": 0.28, "width_m": 0.2})
