@@ -166,10 +166,12 @@ def _sampler(keys: int, sampling: str, seed: int) -> Callable[[int], Any]:
     return random
 
 
-def check_count(name: str, count: object) -> int:
+def check_count(name: str, count: object, least: int = 1) -> int:
     """A number of runs or samples. Raises `InputError` for any other."""
-    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_RUNS:
-        raise InputError(f"{name} is {count!r}, but must be a whole number, 1 to {MOST_RUNS:,}")
+    if not isinstance(count, int) or isinstance(count, bool) or not least <= count <= MOST_RUNS:
+        raise InputError(
+            f"{name} is {count!r}, but must be a whole number, {least} to {MOST_RUNS:,}"
+        )
     return count
 
 

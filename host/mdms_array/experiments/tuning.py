@@ -116,7 +116,8 @@ def task_of(
 ) -> Task:
     """A checked task, with the base's values as the first setting. Raises `InputError`."""
     check_count("trials", trials)
-    check_count("unseen", unseen)
+    # One pair has no interval.
+    check_count("unseen", unseen, least=2)
     if not 0 <= seed < MOST_SEEDS:
         raise InputError(f"seed is {seed}, but must be 0 to {MOST_SEEDS - 1:,}: the sampler's")
     if not vary:

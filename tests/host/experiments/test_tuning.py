@@ -147,6 +147,7 @@ def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, m
     [
         (('minimise = "own.py:miss"', ""), "give minimise or maximise"),
         (("trials = 12", "trials = 0"), "trials is 0, but must be a whole number"),
+        (("unseen = 2", "unseen = 1"), "unseen is 1, but must be a whole number, 2 to"),
         (("uniform = [0.1, 0.6]", "uniform = [0.4, 0.6]"), "cell.friction is 0.3 in the scenario"),
         (("uniform = [0.1, 0.6]", "integers = [0, 1]"), "cell.friction is 0.3 in the scenario, wh"),
         (("{ uniform = [0.1, 0.6] }", "[0.1, 0.6]"), "give each key a distribution"),
