@@ -450,7 +450,7 @@ _NAMED: Mapping[str, str] = {
     "gateway": r"cell \d+|silent",
     "start": r"$.",
     "stop": r"stop",
-    "stop_all": r"another host|somebody else|mdms stop|operational",
+    "stop_all": r"another host|another program|mdms stop|operational",
     "restart": r"another host|restart|cell \d+",
     "again": r"another host|restart|stop",
     "second_host": r"another host",
