@@ -24,7 +24,7 @@ class Stand:
     def __init__(self):
         self.identity = PARCEL
         self.registers = array("H", [0] * 18)
-        self.lost = set()
+        self.host_lost = False
         self.under = True
         self.sending = False
 

@@ -63,14 +63,18 @@ def overload(story):
 
 
 def lose_bus(story):
-    """Bus-off, until the board tries again."""
+    """Bus-off, until the board tries again; the first event frame after it starts the grid anew."""
+    event = story.watch.event
+    before = event.count
     story.watch.doubt()
+    event.stop()
     story.life.can.fall_silent()
     for _ in range(80 + story.chance.below(20)):
         yield None
         story.watch.expect(story.still(), "motors on without a bus")
     yield from story.pause(60)
     story.watch.expect(not story.life.bus_off(), "bus still off")
+    story.watch.expect(event.count > before, "no TPDO3 since the bus is back")
     story.expect_emergency(0x8140)
     while world.now_ms % SYNC_MS:
         yield None
