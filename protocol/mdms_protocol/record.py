@@ -4,6 +4,7 @@
 #: place u16. The values begin at `place` in the data and end where those of the next record begin.
 RECORD = "<HBBBBH"
 RECORD_SIZE = 8
+FLAGS_AT = 4
 COUNT_SHIFT = 4
 TYPE = (1 << COUNT_SHIFT) - 1
 RUN_MAX = 16

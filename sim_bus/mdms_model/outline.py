@@ -101,15 +101,19 @@ def _disc(parcel: Parcel) -> Outline:
 
 def polygon_outline(corners: Floats) -> Outline:
     """The outline with these corners (n, 2), convex and counter-clockwise [m]."""
-    ends = np.concatenate((corners[1:], corners[:1]))
-    edges = np.column_stack([*_edges(corners, ends), corners])
+    edges = np.column_stack([*_edges(corners), corners])
     radius_m = float(np.hypot(*corners.T).max())
-    return Outline(edges, radius_m, _moment(corners, ends))
+    return Outline(edges, radius_m, _moment(corners))
 
 
-def _edges(corners: Floats, ends: Floats) -> tuple[Floats, Floats]:
+def _ends(corners: Floats) -> Floats:
+    """The corner at which each edge ends, (n, 2)."""
+    return np.concatenate((corners[1:], corners[:1]))
+
+
+def _edges(corners: Floats) -> tuple[Floats, Floats]:
     """Outward normals (n, 2) of a polygon's edges, and their distances from the origin [m]."""
-    x_m, y_m = (ends - corners).T
+    x_m, y_m = (_ends(corners) - corners).T
     normals = np.stack((y_m, -x_m), axis=1) / np.hypot(x_m, y_m)[:, None]
     return normals, (normals * corners).sum(axis=1)
 
@@ -124,20 +128,21 @@ def gap_m(one_m: Floats, other_m: Floats) -> float:
 
 def _beyond_m(inner_m: Floats, outer_m: Floats) -> float:
     """The widest gap between any edge of one outline and all of another [m]."""
-    normals, distances_m = _edges(inner_m, np.concatenate((inner_m[1:], inner_m[:1])))
+    normals, distances_m = _edges(inner_m)
     beyond_m = outer_m @ normals.T - distances_m
     return float(beyond_m.min(axis=0).max())
 
 
 def area_and_moment(corners: Floats) -> tuple[float, Floats]:
     """Area and first moment (2,) of a polygon with corners (n, 2) (shoelace formulas)."""
-    ends = np.roll(corners, -1, axis=0)
+    ends = _ends(corners)
     cross = corners[:, 0] * ends[:, 1] - corners[:, 1] * ends[:, 0]
     return float(cross.sum() / 2), np.asarray(((corners + ends) * cross[:, None]).sum(axis=0) / 6)
 
 
-def _moment(corners: Floats, ends: Floats) -> float:
+def _moment(corners: Floats) -> float:
     """Second moment of area of a polygon about its centroid over its area (shoelace formulas)."""
+    ends = _ends(corners)
     area, first_moment = area_and_moment(corners)
     cross = corners[:, 0] * ends[:, 1] - corners[:, 1] * ends[:, 0]
     squares = (corners**2 + corners * ends + ends**2).sum(axis=1)

@@ -98,7 +98,7 @@ NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
 #: Latency of a cell's background loop: from a frame's end, or a tick, to its answer in a mailbox.
 PROCESSING_NS = 100_000
-#: A board drops frames that the bus has not taken for so long.
+#: A board drops frames that the bus has not taken for so long (`WAIT_MS` in `boards/bus.py`).
 WAIT_NS = 20_000_000
 SAMPLE_NS = 10_000_000
 

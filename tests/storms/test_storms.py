@@ -124,6 +124,12 @@ def test_an_update_within_a_storm_restarts_one_cell_after_the_other(simulations)
     assert boots == [3, 4]
 
 
+def test_a_stop_by_another_program_explains_that_a_storm_ends_early() -> None:
+    storm = draw(1, "small host goal").with_faults(())
+    ended = run(replace(storm, events=({"kind": "stop_all", "time_s": 0.8},)))
+    assert (ended.reached, ended.explained) == (False, True)
+
+
 def test_a_gateway_without_power_forwards_nothing_until_it_has_it_again(simulations) -> None:
     silent = {"kind": "gateway", "time_s": 0.5, "number": 0, "duration_s": 1.0}
     for events, ends_s in (((), 1.4), ((silent,), 1.4), ((silent,), 2.0)):

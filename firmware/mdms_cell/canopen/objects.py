@@ -7,8 +7,6 @@ from mdms_protocol import packed, record
 from mdms_protocol.codecs import sdo
 
 _COUNT = len(packed.RECORDS) // record.RECORD_SIZE - 1
-#: The byte of a record that has its flags.
-_FLAGS = 4
 #: Stands for all entries of an object; CiA 301 (7.4.3) gives this sub-index to no value.
 _WHOLE = 0xFF
 _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<I"}
@@ -232,8 +230,9 @@ class Objects:
         for position in _positions(flags):
             start, end = _place(position), _place(position + 1)
             self.data[start:end] = packed.DEFAULTS[start:end]
-        for entry in entries(flags & record.FROM_NODE):
-            self.data[entry.place : entry.place + entry.size] = default(entry, node_id)
+        for entry in entries(record.FROM_NODE):
+            if entry.flags & flags:
+                self.data[entry.place : entry.place + entry.size] = default(entry, node_id)
 
     def restore_default(self, index):
         """Give the entries of a stored object their defaults."""
@@ -260,7 +259,7 @@ def entries(flags):
 def _positions(flags):
     """The records whose entries have one of these flags."""
     for position in range(_COUNT):
-        if packed.RECORDS[position * record.RECORD_SIZE + _FLAGS] & flags:
+        if packed.RECORDS[position * record.RECORD_SIZE + record.FLAGS_AT] & flags:
             yield position
 
 
