@@ -93,8 +93,9 @@ def text_of(error: Exception) -> str:
 ENDS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-#: An exception that a signal raised and that was lost is raised again after so long [s].
-AGAIN_S = 0.5
+#: An exception that a signal raised and that was lost is raised again after so long [s], and from
+#: then on every so long: where compiled code is called most of the time, most of them get lost.
+AGAIN_S, EVERY_S = 0.5, 0.05
 
 
 class Interrupted(KeyboardInterrupt):
@@ -212,7 +213,7 @@ def _ending(error: type[KeyboardInterrupt]) -> Callable[[int, FrameType | None],
 
     def again(_number: int, _frame: FrameType | None) -> None:
         if not raised:
-            end(_number, _frame)
+            raise _kept(error(), raised)
 
     return end
 
@@ -220,7 +221,7 @@ def _ending(error: type[KeyboardInterrupt]) -> Callable[[int, FrameType | None],
 def _repeat(handler: Callable[[int, FrameType | None], None]) -> None:
     if hasattr(signal, "SIGALRM"):
         signal.signal(signal.SIGALRM, handler)
-        signal.setitimer(signal.ITIMER_REAL, AGAIN_S, AGAIN_S)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S, EVERY_S)
 
 
 def _kept(error: KeyboardInterrupt, raised: WeakSet[KeyboardInterrupt]) -> KeyboardInterrupt:
