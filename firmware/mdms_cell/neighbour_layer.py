@@ -270,7 +270,7 @@ class Layer:
 
     @micropython.native
     def _update(self, presence):
-        """The algorithm of a beat, in its order; see firmware/README.md, 'Neighbour layer'."""
+        """The algorithm of a beat, in its order; docs/cells.md, 'A beat'."""
         step_ms = self._begin_update()
         # Take in the frames of neighbours, and choose the parcel to be at.
         sent = self._take_in()

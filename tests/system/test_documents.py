@@ -309,6 +309,20 @@ def headings(path):
     return {re.sub(r"[^\w -]", "", each.lower()).replace(" ", "-") for each in found}
 
 
+def test_sections_that_the_code_names_exist():
+    """As `docs/cells.md, 'A beat'`, or 'A beat' in docs/cells.md."""
+    found = 0
+    for source in (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
+        text = " ".join(re.sub(r"\n\s*(#:?)?", " ", source.read_text()).split())
+        named = re.findall(r"([\w/-]+\.md)`?, '([^'`]+)'", text)
+        named += [pair[::-1] for pair in re.findall(r"['`](\w[^'`]*)['`] in `?([\w/-]+\.md)", text)]
+        for page, section in named:
+            lines = (ROOT / page).read_text().splitlines()
+            assert section in [each.lstrip("# ") for each in lines if each[:1] == "#"], source
+            found += 1
+    assert found > 5
+
+
 @pytest.mark.parametrize("path", ALL, ids=lambda path: str(path.relative_to(ROOT)))
 def test_lines_are_no_longer_than_120_but_rows_of_tables(path):
     if path not in {**pages.outputs(), **generate.outputs()}:
