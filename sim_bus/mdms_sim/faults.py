@@ -501,7 +501,7 @@ class Ongoing:
     """A fault that somebody has had begin, and what draws from its sequence."""
 
     fault: Fault
-    course: FaultEffect
+    effect: FaultEffect
     random: Random
 
 
@@ -550,7 +550,7 @@ class Faults:
         random = Random(f"{self._seed}/{self._begun}")
         self._begun += 1
         ongoing = Ongoing(fault, self._kinds[fault.kind](fault, random), random)
-        self._note(fault, "begins", ongoing.course.begin())
+        self._note(fault, "begins", ongoing.effect.begin())
         return ongoing
 
     def end(self, ongoing: Ongoing, **values: float | None) -> None:
@@ -558,19 +558,19 @@ class Faults:
 
         So a parcel is set down where it was not known yet when it was lifted.
         """
-        fault, course = ongoing.fault, ongoing.course
+        fault, effect = ongoing.fault, ongoing.effect
         if values:
             fault = replace(fault, **values)  # type: ignore[arg-type]
-            course = self._kinds[fault.kind](fault, ongoing.random)
-        self._note(fault, "ends", course.end())
+            effect = self._kinds[fault.kind](fault, ongoing.random)
+        self._note(fault, "ends", effect.end())
 
     def _schedule(self, fault: Fault, random: Random) -> None:
-        course = self._kinds[fault.kind](fault, random)
+        effect = self._kinds[fault.kind](fault, random)
         start_ns = round(fault.start_s * NS_PER_S)
-        self._kernel.at(start_ns, PRIORITY, lambda: self._note(fault, "begins", course.begin()))
+        self._kernel.at(start_ns, PRIORITY, lambda: self._note(fault, "begins", effect.begin()))
         if fault.duration_s is not None:
             end_ns = start_ns + round(fault.duration_s * NS_PER_S)
-            self._kernel.at(end_ns, PRIORITY, lambda: self._note(fault, "ends", course.end()))
+            self._kernel.at(end_ns, PRIORITY, lambda: self._note(fault, "ends", effect.end()))
 
     def _note(self, fault: Fault, what: str, detail: str | None) -> None:
         for observer in self._observers:

@@ -18,7 +18,7 @@ from mdms_model.arrays import Floats
 from mdms_model.motor import drive_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.physics.row.solver import course
+from mdms_sim.physics.row.solver import sampled_motion
 from mdms_sim.physics.row.trace import row_parcel, trace
 
 FIGURES = (7, 8, 9)
@@ -49,7 +49,9 @@ def measure(figure: int) -> list[dict[str, Any]]:
     row = row_parcel(scenario, scenario.parcel[0], reference_m_s)
 
     def ours() -> Floats:
-        return course(trace(row, scenario.parcel[0].x_m, scenario.run.duration_s), times_s).x_m
+        return sampled_motion(
+            trace(row, scenario.parcel[0].x_m, scenario.run.duration_s), times_s
+        ).x_m
 
     own_m, own_s = ours(), best_of(ours, 200)
     sides = right_sides(scenario, reference_m_s)

@@ -60,7 +60,7 @@ class Loads(NamedTuple):
 
 
 @compiled
-def course(trace: Trace, times_s: Floats) -> SampledMotion:
+def sampled_motion(trace: Trace, times_s: Floats) -> SampledMotion:
     """Where a parcel is at ascending instants."""
     phases = np.searchsorted(trace.phases[:, 0], times_s, side="right") - 1
     x_m, speed = np.empty(len(times_s)), np.empty(len(times_s))
@@ -191,7 +191,7 @@ def _blank(scenario: Scenario, reference_m_s: Floats, time_s: Floats) -> Record:
 
 def _write(record: Record, number: int, journey: Journey) -> None:
     """Write one parcel, and the wheels while it is on them."""
-    way = course(journey.trace, record.time_s)
+    way = sampled_motion(journey.trace, record.time_s)
     found = loads(journey.row, journey.trace, way)
     record.pose[:, number, 0] = way.x_m
     record.twist[:, number, 0] = way.speed
