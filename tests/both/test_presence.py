@@ -42,6 +42,14 @@ def test_sensors_change_apart_from_each_other():
     assert presence.read() == presence.bits
 
 
+def test_each_of_eight_sensors_has_its_bit():
+    for sensor in range(8):
+        presence = debounced()
+        presence.step(1 << sensor, 10)
+        presence.step(1 << sensor, 14)
+        assert presence.bits == 1 << sensor
+
+
 def test_change_counts_at_once_without_debounce():
     presence = debounced(0)
     assert presence.step(0b101, 10) == ticks.IDLE_MS

@@ -56,6 +56,21 @@ def test_cell_leads_its_wheels_towards_the_goal():
     assert state(middle) == cia402.OPERATION_ENABLED
 
 
+def test_wheel_turns_a_parcel_by_its_own_place_under_it():
+    """The wheel that pushes along y is 90 mm east of the parcel's centre, the other 30 mm."""
+    for turn in (300, -300):
+        middle = Middle(0)
+        place = middle.x_um // wire.STEP_UM, 0
+        middle._page((IDENTITY, wire.GOAL, 2, place[0], place[1], turn, 0, 0, 0))
+        middle.its_sequence = 2
+        before = targets_um_s(middle)
+        run(middle, 20, moving=False)
+        along, across = targets_um_s(middle)
+        assert abs(along) <= abs(before[0]) + 12_000
+        assert 25_000 < abs(across) < 40_000
+        assert (across > 0) == (turn > 0)
+
+
 def test_estimate_says_where_the_parcel_is_and_whose_the_cell_is():
     middle = Middle(SPEED_UM_S)
     run(middle, 40)

@@ -59,6 +59,17 @@ def test_state_that_is_repeated_after_a_lost_one_moves_no_belief():
     assert abs(cell.off_um()) < 3_000
 
 
+def test_side_that_leaves_sensors_shows_the_place_as_one_that_comes_does():
+    for off_um in (-6_000, 6_000):
+        cell = Alone(SPEED_UM_S)
+        run(cell, 48)
+        cell.cell._layer._tracking.belief.pose[0] += off_um
+        run(cell, 1)
+        assert abs(cell.off_um() - off_um) < 1_000
+        run(cell, 45)
+        assert abs(cell.off_um()) < 1_500, off_um
+
+
 def test_state_that_is_sent_for_its_statuswords_shows_no_edge():
     cell = Alone(SPEED_UM_S)
     lose(cell, 75, 12)

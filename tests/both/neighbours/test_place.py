@@ -52,6 +52,19 @@ def test_neighbours_stand_a_pitch_away():
         assert shifts[direction] == (-x_um, -y_um)
 
 
+def test_direction_of_a_neighbour_follows_from_its_column_and_row():
+    objects, place, _ = made()
+    for sub, number in ((1, 3), (2, 2)):
+        write(objects, indices.PLACE, sub, number)
+    for sub in range(p.DIRECTIONS):
+        write(objects, indices.NEIGHBOURS, sub + 1, 10 + sub)
+    steps = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+    assert [place.direction_of(3 + x, 2 + y) for x, y in steps] == list(range(p.DIRECTIONS))
+    assert place.direction_of(3, 2) is place.direction_of(5, 2) is place.direction_of(3, 0) is None
+    write(objects, indices.NEIGHBOURS, 7, 0)
+    assert place.direction_of(3, 1) is None
+
+
 def test_wheels_and_sensors_are_the_prototypes_until_they_are_set():
     objects, place, _ = made()
     assert [place.contact_um(axis) for axis in range(2)] == [(-30_000, 0), (30_000, 0)]

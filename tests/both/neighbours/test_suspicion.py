@@ -3,7 +3,7 @@
 from array import array
 
 from cell_bench import NODE
-from layer_bench import IDENTITY, NEIGHBOURS, Middle
+from layer_bench import IDENTITY, NEIGHBOURS, STEPS, Middle
 
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
@@ -60,6 +60,25 @@ def test_neighbour_that_sees_nothing_under_the_parcel_is_suspected_after_half_a_
     assert cell.beats(30) == [(NEIGHBOURS[EAST], PRESENCE)]
     assert cell.estimate[wire.FLAGS] & wire.CONTRADICTED
     assert cell.suspect() == NEIGHBOURS[EAST]
+
+
+def test_neighbour_is_suspected_in_whatever_direction_it_is():
+    class Faulty(Broken):
+        def _covered(self, x_um, y_um):
+            bits = super()._covered(x_um, y_um)
+            here = (x_um > 0) - (x_um < 0), (y_um > 0) - (y_um < 0)
+            return 0 if self.blind and here == STEPS[self.direction] else bits
+
+        def _estimate(self, direction):
+            silent = self.silenced and direction == self.direction
+            return None if silent else super()._estimate(direction)
+
+    for direction in range(len(STEPS)):
+        for fault in (PRESENCE, SILENCE):
+            Faulty.direction, Faulty.blind, Faulty.silenced = direction, False, False
+            cell = Faulty(0)
+            cell.blind, cell.silenced = fault == PRESENCE, fault == SILENCE
+            assert cell.beats(90) == [(NEIGHBOURS[direction], fault)]
 
 
 def test_suspect_that_agrees_for_as_long_is_one_no_more():

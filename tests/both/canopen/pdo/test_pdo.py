@@ -139,6 +139,16 @@ def test_rpdo_takes_its_part_of_a_neighbours_frame():
     assert 0x60FF not in bench.values
 
 
+def test_rpdo_passes_over_dummies_of_every_length():
+    for dummy, bits in ((2, 8), (3, 16), (4, 32), (5, 8), (6, 16), (7, 32)):
+        bench = Bench()
+        bench.remap(0x1400, 0x1600, 0x186, dummy << 16 | bits, 0x68FF0020)
+        assert bench.rpdo.on_frame(bytes(bits // 8) + b"\x02\0\0\0")
+        bench.rpdo.on_sync()
+        assert bench.values[0x68FF] == 2
+        assert 0x60FF not in bench.values
+
+
 def test_tpdo_at_every_third_sync():
     bench = Bench()
     assert bench.write(0x1800, 2, 3) is None
