@@ -6,7 +6,14 @@ from random import Random
 import pytest
 
 from mdms_cell.perception.angle import ARM_UM
-from mdms_cell.perception.outline import DISC, RECTANGLE, STEP_UM, Outline, gap
+from mdms_cell.perception.outline import (
+    DISC,
+    RECTANGLE,
+    STEP_UM,
+    Outline,
+    gap,
+    overlaps_square,
+)
 from mdms_model.outline import gap_m, outline_m
 from mdms_model.scenario.scenario import Parcel
 
@@ -54,3 +61,26 @@ def test_discs_are_as_far_apart_as_their_rims() -> None:
     one, other = ((DISC, 0.3, 0.3, place) for place in ((0.0, 0.0, 0.3), (0.3, 0.2, 0.0)))
     apart_m = gap(outline(*one).registers, outline(*other).registers) * STEP_M
     assert apart_m == pytest.approx(hypot(0.3, 0.2) - 0.3, abs=0.001)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_parcel_lies_over_every_square_that_it_reaches_and_over_no_other(seed) -> None:
+    """The right of way goes by it: a square that is missed may be promised to another parcel."""
+    random = Random(seed)
+    found = {0: 0, 1: 0}
+    for _ in range(400):
+        pose = tuple(random.uniform(-b, b) for b in (0.25, 0.25, 3.1))
+        parcel = (*random.choice(SHAPES), pose)
+        half_m = random.choice((0.0635, 0.0695))
+        apart, over = (
+            exact_m(parcel, (RECTANGLE, 2 * side_m, 2 * side_m, (0.05, -0.03, 0.0)))
+            for side_m in (half_m, half_m - 0.001)
+        )
+        place = (round(each / STEP_M) for each in (0.05, -0.03, half_m))
+        believed = overlaps_square(outline(*parcel).registers, *place)
+        if apart > 0.001:
+            assert not believed, parcel
+        if over <= 0.0:
+            assert believed, parcel
+        found[believed] += 1
+    assert min(found.values()) > 60
