@@ -258,6 +258,32 @@ def test_sync_may_have_another_identifier():
     assert board.take() == [(0x185, bytes(8))]
 
 
+def test_sync_may_have_a_counter_and_no_more():
+    cell, board = operational()
+    cell.on_frame(0x080, b"\x01", cell.now_ms)
+    assert board.take() == [(0x185, bytes(8))]
+    dropped = cell.dropped
+    cell.on_frame(0x080, b"\x01\x02", cell.now_ms)
+    assert board.take() == []
+    assert cell.dropped == dropped + 1
+
+
+def test_wheel_that_is_pushed_on_is_braked_for_the_time_that_is_set():
+    for time_ms in (100, 1_000):
+        cell, board = operational()
+        value = time_ms.to_bytes(2, "little")
+        cell.on_frame(0x605, sdo.write_request(0x3004, 0, value), cell.now_ms)
+        enable(cell)
+        cell.tick()
+        cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
+        braked = 0
+        for _ in range(1_200):
+            board.registers[speed_loop.COUNT] += 20
+            cell.tick()
+            braked += board.registers[speed_loop.AWAKE]
+        assert braked == time_ms
+
+
 def asked(cell, board, index, sub=0):
     """The answer to a question for an entry, as a number; a code where it is refused."""
     cell.on_frame(0x605, sdo.read_request(index, sub), cell.now_ms)
