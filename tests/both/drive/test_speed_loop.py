@@ -200,13 +200,28 @@ def test_wheel_held_below_the_stall_voltage_is_not_stalled():
     assert made[s.FAULTS] == 0
 
 
-def test_following_error_is_a_fault_when_it_lasts():
+def test_following_error_is_a_fault_when_it_lasts_either_way():
     made = run(registers())
-    tuning.set_following(made, 0, 99_999, 20)
+    for base in (0, s.AXIS):
+        tuning.set_following(made, base, 99_999, 20)
     turn(made, 19)
-    assert made[s.FAULTS] == 0
+    assert made[s.FAULTS] == made[s.AXIS + s.FAULTS] == 0
     turn(made, 1)
-    assert made[s.FAULTS] == s.FOLLOWING
+    assert made[s.FAULTS] == made[s.AXIS + s.FAULTS] == s.FOLLOWING
+
+
+def test_either_axis_may_be_mounted_the_other_way_round():
+    for base, other in ((0, s.AXIS), (s.AXIS, 0)):
+        made = run(registers())
+        tuning.set_direction(made, base, 1)
+        tuning.set_direction(made, base, 1)
+        s.step(made)
+        reference = made[base + s.TARGET]
+        assert made[base + s.VOLTAGE] == -10 * reference
+        assert made[other + s.VOLTAGE] == 10 * made[other + s.TARGET]
+        tuning.set_direction(made, base, 0)
+        s.step(made)
+        assert made[base + s.VOLTAGE] == 10 * reference
 
 
 def test_tick_counter_wraps_within_a_small_integer():

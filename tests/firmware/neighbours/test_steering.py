@@ -67,6 +67,14 @@ def test_goal_beyond_exact_lengths_is_gone_to_as_fast_as_may_be():
     assert vy == pytest.approx(765_000, rel=5e-3)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_parcel_stands_only_where_no_part_of_its_twist_is_left(axis) -> None:
+    steering = programmed()
+    assert steering.stands()
+    steering.commanded[axis] = 1
+    assert not steering.stands()
+
+
 @pytest.mark.parametrize("acceleration", [0, 1])
 @pytest.mark.parametrize("step_ms", [1, STEP_MS])
 def test_no_acceleration_makes_a_ramp_that_never_ends(acceleration, step_ms):

@@ -1,0 +1,91 @@
+"""Which cells a parcel needs, beside the model's exact outlines."""
+
+from math import hypot
+from random import Random
+
+import pytest
+from tests.firmware.neighbours.outlines import exact_m
+from tests.firmware.neighbours.some_place import SomePlace
+
+from mdms_cell.motion.leading import Leading
+from mdms_cell.motion.program import Program
+from mdms_cell.perception.angle import ARM_UM
+from mdms_cell.perception.belief import Belief
+from mdms_cell.perception.footprint import Footprint
+from mdms_cell.perception.outline import DISC, RECTANGLE
+from mdms_cell.perception.place import STEPS
+from mdms_protocol.neighbours import frames as wire
+
+PITCH_M = SomePlace.pitch_um * 1e-6
+ACCELERATION_M_S2 = 0.5
+#: A parcel brakes so long after a promise has lapsed.
+REACTION_S = 0.2
+#: Small ones, which lie over few of the nine cells.
+SHAPES = ((RECTANGLE, 0.24, 0.12), (RECTANGLE, 0.16, 0.14), (DISC, 0.16, 0.16))
+
+
+class Tracking:
+    """A parcel alone on a table where ways are planned."""
+
+    others = 0
+
+    def __init__(self) -> None:
+        self.belief = Belief()
+
+    def may_be_elsewhere(self) -> bool:
+        """Never."""
+        return False
+
+
+class Axes:
+    """Wheels that are off."""
+
+    def rest(self) -> None:
+        """Nothing to be done."""
+
+
+def needs(shape, length_m, width_m, pose, twist) -> int:
+    """The mask of the neighbours that a parcel needs that moves so [m/s, rad/s]."""
+    pitch_um = SomePlace.pitch_um
+    shifts_um = [(STEPS[at] * pitch_um, STEPS[at + 1] * pitch_um) for at in range(0, 16, 2)]
+    footprint, tracking = Footprint(SomePlace(shifts_um=shifts_um)), Tracking()
+    belief = tracking.belief
+    belief.set(shape, round(length_m * 1e6), round(width_m * 1e6))
+    x_m, y_m, yaw_rad = pose
+    belief.start(round(x_m * 1e6), round(y_m * 1e6), round(yaw_rad * ARM_UM))
+    for axis, scale in enumerate((1e6, 1e6, ARM_UM)):
+        belief.twist.speeds[axis] = round(twist[axis] * scale)
+    acceleration = round(ACCELERATION_M_S2 * 1000) // wire.ACCELERATION_MM_S2
+    program = Program()
+    program.take((1, wire.PARCEL, 1, shape, 1000, 1000, acceleration, 100, 0))
+    program.take((1, wire.GOAL, 1, 0, 0, 0, 0, 0, 0))
+    leading = Leading(None, footprint, tracking, Axes(), lambda _direction: None)
+    leading.look_ahead(program)
+    return leading.needs
+
+
+def covers(parcel, direction) -> bool:
+    """Whether it lies over that neighbour's square, by a millimetre or more."""
+    centre_m = (STEPS[2 * direction] * PITCH_M, STEPS[2 * direction + 1] * PITCH_M, 0.0)
+    side_m = PITCH_M - 0.002
+    return exact_m(parcel, (RECTANGLE, side_m, side_m, centre_m)) < 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_parcel_needs_each_cell_that_it_is_over_or_would_be_over_where_it_stands(seed) -> None:
+    random = Random(seed)
+    ahead = 0
+    for _ in range(200):
+        shape, length_m, width_m = random.choice(SHAPES)
+        pose = [random.uniform(-bound, bound) for bound in (0.06, 0.06, 3.1)]
+        twist = [random.uniform(-bound, bound) for bound in (0.2, 0.2, 1.0)]
+        speed_m_s = hypot(twist[0], twist[1])
+        time_s = REACTION_S + speed_m_s / (2 * ACCELERATION_M_S2)
+        end = [each + speed * time_s for each, speed in zip(pose, twist, strict=True)]
+        found = needs(shape, length_m, width_m, pose, twist)
+        for direction in range(8):
+            here = covers((shape, length_m, width_m, tuple(pose)), direction)
+            there = covers((shape, length_m, width_m, tuple(end)), direction)
+            assert found >> direction & 1 or not (here or there), (pose, twist, direction)
+            ahead += there and not here
+    assert ahead > 60
