@@ -9,8 +9,8 @@ from mdms_cell.drive import speed_loop
 PWM_HZ = 20_000
 #: DRV8874 carrier: 1.1 V/A into an ADC of 3.3 V.
 CURRENT_FULL_SCALE_MA = const(3_000)
-#: Over any limit that is watched.
-CURRENT_TOO_LARGE_MA = const(2 * CURRENT_FULL_SCALE_MA)
+#: Over any limit that is watched: twice `tuning.CURRENT_MAX_MA`.
+CURRENT_TOO_LARGE_MA = const(2_000_000)
 
 _SATURATED = const(64_000)
 #: Least supply that a pulse width is worked out by: 1 V, in units of 4,096 uV.

@@ -197,6 +197,24 @@ def test_voltage_is_zero_within_a_tick_of_too_much_current(bench):
     assert bench.widths() == (0, 0)
 
 
+def test_fault_of_a_bridge_counts_at_any_limit_of_the_current(bench):
+    bench.boot()
+    # 0x6075 and 0x6073 at their largest: 1,000 A
+    for index in (0x60, 0x68):
+        rated = bytes((0x23, 0x75, index, 0)) + (100_000).to_bytes(4, "little")
+        bench.can.deliver(0x600 + NODE, rated)
+        bench.pass_ms()
+        largest = bytes((0x2B, 0x73, index, 0)) + (10_000).to_bytes(2, "little") + bytes(2)
+        bench.can.deliver(0x600 + NODE, largest)
+        bench.pass_ms()
+    bench.drive(100_000)
+    world.levels[bench.fault] = 0
+    for _ in range(110):
+        bench.target(100_000)
+        bench.pass_ms()
+    assert bench.off()
+
+
 def test_presence_follows_the_sensors(bench):
     bench.boot()
     assert bench.board.presence() == 0
