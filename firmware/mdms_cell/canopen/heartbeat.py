@@ -136,7 +136,8 @@ class Consumer:
     def _on_time(self, _index, sub):
         node_id, limit_ms = self._watched(sub)
         for other in range(1, CONSUMED_NODES + 1):
-            if other != sub and limit_ms and self._watched(other)[0] == node_id and node_id:
+            other_id, other_ms = self._watched(other)
+            if other != sub and other_id == node_id and node_id and other_ms and limit_ms:
                 raise sdo.AbortError(sdo.INCOMPATIBLE)
         self._take_entry(sub)
         self._changed()

@@ -116,6 +116,18 @@ def test_node_that_is_watched_already_is_refused():
     assert bench.refused(4, 0, 100) is None
 
 
+def test_entry_without_a_time_keeps_its_node_from_no_other_entry():
+    bench = watching()
+    bench.watch(2, HOST, 0)
+    assert bench.refused(1, HOST, 100) is None
+    bench.watch(1, HOST, 0)
+    assert bench.refused(4, HOST, 300) is None
+    assert bench.refused(1, HOST, 100) == sdo.INCOMPATIBLE
+    bench.hear(HOST, 0)
+    assert not bench.consumer.poll(299)
+    assert bench.consumer.poll(300)
+
+
 def test_write_to_one_entry_leaves_the_state_of_all_other_nodes():
     bench = watching()
     bench.hear(HOST, 0)
