@@ -8,7 +8,8 @@ the background, as the speed loop does.
 
 The neighbour layer enables an axis that is 'switched on' without another controlword. So too low a
 supply, which is an emergency stop, is a fault there as well. Only a controlword of another node
-leads on from the states below.
+leads on from the states below. A host that is back resets the fault of its own silence by itself.
+So too low a supply meanwhile takes the place of such a fault.
 
 A target is valid in the 'operation enabled' in which it came. Every way into and out of that state
 sets it to 0.
@@ -72,6 +73,8 @@ UNDERVOLTAGE = 0x3220
 STALLED = 0x7121
 REVERSED = 0x7302
 FOLLOWING_ERROR = 0x8611
+#: Their upper bytes where communication has failed, and not the axis.
+_COMMUNICATION = (0x81, 0x82)
 
 _ERROR_CODES = (
     (speed_loop.OVER_CURRENT, OVER_CURRENT),
@@ -190,6 +193,9 @@ class Drive:
                     return code
         if registers[base + speed_loop.SIGNS] & speed_loop.STOPPED:
             self._happen(STANDSTILL)
+        if self.error_code >> 8 in _COMMUNICATION and self.lacks_supply():
+            self.error_code = UNDERVOLTAGE
+            return UNDERVOLTAGE
         return 0
 
     def lacks_supply(self):

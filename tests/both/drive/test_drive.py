@@ -428,3 +428,26 @@ def test_axis_that_needs_a_controlword_has_no_fault_of_a_low_supply_until_it_is_
         axis.drive.control(c.SHUTDOWN)
         axis.drive.control(c.SWITCH_ON)
         assert axis.tick() == d.UNDERVOLTAGE
+
+
+def test_low_supply_in_the_fault_of_a_silence_is_a_fault_of_the_supply_until_it_is_reset():
+    # An emergency stop that is pressed after the host has gone, and released before it is back.
+    for code in (0x8130, 0x8140, 0x8250):
+        axis = Axis()
+        axis.drive.fail(code)
+        axis.registers[s.SUPPLY_MIN] = 10_000_000
+        assert [axis.tick() for _ in range(s.LOW_TICKS)] == [0] * 4 + [d.UNDERVOLTAGE]
+        assert axis.tick(10) == 0
+        axis.registers[s.SUPPLY] = 24_000_000
+        axis.tick(10)
+        assert (axis.drive.state, axis.drive.error_code) == (c.FAULT, d.UNDERVOLTAGE)
+        axis.drive.control(c.FAULT_RESET)
+        axis.tick(10)
+        assert (axis.drive.state, axis.drive.error_code) == (c.SWITCH_ON_DISABLED, 0)
+
+
+def test_low_supply_hides_no_fault_of_the_wheel():
+    axis = axis_in(c.FAULT)
+    axis.registers[s.SUPPLY_MIN] = 10_000_000
+    assert axis.tick(10) == 0
+    assert axis.drive.error_code == d.STALLED

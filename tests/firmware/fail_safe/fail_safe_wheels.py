@@ -82,6 +82,23 @@ def undervoltage_off(bench):
     comes_back(bench, *RESET)
 
 
+def undervoltage_after_silence(bench):
+    # The host falls silent, and the relay opens and closes before it is back.
+    bench.pass_ms(600)
+    assert bench.off()
+    assert emergencies() == [0x8250, 0x8250], emergencies()
+    world.sent.clear()
+    world.analog[bench.supply] = 0
+    bench.pass_ms(20)
+    world.analog[bench.supply] = SUPPLY_24_V
+    bench.pass_ms(20)
+    assert emergencies() == [0x3220, 0x3220], emergencies()
+    bench.can.deliver(0x600 + NODE, b"\x40\x3f\x60\x00\0\0\0\0")
+    bench.pass_ms(2)
+    assert (0x580 + NODE, b"\x4b\x3f\x60\x00\x20\x32\0\0") in world.sent
+    comes_back(bench, *RESET)
+
+
 def enable_without_reset(bench, word):
     """It turns no wheel of a drive that has a fault."""
     for _ in range(100):

@@ -185,6 +185,15 @@ def test_releasing_the_emergency_stop_lets_no_host_go_on(control, policy) -> Non
 
 
 @pytest.mark.parametrize("control", ["host", "cells"])
+def test_releasing_the_emergency_stop_before_a_silent_host_is_back_lets_it_not_go_on(control):
+    silent = f"kind='host', start_s={CUT_S}, duration_s=0.8"
+    pressed = f"kind='supply', start_s={CUT_S + 0.4}, duration_s=0.2"
+    run = run_of(control, f"{silent}}}, {{{pressed}", until_s=8.0)
+    assert driven_s(run).max() < CUT_S + 0.4
+    assert "0x3220" in run.reason
+
+
+@pytest.mark.parametrize("control", ["host", "cells"])
 @pytest.mark.parametrize("policy", ["stop", "hold", "go_on"])
 def test_host_does_not_go_on_after_a_power_cut_of_most_cells(control, policy) -> None:
     cut = f"kind='off', start_s={CUT_S}, duration_s=0.2"
