@@ -120,11 +120,14 @@ def set_times(registers, setpoint_timeout_ms, braking_ms):
 
 
 def set_over_current(registers, base, limit_ma, time_ms):
-    """Make more than `limit_ma` for `time_ms` a fault; a time of 0 does not watch."""
+    """Make more than `limit_ma` for `time_ms` a fault; a time of 0 does not watch.
+
+    A limit of 0 is watched as one of 1 mA. So a bridge that shuts off is a fault at any limit.
+    """
     _check("current limit [mA]", limit_ma, 0, CURRENT_MAX_MA)
     _check("over-current time [ms]", time_ms, 0, TIME_MAX_MS)
     registers[base + speed_loop.CURRENT_TICKS] = time_ms
-    registers[base + speed_loop.CURRENT_LIMIT] = limit_ma if time_ms else 0
+    registers[base + speed_loop.CURRENT_LIMIT] = max(limit_ma, 1) if time_ms else 0
 
 
 def set_stall(registers, base, counts_per_metre, voltage_mv, time_ms):

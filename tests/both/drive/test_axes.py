@@ -229,6 +229,18 @@ def test_trial_limit_is_taken_only_on_the_way_to_enabling():
         assert limits_mv(bench, 1) == [24_000, 24_000]
 
 
+def test_smallest_limit_of_the_current_is_watched_too():
+    for max_current, rated_ma in ((0, 2_000), (999, 1)):
+        bench = Bench()
+        bench.write(0x6073, max_current)
+        bench.write(0x6075, rated_ma)
+        bench.registers[s.CURRENT] = 2
+        for _ in range(100):
+            s.step(bench.registers)
+        bench.axes.poll()
+        assert bench.errors == {1: 0x2310}, max_current
+
+
 def test_current_is_told_in_thousandths_of_the_rated_one_as_far_as_they_go():
     bench = Bench()
     most, least = (65_534, 65_536), (-65_536, -65_538)
