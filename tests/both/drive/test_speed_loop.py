@@ -137,6 +137,34 @@ def test_ramps_limit_how_fast_the_reference_changes():
     assert made[s.DEMAND] == 0
 
 
+def test_reference_that_turns_round_is_sped_up_by_its_own_ramp():
+    for target in (100_000, -100_000):
+        sign = 1 if target > 0 else -1
+        slowed = (-70_000, -40_000, -10_000, 0)
+        # Towards 0 it jumps, or is slowed down faster than it is sped up.
+        for deceleration, ways in ((0, (2_000, 4_000)), (30_000_000, slowed)):
+            made = run(registers())
+            tuning.set_ramps(made, 0, 2_000_000, deceleration, 0)
+            made[s.TARGET] = -target
+            turn(made, 60)
+            assert made[s.DEMAND] == -target
+            made[s.TARGET] = target
+            for way in ways:
+                turn(made, 1)
+                assert made[s.DEMAND] == sign * way
+            turn(made, 1)
+            assert made[s.DEMAND] == sign * (ways[-1] + 2_000)
+
+
+def test_reference_without_ramps_turns_round_at_once():
+    made = run(registers())
+    turn(made, 1)
+    for target in (-100_000, 100_000):
+        made[s.TARGET] = target
+        turn(made, 1)
+        assert made[s.DEMAND] == target
+
+
 def test_over_current_is_a_fault_when_it_lasts():
     made = run(registers())
     tuning.set_over_current(made, 0, 3_000, 10)
