@@ -175,7 +175,7 @@ UV_PER_V = 1e6
 #: Below this supply a bridge shuts off (DRV8874: undervoltage lockout).
 BRIDGE_SUPPLY_MIN_V = 4.5
 #: What the firmware takes a bridge's own fault for: a current over any limit that is watched.
-SHUT_OFF_MA = 6000
+SHUT_OFF_MA = 2_000_000
 MA_PER_A = 1e3
 
 Registers = NDArray[np.int32]
