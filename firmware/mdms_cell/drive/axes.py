@@ -175,6 +175,10 @@ class Axis:
         """Counts since the start as a signed number of 32 bits, as wired."""
         turns = self._registers[self._base + speed_loop.TURNS]
         count = self._registers[self._base + speed_loop.LAST_COUNT]
+        if turns != self._registers[self._base + speed_loop.TURNS]:
+            # A tick came in between; the next is a millisecond away.
+            turns = self._registers[self._base + speed_loop.TURNS]
+            count = self._registers[self._base + speed_loop.LAST_COUNT]
         return ((turns ^ 0x8000) - 0x8000 << 16) | count
 
     def _voltage_uv(self):

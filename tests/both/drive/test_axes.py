@@ -229,6 +229,41 @@ def test_trial_limit_is_taken_only_on_the_way_to_enabling():
         assert limits_mv(bench, 1) == [24_000, 24_000]
 
 
+class Interrupted:
+    """Registers with a tick at the next read of one of them, once."""
+
+    def __init__(self, registers, place, tick):
+        self._registers = registers
+        self._place = place
+        self._tick = tick
+
+    def __getitem__(self, place):
+        value = self._registers[place]
+        if place == self._place:
+            self._place = -1
+            self._tick()
+        return value
+
+
+def test_position_is_whole_where_a_tick_comes_amid_its_read():
+    for place in (s.TURNS, s.LAST_COUNT):
+        for before, after in ((0xFFFF, 0x0000), (0x0000, 0xFFFF)):
+            bench = Bench()
+            bench.registers[s.COUNT] = before
+            s.step(bench.registers)
+            step = -1 if before == 0 else 1
+            start = int.from_bytes(bench.objects.read(0x6063, 0), "little")
+
+            def tick(bench=bench, after=after):
+                bench.registers[s.COUNT] = after
+                s.step(bench.registers)
+
+            axis = bench.axes._axes[0]
+            axis._registers = Interrupted(bench.registers, place, tick)
+            position = int.from_bytes(bench.objects.read(0x6063, 0), "little")
+            assert position in (start, start + step & 0xFFFFFFFF), (place, before)
+
+
 def test_smallest_limit_of_the_current_is_watched_too():
     for max_current, rated_ma in ((0, 2_000), (999, 1)):
         bench = Bench()
