@@ -65,6 +65,7 @@ MODES = {
 _RAMPED = (speed_loop.STOP, speed_loop.BRAKE)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 _OFF = (cia402.SWITCH_ON_DISABLED, cia402.FAULT)
+_ON = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 
 # Error codes of CiA 301 and CiA 402-2, as in 0x603F and in the emergency message
 STALE_SETPOINT = 0x8250
@@ -103,7 +104,8 @@ class Drive:
 
     If `may_enable()` is given and false, 'enable operation' leads to 'switched on' only.
     `on_enabled()`, if given, is called on the way into 'operation enabled'. `on_off()`, if given,
-    is called on the way into 'switch on disabled' and 'fault', once the voltage is 0.
+    is called on the way into 'switch on disabled' and 'fault', and from a state in which the motor
+    is on into one in which it is off, once the voltage is 0.
     """
 
     def __init__(self, registers, base, on_off=None):
@@ -238,7 +240,8 @@ class Drive:
         mode = MODES.get(state, speed_loop.OFF)
         # Not OFF on the way to a ramp: a tick in between would have it begin at 0.
         registers[base + speed_loop.MODE] = mode if mode in _RAMPED else speed_loop.OFF
-        if state in _OFF and self.on_off is not None:
+        goes_off = state in _OFF or (self.state in _ON and state not in _ON)
+        if goes_off and self.on_off is not None:
             self.on_off()
         if self.state == cia402.FAULT:
             registers[base + speed_loop.FAULTS] = 0

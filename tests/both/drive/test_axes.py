@@ -205,6 +205,16 @@ def test_trial_limit_is_gone_however_the_axis_goes_off():
             assert bench.objects.read(0x2802, 0) == (24_000).to_bytes(4, "little")
 
 
+def test_trial_limit_binds_no_later_enabling():
+    for word in (cia402.SWITCH_ON, cia402.SHUTDOWN):
+        bench = on_trial()
+        bench.control(1, UP[2], word)
+        assert bench.objects.read(0x2810, 0) == bytes(4)
+        bench.control(1, *UP[1:])
+        assert bench.modes()[1] == s.RUN
+        assert limits_mv(bench, 1) == [24_000, 24_000]
+
+
 def test_trial_limit_outlives_a_step_back_on_the_way_and_0_ends_it():
     bench = on_trial()
     bench.control(1, cia402.SHUTDOWN)
