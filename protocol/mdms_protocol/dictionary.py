@@ -133,7 +133,7 @@ NEIGHBOUR_OBJECTS: dict[int, Field | e.Group] = {
         "Lease",
         {
             1: setting("Lease beats", U8, 10, low=3, high=100),
-            2: setting("Beat period", U16, 10, e.MILLISECONDS, low=5, high=100),
+            2: setting("Beat period", U16, 10, e.MILLISECONDS, low=8, high=50),
             3: setting("SYNC takeover", U8, high=1),
             4: setting("SYNC takeover rank", U8, high=cob.CELL_NODE_MAX),
         },

@@ -2,12 +2,13 @@
 
 from array import array
 
+from cell_bench import operational
 from layer_bench import IDENTITY, LENGTH_UM, NEIGHBOURS, NODE, WIDTH_UM, Middle
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.neighbour_layer import UPDATE_MS
 from mdms_protocol import indices, pdo
-from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs import cia402, cob, sdo
 from mdms_protocol.neighbours import frames as wire
 
 SPEED_UM_S = 100_000
@@ -541,6 +542,16 @@ def test_reports_of_before_a_pause_count_for_nothing_however_long_the_pause_was(
         for _ in range(9):
             middle._pass(1)
         assert targets_um_s(middle)[0] < 80_000
+
+
+def test_beat_that_leaves_no_time_for_an_update_or_is_longer_than_a_step_is_refused():
+    cell, board = operational()
+    answers = []
+    for period_ms in (UPDATE_MS, UPDATE_MS + 1, 50, 51):
+        value = period_ms.to_bytes(2, "little")
+        cell.on_frame(cob.SDO_REQUEST_BASE + NODE, sdo.write_request(indices.LEASE, 2, value), 0)
+        answers.append(board.take()[-1][1][0])
+    assert answers == [0x80, 0x60, 0x60, 0x80]
 
 
 def test_sync_wakes_the_cell_for_its_update_and_not_before():
