@@ -40,12 +40,16 @@ from mdms_model.scenario.scenario import Cell, Parcel, Scenario, Wire, in_stock
 #: Cells that steer carry no parcel that is narrower than so many pitches: under a smaller one too
 #: few of them see enough of it to find its place.
 _LEAST_PITCHES = 2.0
+#: Nor one that is longer across than so many pitches: `hold` reaches no farther (HOPS in
+#: `mdms_cell.rights.right_of_way`). Cells at the far end would push on while the others hold it.
+_MOST_PITCHES = 4.0
 
 
 def refuse_tipping(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that comes too near to tipping.
 
-    A parcel that is too small for cells that steer is refused, too, and one of a rough size.
+    A parcel that is too small or too large for cells that steer is refused, too, and one of a rough
+    size.
 
     Asked of the cells alone, which carry real parcels: in the paper's fidelities a parcel may tip,
     and the physics reports it. Fields have no way that is known beforehand, so the start counts.
@@ -54,6 +58,7 @@ def refuse_tipping(scenario: Scenario) -> None:
         return
     if scenario.motion.control == "cells":
         _refuse_small(scenario)
+        _refuse_large(scenario)
         _refuse_rough(scenario)
     wheel_m = build_wheels(scenario).position_m
     stock = in_stock(scenario)
@@ -125,6 +130,19 @@ def _refuse_small(scenario: Scenario) -> None:
                 f"parcel.{number}: {parcel.name!r} is {width_m:.3g} m wide, and cells that steer "
                 f'(motion.control = "cells") carry none below {least_m:.3g} m, two pitches of the '
                 "array; take a larger parcel, or have the host steer"
+            )
+
+
+def _refuse_large(scenario: Scenario) -> None:
+    """Raises `InputError` for a parcel that is too long for cells that steer."""
+    most_m = _MOST_PITCHES * scenario.array.pitch_m
+    for number, parcel in enumerate(scenario.parcel):
+        across_m = 2 * outline_of(parcel).radius_m
+        if across_m > most_m:
+            raise InputError(
+                f"parcel.{number}: {parcel.name!r} is {across_m:.3g} m across, and cells that "
+                f'steer (motion.control = "cells") carry none above {most_m:.3g} m, four pitches '
+                "of the array; take a smaller parcel, or have the host steer"
             )
 
 

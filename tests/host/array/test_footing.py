@@ -71,6 +71,20 @@ def test_a_parcel_too_small_for_cells_that_steer_is_refused_with_the_least_width
         open_program("neighbours", keys)
 
 
+@pytest.mark.parametrize(
+    ("keys", "across"),
+    [
+        (["parcel.0.length_m=0.44", "parcel.0.width_m=0.30"], "0.533"),
+        (["parcel.0.shape='disc'", "parcel.0.length_m=0.52", "parcel.0.width_m=0.52"], "0.52"),
+    ],
+)
+def test_a_parcel_too_large_for_the_steps_of_a_hold_is_refused_with_the_greatest_size(keys, across):
+    keys = ["array.columns=8", "parcel.0.goal.yaw_rad=0.0", *keys]
+    with pytest.raises(InputError, match=rf"is {across} m across, .* none above 0\.508 m"):
+        open_program("neighbours", keys)
+    open_program("neighbours", [*keys, "motion.control='host'"])
+
+
 def test_a_size_too_rough_for_cells_that_steer_is_refused_with_the_limit():
     rough = "belief.box.size_spread_m=0.003"
     told = r"'box' is told within 3 mm \(size_spread_m\), but must be within 2 mm for cells that"
