@@ -4,7 +4,7 @@
 
 from array import array
 
-from mdms_cell.motion.steering import SETTLED_MS, Steering, length
+from mdms_cell.motion.steering import REACTION_MS, SETTLED_MS, Steering, length
 from mdms_cell.perception.angle import ARM_UM, wrapped
 from mdms_cell.perception.footprint import UNSEEN_ROOM
 from mdms_cell.perception.outline import STEP_UM, Outline, gap
@@ -12,9 +12,7 @@ from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
-#: From the wish to brake until all cells under the parcel brake: HOPS times the beats that `hold`
-#: may take and counts. And how far ahead a cell asks [ms].
-_REACTION_MS = const(200)
+#: How far ahead a cell asks [ms].
 _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
@@ -63,6 +61,8 @@ class Leading:
     def reset(self):
         """Switch the wheels off in good order, and forget everything."""
         self.stop()
+        # A cell asks its neighbours alone, so a parcel has to stand within a pitch.
+        self.steering.room_mm = self._place.pitch_um // 1000
         self.needs = self.wants = 0
         #: The parcel that the times without a host are about.
         self._identity = 0
@@ -120,7 +120,7 @@ class Leading:
             steering = self.steering
             steering.read(program)
             needs = footprint.squares(parcel, present, room)
-            needs |= self._comes_over(parcel.twist.speeds, _REACTION_MS, present ^ needs, room)
+            needs |= self._comes_over(parcel.twist.speeds, REACTION_MS, present ^ needs, room)
             wants = needs
             if steering.wishes():
                 wants |= self._comes_over(steering.wish, _ASK_MS, present ^ needs, room)

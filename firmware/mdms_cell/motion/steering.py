@@ -21,8 +21,13 @@ _SETTLED_BEATS = const(30)
 SETTLED_MS = const(300)
 #: A beat may change the twist by at least this under any program: every ramp ends [um/s].
 _CHANGE_MIN_UM_S = const(100)
+#: From the wish to brake until all cells under the parcel brake: HOPS times the beats that `hold`
+#: may take and counts [ms].
+REACTION_MS = const(200)
 #: Near the goal the speed is so many times the way left a second.
 _STIFFNESS_PER_S = const(3)
+#: The room of a parcel where no cell has told its pitch.
+_ROOM_MM = const(1_000)
 #: Parts of a corner's way, in which turning and going are one motion.
 _SHARE = const(64)
 #: The longest way whose products with a speed are words [16 um].
@@ -42,7 +47,8 @@ class Steering:
 
     `commanded` is the twist [um/s]; it changes no faster than the program allows. `wish` is the
     twist that it approaches. `left` is the rest of the way: x, y and turn [um]. `arrived` lasts
-    until the parcel is found outside twice the tolerance.
+    until the parcel is found outside twice the tolerance. `room_mm` is the way within which a
+    parcel under way can always stand.
     """
 
     def __init__(self):
@@ -51,6 +57,7 @@ class Steering:
         self.left = array("i", [0] * 3)
         self._way = array("i", [0] * 6)
         self._change = array("i", [0] * 3)
+        self.room_mm = _ROOM_MM
         self.reset()
 
     def reset(self):
@@ -72,8 +79,11 @@ class Steering:
         return self._way[_ACCELERATION] * wire.ACCELERATION_MM_S2
 
     def speed_mm_s(self):
-        """The program's speed."""
-        return self._way[_SPEED] * wire.SPEED_MM_S
+        """The program's speed, or that from which the parcel can stand within the room."""
+        braking = self.acceleration_mm_s2()
+        slowed = braking * REACTION_MS // 1000
+        most = root(slowed * slowed + 2 * braking * self.room_mm) - slowed
+        return min(self._way[_SPEED] * wire.SPEED_MM_S, most)
 
     @micropython.native
     def find_wish(self, parcel, x_um, y_um):

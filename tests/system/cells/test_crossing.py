@@ -1,7 +1,7 @@
 """Boxes whose ways cross: two while a tenth of all frames is lost, four on full buses."""
 
 from tests.benchmarks.cells.crossing import TABLES, boxes_of
-from tests.system.cells.neighbour_host import run, scenario_of
+from tests.system.cells.neighbour_host import Box, run, scenario_of
 
 LOSS = "{kind='loss', probability=0.1, start_s=1.5}"
 
@@ -18,3 +18,12 @@ def test_boxes_that_meet_where_buses_are_full_do_not_touch():
     boxes = boxes_of(4, 1)
     finished = run(scenario_of(boxes, *TABLES[4], seed=1), boxes, 6.5)
     assert not finished.touches
+
+
+def test_a_box_at_the_highest_speed_of_the_wire_stands_before_another():
+    # Its cells ask for those a pitch away. The other lies 12 mm behind the next square.
+    fast = Box((-0.42, 0.0, 0.0), (0.55, 0.0, 0.0), speed_m_s=1.27)
+    other = Box((0.3425, 0.0, 0.0), (0.3425, 0.0, 0.0))
+    finished = run(scenario_of([fast, other], 9, 3), [fast, other], 5.0)
+    assert not finished.touches
+    assert finished.is_held()
