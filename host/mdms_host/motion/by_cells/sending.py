@@ -20,13 +20,15 @@ from mdms_protocol.neighbours import messages, precedence
 from mdms_protocol.neighbours.messages import End, Page, Precedence
 
 _STEP_M = wire.STEP_UM * 1e-6
+#: A speed or an acceleration has so many steps of the wire at most.
+_LIMIT_MAX = 255
 _SHAPES = {"rectangle": wire.RECTANGLE, "disc": wire.DISC}
 
 
 def parcel_page(
     identity: int, sequence: int, parcel: Parcel, limits: Limits, flags: int
 ) -> messages.Parcel:
-    """Outline and limits of a parcel; limits below a step of the wire are one step.
+    """Outline and limits of a parcel; limits that the wire has not are the nearest that it has.
 
     Raises KeyError for a shape that no page has.
     """
@@ -36,10 +38,14 @@ def parcel_page(
         _SHAPES[parcel.shape],
         round(parcel.length_m / _STEP_M),
         round((parcel.length_m if parcel.shape == "disc" else parcel.width_m) / _STEP_M),
-        max(round(limits.acceleration_m_s2 * 1e3 / wire.ACCELERATION_MM_S2), 1),
-        max(round(limits.speed_m_s * 1e3 / wire.SPEED_MM_S), 1),
+        _limit(limits.acceleration_m_s2 * 1e3 / wire.ACCELERATION_MM_S2),
+        _limit(limits.speed_m_s * 1e3 / wire.SPEED_MM_S),
         flags,
     )
+
+
+def _limit(steps: float) -> int:
+    return wire.clipped(round(steps), 1, _LIMIT_MAX)
 
 
 def flags_of(goal: Goal | None, *, go_on: bool, planned: bool) -> int:

@@ -29,6 +29,12 @@ def test_limits_below_a_step_of_the_wire_are_one_step():
     assert messages.decode_page(messages.encode_page(page)) == page
 
 
+def test_limits_above_those_of_the_wire_are_the_greatest_that_it_has():
+    page = parcel_page(1, 1, BOX, Limits(speed_m_s=2.0, friction=1.9), 0)
+    assert (page.speed, page.acceleration) == (255, 255)
+    assert messages.decode_page(messages.encode_page(page)) == page
+
+
 def test_yaw_at_the_goal_does_not_matter_where_none_is_given():
     pages = Table(Goal(0.1, 0.0, None)).run(STEP_S)
     assert pages[0][1].flags == wire.ANY_YAW
