@@ -16,6 +16,10 @@ from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 _ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
+#: A parcel that is faster by then rolls, and is held until it is no faster than the second; its
+#: three speeds together [um/s].
+_ROLLING_UM_S = const(4_000)
+_STILL_UM_S = const(300)
 #: Without its host a parcel stands for so long in all, while others have the right of way [ms].
 _WAIT_MS = const(30_000)
 #: Without its host a parcel asks for cells that it comes so much nearer to [steps]. So it waits for
@@ -94,8 +98,9 @@ class Leading:
         """Switch the wheels off in good order, if they are on."""
         if self._driving:
             self._axes.rest()
-        #: Whether the wheels are on, and for how long they have held, up to _HOLD_BEATS.
-        self._driving = False
+        #: Whether the wheels are on, for how long they have held, up to _HOLD_BEATS, and whether
+        #: the parcel still rolled then.
+        self._driving = self._rolled = False
         self._held_beats = 0
         self.steering.reset()
 
@@ -254,14 +259,25 @@ class Leading:
             steering.commanded[axis] = self._parcel.twist.speeds[axis] if going else 0
 
     def _has_held(self):
-        """Hold the parcel, which stands; return whether it was held long, with the wheels off."""
+        """Hold the parcel; return whether it was held long and stands, with the wheels off.
+
+        Wheels that are off hardly brake a heavy parcel: it would roll on.
+        """
         self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
-        if self._driving and self._held_beats < _HOLD_BEATS:
+        if self._driving and (self._held_beats < _HOLD_BEATS or self._rolls()):
             return False
         if self._driving:
             self._driving = False
             self._axes.rest()
         return True
+
+    def _rolls(self):
+        """Whether the parcel has not come to rest, as enough wheels show."""
+        parcel = self._parcel
+        most_um_s = _STILL_UM_S if self._rolled else _ROLLING_UM_S
+        shown = parcel.twist.shown[WHEELS] >= _JOIN_WHEELS
+        self._rolled = shown and parcel.speed() > most_um_s
+        return self._rolled
 
     def _plan(self, program):
         """Find how long the way takes, to the goal and along the legs that follow."""

@@ -103,6 +103,19 @@ def test_neighbour_that_is_not_promised_holds_the_parcel():
     assert max(map(abs, targets_um_s(middle))) == 0
 
 
+def test_parcel_that_rolls_on_is_held_until_it_stands():
+    middle = Middle(20_000)
+    run(middle, 10)
+    middle.silent = NEIGHBOURS[0]
+    # It is so heavy that no wheel slows down.
+    run(middle, 100)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) == cia402.OPERATION_ENABLED
+    middle.speed_um_s = 0
+    run(middle, 10)
+    assert state(middle) == cia402.SWITCHED_ON
+
+
 def test_silent_neighbours_end_the_motion():
     middle = Middle(SPEED_UM_S)
     run(middle, 20)
