@@ -10,6 +10,7 @@ import numpy as np
 
 from mdms_host.coordination.run_state import Timing
 from mdms_host.estimation.tracked_parcel import LEARNED_M
+from mdms_host.motion.by_cells.program import LEAST_PITCHES, MOST_PITCHES
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.safe_goals import Footing, SupportedParcel, least_footing
@@ -36,13 +37,6 @@ from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Cell, Parcel, Scenario, Wire, in_stock
-
-#: Cells that steer carry no parcel that is narrower than so many pitches: under a smaller one too
-#: few of them see enough of it to find its place.
-_LEAST_PITCHES = 2.0
-#: Nor one that is longer across than so many pitches: `hold` reaches no farther (HOPS in
-#: `mdms_cell.rights.right_of_way`). Cells at the far end would push on while the others hold it.
-_MOST_PITCHES = 4.0
 
 
 def refuse_tipping(scenario: Scenario) -> None:
@@ -122,7 +116,7 @@ def refuse_pushless(scenario: Scenario) -> None:
 
 def _refuse_small(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that is too narrow for cells that steer."""
-    least_m = _LEAST_PITCHES * scenario.array.pitch_m
+    least_m = LEAST_PITCHES * scenario.array.pitch_m
     for number, parcel in enumerate(scenario.parcel):
         width_m = _width_m(parcel)
         if width_m < least_m:
@@ -135,7 +129,7 @@ def _refuse_small(scenario: Scenario) -> None:
 
 def _refuse_large(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that is too long for cells that steer."""
-    most_m = _MOST_PITCHES * scenario.array.pitch_m
+    most_m = MOST_PITCHES * scenario.array.pitch_m
     for number, parcel in enumerate(scenario.parcel):
         across_m = 2 * outline_of(parcel).radius_m
         if across_m > most_m:

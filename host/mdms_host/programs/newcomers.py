@@ -131,7 +131,8 @@ class NamingRegister(Register, Protocol):
 class TrackedNewcomers:
     """See `table_parcel.Newcomers`. `know` has the traffic and the program know a parcel.
 
-    The table's emergency stop holds no parcel heavier than `heaviest_kg`.
+    The table's emergency stop holds no parcel heavier than `heaviest_kg`. `misfit` is why the table
+    cannot carry a parcel at all, None where it can.
     """
 
     def __init__(
@@ -139,15 +140,18 @@ class TrackedNewcomers:
         register: NamingRegister,
         know: Callable[[Parcel, Mass, str, bool], None],
         heaviest_kg: float = inf,
+        misfit: Callable[[Parcel], str | None] = lambda _: None,
     ) -> None:
         self._register = register
         self._know = know
         self._heaviest_kg = heaviest_kg
+        self._misfit = misfit
 
     def announce(self, newcomer: Newcomer, near_m: tuple[float, float] | None) -> None:
         """Expect a parcel, near a place or anywhere. Raises ProgramError."""
         self._refuse_heavier(newcomer)
         parcel = replace(_drawn(newcomer), near_m=near_m)
+        self._refuse_misfit(parcel)
         region = None if near_m is None else around(near_m)
         try:
             self._register.announce(parcel, region)
@@ -159,6 +163,7 @@ class TrackedNewcomers:
         """Take something unknown for a parcel. Raises ProgramError."""
         self._refuse_heavier(newcomer)
         parcel = self._learned(unknown, newcomer) or _drawn(newcomer)
+        self._refuse_misfit(parcel)
         try:
             self._register.name(unknown, parcel)
         except KeyError:
@@ -179,6 +184,10 @@ class TrackedNewcomers:
                 f"{newcomer.name} has {newcomer.mass_kg:g} kg, but the table's emergency stop "
                 f"holds {self._heaviest_kg:g} kg at most (stop.mass_kg); take it off the table"
             )
+
+    def _refuse_misfit(self, parcel: Parcel) -> None:
+        if (reason := self._misfit(parcel)) is not None:
+            raise ProgramError(f"the cells cannot carry {parcel.name}: {reason}")
 
     def _learned(self, unknown: str, newcomer: Newcomer) -> Parcel | None:
         """The parcel as large as sensors show it, where the program has no size."""

@@ -95,7 +95,7 @@ class TableProgram:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
         self._traffic.attend(lambda: register.parcels)
-        self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg)
+        self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg, self._misfit)
 
     def serve_orders(self) -> None:
         """Carry out the orders of `table.orders` beside the program, from its beginning on."""
@@ -112,6 +112,10 @@ class TableProgram:
         self._members[parcel.name] = Member(
             parcel.name, kind, parcel.length_m, parcel.width_m, parcel.shape, lies=not comes
         )
+
+    def _misfit(self, _parcel: Parcel) -> str | None:
+        """Why the table cannot carry a parcel, None where it can."""
+        return None
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others."""
@@ -355,6 +359,9 @@ class CellsTableProgram(TableProgram):
         super().__init__(main, half_m, members, (), traffic, goals=goals)
         self._by_cells = traffic
         self._cells = cells
+
+    def _misfit(self, parcel: Parcel) -> str | None:
+        return self._cells.misfit(parcel)
 
     def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
         """A cell (from 1) has sent its estimate."""

@@ -75,3 +75,25 @@ def test_a_program_goes_on_with_cells_after_the_host_was_cut_off() -> None:
     run = mdms.simulate(load_scenario("array18", [*ONE, *cut]))
     assert run.parcels["box"].reached
     assert (run.status, run.pauses) == ("reached", 1)
+
+
+def test_a_thing_whose_size_is_only_measured_is_no_parcel_of_cells_for_they_learn_none() -> None:
+    two = f"parcel=[{{name='one', x_m=-0.22, {PLATE}}}, {{name='two', x_m=0.2, {PLATE}}}]"
+    unknown = "belief={two={known=false}}"
+    refused = []
+
+    async def name(table: mdms.Table) -> None:
+        await table.sleep(0.5)
+        for size in ((None, None), (0.20, 0.20), (0.45, 0.30)):
+            try:
+                await table.name(mdms.Newcomer("crate", *size), 0.2, 0.0)
+            except mdms.ProgramError as error:
+                refused.append(str(error))
+        await table.name(mdms.Newcomer("crate", 0.28, 0.28), 0.2, 0.0)
+
+    scenario = load_scenario("array18", [*BY_CELLS, two, unknown, "task=[]", "run.duration_s=4"])
+    run = mdms.simulate(scenario, program=name)
+    assert run.status == "reached"
+    assert "its size is known within" in refused[0]
+    assert "it is 0.2 m wide and 0.283 m across" in refused[1]
+    assert "it is 0.3 m wide and 0.541 m across" in refused[2]

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
+from mdms_host.estimation.tracked_parcel import LEARNED_M
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.lost_cells import LostCells
@@ -24,6 +25,12 @@ from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Estimate, Lost, Page
 
+#: Cells that steer carry no parcel that is narrower than so many pitches: under a smaller one too
+#: few of them see enough of it to find its place.
+LEAST_PITCHES = 2.0
+#: Nor one that is longer across than so many pitches: `hold` reaches no farther (HOPS in
+#: `mdms_cell.rights.right_of_way`). Cells at the far end would push on while the others hold it.
+MOST_PITCHES = 4.0
 #: A parcel is about to be at its goal within this, a corner's way included [m].
 _NEAR_M = 0.01
 
@@ -153,6 +160,25 @@ class CellsProgram:
         first.
         """
         self._precedences.set(orders)
+
+    def misfit(self, parcel: Parcel) -> str | None:
+        """Why the cells cannot carry a parcel, None where they can."""
+        pitch_m = self._layout.pitch_m
+        width_m = (
+            parcel.length_m if parcel.shape == "disc" else min(parcel.length_m, parcel.width_m)
+        )
+        across_m = 2 * parcel.footprint.reach_m
+        if width_m < LEAST_PITCHES * pitch_m or across_m > MOST_PITCHES * pitch_m:
+            return (
+                f"it is {width_m:.3g} m wide and {across_m:.3g} m across, but must be within "
+                f"{LEAST_PITCHES * pitch_m:.3g} m and {MOST_PITCHES * pitch_m:.3g} m"
+            )
+        if parcel.shape == "rectangle" and parcel.spread_m > LEARNED_M:
+            return (
+                f"its size is known within {1e3 * parcel.spread_m:.3g} mm only, and they learn "
+                "none; give it a length and a width"
+            )
+        return None
 
     def add(self, parcel: Parcel) -> None:
         """There is to be another parcel, without a goal as yet."""
