@@ -384,6 +384,8 @@ class Precedences:
         cell = self._queue.pop(0)
         self._queue.append(cell)
         row, column = divmod(cell - 1, self._columns)
-        turns = self._orders[cell][: precedence.PLACES]
-        order = tuple(identities[turn.parcel] for turn in turns)
+        # Parcels beyond those that cells tell apart are not steered, and have no turn.
+        names = (turn.parcel for turn in self._orders[cell])
+        order = tuple(identities[name] for name in names if name in identities)
+        order = order[: precedence.PLACES]
         yield Precedence(self._numbers[cell], column + 1, row + 1, order)

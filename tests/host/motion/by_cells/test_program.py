@@ -14,6 +14,7 @@ from tests.host.motion.by_cells.table import (
 
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.by_cells.sending import CellTurn
 from mdms_host.motion.goal import Goal
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
@@ -154,3 +155,11 @@ def test_parcel_beyond_those_that_cells_tell_apart_is_not_steered_and_named_unti
     program.set_goal("parcel-64", Goal(0.0, 0.0))
     # It comes back, and there is none for it.
     assert {page.identity for page in pages} == set(range(1, 64))
+
+
+def test_order_leaves_out_a_parcel_beyond_those_that_cells_tell_apart():
+    parcels = [Parcel(f"parcel-{number}", 0.2, 0.2) for number in range(1, 65)]
+    program = CellsProgram(LAYOUT, tuple(parcels), {}, go_on=True)
+    program.set_orders({3: (CellTurn("parcel-64", 0.0), CellTurn("parcel-2", 1.0))})
+    pages = program.step({}, STEP_S, STEP_S)
+    assert [page.identities for page in pages] == [(2,)]
