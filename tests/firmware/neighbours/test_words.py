@@ -240,7 +240,7 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
         moving(belief)
         tracking = SimpleNamespace(belief=belief, may_be_elsewhere=lambda: False, others=Word(3))
         beside = believed(RECTANGLE, (NEAR, -NEAR, 0), (half, half))
-        here = SimpleNamespace(x_um=place_um[0], y_um=place_um[1])
+        here = SimpleNamespace(x_um=place_um[0], y_um=place_um[1], pitch_um=1_000_000)
         axes = SimpleNamespace(lead=lambda targets: None, rest=lambda: None)
         leading = worded(Leading(here, cells, tracking, axes, lambda _direction, one=beside: one))
         steering = worded(leading.steering)
