@@ -48,7 +48,8 @@ def needs(shape, length_m, width_m, pose, twist) -> int:
     """The mask of the neighbours that a parcel needs that moves so [m/s, rad/s]."""
     pitch_um = SomePlace.pitch_um
     shifts_um = [(STEPS[at] * pitch_um, STEPS[at + 1] * pitch_um) for at in range(0, 16, 2)]
-    footprint, tracking = Footprint(SomePlace(shifts_um=shifts_um)), Tracking()
+    place = SomePlace(shifts_um=shifts_um)
+    footprint, tracking = Footprint(place), Tracking()
     belief = tracking.belief
     belief.set(shape, round(length_m * 1e6), round(width_m * 1e6))
     x_m, y_m, yaw_rad = pose
@@ -59,7 +60,7 @@ def needs(shape, length_m, width_m, pose, twist) -> int:
     program = Program()
     program.take((1, wire.PARCEL, 1, shape, 1000, 1000, acceleration, 100, 0))
     program.take((1, wire.GOAL, 1, 0, 0, 0, 0, 0, 0))
-    leading = Leading(None, footprint, tracking, Axes(), lambda _direction: None)
+    leading = Leading(place, footprint, tracking, Axes(), lambda _direction: None)
     leading.look_ahead(program)
     return leading.needs
 
