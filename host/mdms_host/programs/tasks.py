@@ -189,5 +189,11 @@ async def _fill_and_empty(table: Table, store: Buffer, exit: str, count: int | N
 
 
 async def _fill(table: Table, store: Buffer, count: int | None) -> None:
-    async for parcel in table.arrivals(count):
+    """Put so many parcels into a buffer, or all that come; in place of a withdrawn one another."""
+    came: list[TableParcel] = []
+    while True:
+        await until(lambda: count is None or sum(not each.withdrawn for each in came) < count)
+        parcel = await table.arrival()
         table.start(store.put(parcel))
+        if count is not None:
+            came.append(parcel)

@@ -160,8 +160,9 @@ def test_a_buffer_lets_the_only_parcel_out():
         Task("singulate", exit="east", count=2),
         Task("buffer", exit="east", places=PLACES, count=2),
         Task("buffer", exit="east", places=PLACES, order=("box 2", "box 1")),
+        Task("buffer", exit="east", places=PLACES, order=("box 2", "box 1"), count=2),
     ],
-    ids=["sort", "singulate", "buffer", "buffer in order"],
+    ids=["sort", "singulate", "buffer", "buffer in order", "so many in order"],
 )
 @pytest.mark.parametrize("first", ["box 1", "box 2"])
 def test_a_parcel_that_was_found_by_mistake_does_not_count(task, first):
