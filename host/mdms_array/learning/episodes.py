@@ -10,6 +10,7 @@ from mdms_array.experiments.settings import Distribution, tree_of
 from mdms_array.source import Source, open_source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import scenario_from
+from mdms_model.scenario.rules import check_poses
 from mdms_model.scenario.scenario import Goal, Parcel, Scenario
 from mdms_model.scenario.tree import build_values, plain
 
@@ -50,8 +51,9 @@ class Episodes:
                 )
         self._names = [parcel.name for parcel in self.base.parcel]
         for key, values in self._randomise.items():
-            if self._pose_key(key) is not None:
-                _check_pose(key, values)
+            if (place := self._pose_key(key)) is not None:
+                for each in _ends_of_pose(key, values):
+                    self._placed([(place, each)])
             if key == SEED:
                 _check_seed(values)
         self.draw(np.random.default_rng(0))
@@ -80,6 +82,7 @@ class Episodes:
         return number, ".goal." in key, rest
 
     def _placed(self, changes: list[tuple[tuple[int, bool, str], Any]]) -> Scenario:
+        """The base with other poses. Raises `ScenarioError` for one off the table."""
         parcels: list[Parcel] = [*self.base.parcel]
         for (number, of_goal, name), value in changes:
             parcel = parcels[number]
@@ -89,15 +92,22 @@ class Episodes:
             else:
                 changed: dict[str, Any] = {name: float(value)}
                 parcels[number] = replace(parcel, **changed)
-        return replace(self.base, parcel=tuple(parcels))
+        scenario = replace(self.base, parcel=tuple(parcels))
+        check_poses(scenario)
+        return scenario
 
 
-def _check_pose(key: str, values: Any) -> None:
-    """Raises `ScenarioError` for a place or an angle that no scenario has; draws check none."""
+def _ends_of_pose(key: str, values: Any) -> list[Any]:
+    """The values of a place or an angle that may be drawn: a list's, or a distribution's ends.
+
+    Raises `ScenarioError` for one that no scenario has.
+    """
     path, _, name = key.rpartition(".")
     ends = (values.low, values.high) if isinstance(values, Distribution) else values
-    for each in ends:
-        build_values(Goal, {name: each.item() if hasattr(each, "item") else each}, path)
+    plain_ends = [each.item() if hasattr(each, "item") else each for each in ends]
+    for each in plain_ends:
+        build_values(Goal, {name: each}, path)
+    return plain_ends
 
 
 def _check_seed(values: Any) -> None:

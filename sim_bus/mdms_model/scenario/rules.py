@@ -343,8 +343,7 @@ def _check_on_table(scenario: Scenario, parcel: Parcel, key: str) -> None:
 
 def _check_goals(scenario: Scenario) -> None:
     steered = scenario.motion.field == "goal"
-    goals = [(number, p.goal) for number, p in enumerate(scenario.parcel) if p.goal is not None]
-    if steered and not goals:
+    if steered and all(parcel.goal is None for parcel in scenario.parcel):
         raise ScenarioError(
             "motion.field is 'goal', but no parcel has a goal; "
             "give one, as in parcel.0.goal = { x_m = 0.1, y_m = 0.0, yaw_rad = 0.5 }"
@@ -354,7 +353,19 @@ def _check_goals(scenario: Scenario) -> None:
             f"motion.field is 'goal', but run.fidelity is {scenario.run.fidelity!r}; "
             "steering needs the cells' sensors, so set run.fidelity to 'firmware'"
         )
+    _check_goals_on_table(scenario)
+
+
+def _check_goals_on_table(scenario: Scenario) -> None:
     half_x_m, half_y_m = half_table_m(scenario)
-    for number, goal in goals:
-        check_over(f"parcel.{number}.goal.x_m", "the goal", goal.x_m, goal.x_m, half_x_m)
-        check_over(f"parcel.{number}.goal.y_m", "the goal", goal.y_m, goal.y_m, half_y_m)
+    for number, parcel in enumerate(scenario.parcel):
+        if (goal := parcel.goal) is not None:
+            check_over(f"parcel.{number}.goal.x_m", "the goal", goal.x_m, goal.x_m, half_x_m)
+            check_over(f"parcel.{number}.goal.y_m", "the goal", goal.y_m, goal.y_m, half_y_m)
+
+
+def check_poses(scenario: Scenario) -> None:
+    """Refuse parcels and goals off the table. Raises `ScenarioError` with the key's full path."""
+    for number, parcel in enumerate(scenario.parcel):
+        _check_on_table(scenario, parcel, f"parcel.{number}")
+    _check_goals_on_table(scenario)

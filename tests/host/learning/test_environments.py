@@ -348,6 +348,14 @@ def test_sensors_are_late_and_noisy_as_the_scenario_says():
             {"randomise": {"parcel.0.goal.yaw_rad": mdms.uniform(-9.0, 9.0)}},
             "goal.yaw_rad is -9.0, but",
         ),
+        (
+            {"randomise": {"parcel.box.x_m": mdms.uniform(-0.1, 5.0)}},
+            "parcel.0.x_m is 5.0, which puts the centre of mass of 'box' off the table",
+        ),
+        (
+            {"randomise": {"parcel.box.goal.y_m": [0.0, -1.0]}},
+            "parcel.0.goal.y_m is -1.0, which puts the goal off the table",
+        ),
         ({"scenario": "nowhere"}, "nowhere: no such scenario file"),
     ],
 )
