@@ -21,6 +21,8 @@ from mdms_model.scenario.scenario import Cell
 
 #: Whole numbers of a table are below.
 MOST_WHOLE = 1 << 63
+#: Sums and squares of numbers within this have room in a float, and so has an axis.
+MOST = 1e100
 Measure = str | Callable[[Run], Any]
 #: The measures of a sweep that names none.
 USUAL = ("reached", "time_s", "position_error_m", "slipping_share", "violations")
@@ -315,6 +317,11 @@ def measured(run: Run, measure: Measure) -> bool | int | float | str | None:
         raise InputError(
             f"measure {name_of(measure)} gave {value}, of which there is no mean; give a finite "
             "number, or None for a run without a value"
+        )
+    if isinstance(value, float) and abs(value) > MOST:
+        raise InputError(
+            f"measure {name_of(measure)} gave {value}, but at most {MOST:g} has a mean and an "
+            "axis; give it in another unit"
         )
     if isinstance(value, str):
         return utf8(value)

@@ -160,6 +160,10 @@ def without_end(_run):
     return inf
 
 
+def near_the_end(_run):
+    return -1e308
+
+
 def no_letter(_run):
     return "a\udc80"
 
@@ -177,6 +181,7 @@ def test_values_that_no_table_holds_end_no_sweep(executor, tmp_path):
     for measure, told in (
         (too_large, "gave a whole number of 64 bits and a sign, but a table has 64 in all"),
         (without_end, "gave inf, of which there is no mean; give a finite number, or None"),
+        (near_the_end, "gave -1e+308, but at most 1e+100 has a mean and an axis; give it in"),
         (fails_without_letter, r"ValueError: b\udc80"),
     ):
         result = mdms.sweep(ROW, {"cell.friction": [0.3]}, measures=[measure], **given)
