@@ -97,6 +97,8 @@ class TableOrders:
         self.open: dict[str, LineOrder] = {}
         self.full: set[str] = set()
         self.identities: dict[str, str] = {}
+        #: The identities of parcels on the table that no scanner has announced, by name.
+        self._unscanned: dict[str, str] = {}
         #: Whether nothing lay on the table when it was seen last.
         self.was_clear = True
         self._expected: deque[tuple[str, str]] = deque()
@@ -142,7 +144,7 @@ class TableOrders:
             raise ProgramError(f"{identity}: {MOST_EXPECTED} parcels are expected already")
         if any(identity == each for each, _ in self._expected):
             raise ProgramError(f"{identity} is expected already")
-        if identity in self.identities.values():
+        if identity in (*self.identities.values(), *self._unscanned.values()):
             raise ProgramError(f"{identity} is on the table already")
         self._expected.append((identity, kind))
         self._has_scanner = True
@@ -196,6 +198,7 @@ class TableOrders:
             self._reports.append(Report("in doubt", order.parcel, order.key))
         self._under_way.clear()
         self.identities.clear()
+        self._unscanned.clear()
         self._announced.clear()
         self._passed_on = None
         # Tasks of the run that are dropped later clean up their own set.
@@ -233,8 +236,12 @@ class TableOrders:
         return frozenset(self._waiting)
 
     def identity(self, parcel: TableParcel) -> str:
-        """The identity of a parcel on the table: its name, where no scanner has said another."""
-        return self.identities.get(parcel.name, parcel.name)
+        """The identity of a parcel on the table: its name, where no scanner has said another.
+
+        Where another parcel has that name for its identity, ` (not scanned)` stands behind it.
+        """
+        name = parcel.name
+        return self.identities.get(name) or self._unscanned.get(name, name)
 
     def order_for(self, parcel: TableParcel) -> LineOrder | None:
         """The order that a parcel is to follow next, if any."""
@@ -274,6 +281,11 @@ class TableOrders:
             self._take_expected(parcel)
         elif self._passed_on is not None:
             self._take_passed_on(parcel, self._passed_on)
+        if parcel.name not in self.identities:
+            expected = (identity for identity, _ in self._expected)
+            is_taken = parcel.name in (*self.identities.values(), *expected)
+            suffix = " (not scanned)" if is_taken else ""
+            self._unscanned[parcel.name] = parcel.name + suffix
         self._report("found", parcel)
 
     def _take_passed_on(self, parcel: TableParcel, identities: dict[str, str]) -> None:
@@ -297,6 +309,7 @@ class TableOrders:
             self._report("accepted", parcel, key=under_way[0].key)
         kind = self._announced.pop(parcel.name, None)
         self._report("withdrawn", parcel)
+        self._unscanned.pop(parcel.name, None)
         identity = self.identities.pop(parcel.name, None)
         if identity is not None and kind is not None:
             self._expected.appendleft((identity, kind))
@@ -318,6 +331,7 @@ class TableOrders:
             self._report("left", parcel, exit=exit, rejected=rejected)
         self._refused.discard(parcel.name)
         self.identities.pop(parcel.name, None)
+        self._unscanned.pop(parcel.name, None)
         self._announced.pop(parcel.name, None)
         self._waiting.discard(parcel.name)
         self._arrived.pop(parcel.name, None)

@@ -4,6 +4,7 @@ import pytest
 from tests.host.programs.hands import Stage
 
 from mdms_host.programs.table_orders import LineOrder
+from mdms_host.programs.table_parcel import ProgramError
 
 
 @pytest.mark.parametrize("ordered", [True, False])
@@ -86,3 +87,43 @@ def test_an_order_to_a_place_whose_parcel_leaves_is_refused_once_and_the_next_on
     stage.run()
     told = [(report.event, report.key) for report in orders.take_reports() if report.key]
     assert told == [("under way", "o1"), ("refused", "o1"), ("under way", "o2")]
+
+
+def test_an_order_for_a_scanned_parcel_moves_no_other_one_whose_name_is_that_identity():
+    async def main(table):
+        async for _ in table.arrivals():
+            pass
+
+    stage = Stage(main, coming=["box 1", "box 2"])
+    orders = stage.program.table.orders
+    orders.begin_run()
+    orders.expect("box 2")
+    stage.program.serve_orders()
+    stage.run()
+    stage.come("box 1")
+    stage.come("box 2")
+    orders.give(LineOrder("o1", "box 2", "east"))
+    stage.run(0.1)
+    assert stage.log == [("box 1", "east")]
+    orders.give(LineOrder("o2", "box 2 (not scanned)", "north"))
+    stage.run(0.1)
+    assert stage.log == [("box 2", "north")]
+    found = [report.parcel for report in orders.take_reports() if report.event == "found"]
+    assert found == ["box 2", "box 2 (not scanned)"]
+
+
+def test_an_identity_that_an_unscanned_parcel_on_the_table_has_is_refused():
+    async def main(table):
+        await table.sleep(10.0)
+
+    stage = Stage(main, lying=["box 1"], coming=["box 2"])
+    orders = stage.program.table.orders
+    orders.begin_run()
+    stage.run()
+    with pytest.raises(ProgramError, match="box 1 is on the table already"):
+        orders.expect("box 1")
+    del stage.beliefs["box 1"]
+    stage.program.driver.remove("box 1")
+    orders.expect("box 1")
+    stage.come("box 2")
+    assert orders.identities == {"box 2": "box 1"}
