@@ -318,7 +318,10 @@ class TableOrders:
 
     def on_left(self, parcel: TableParcel, exit: str | None) -> None:
         """A parcel is no more on the table; without an exit it was lost or taken away."""
-        order, _ = self._under_way.get(parcel.name, (None, None))
+        order, _ = self._under_way.pop(parcel.name, (None, None))
+        if order is not None:
+            # It is over by this, also where its task was broken off with the program.
+            self.open.pop(order.key, None)
         if exit is None:
             self._report("lost", parcel, key=order.key if order else "", rejected=True)
         elif order is not None and order.exit == exit:
@@ -384,13 +387,12 @@ class TableOrders:
         except ProgramError as error:
             text = str(error)
         if self._under_way.get(parcel.name) != (order, parcel):
-            # It was withdrawn: the order waits for another parcel.
+            # It has left, which has been reported, or was withdrawn: the order waits for another.
             return
         if is_there:
             self._arrived[parcel.name] = parcel
             self._reports.append(Report("arrived", identity, order.key))
-        elif not parcel.has_left:
-            # One that has left has been reported by then.
+        else:
             self._reports.append(Report("refused", identity, order.key, text=text))
             self._refused.add(parcel.name)
         # Not in `finally`: an order of a program that is broken off stays under way, until the run

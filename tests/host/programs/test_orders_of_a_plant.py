@@ -127,3 +127,25 @@ def test_an_identity_that_an_unscanned_parcel_on_the_table_has_is_refused():
     orders.expect("box 1")
     stage.come("box 2")
     assert orders.identities == {"box 2": "box 1"}
+
+
+@pytest.mark.parametrize(("exit", "told"), [("east", "left"), (None, "lost")])
+def test_an_order_whose_parcel_leaves_after_its_program_was_broken_off_is_over(exit, told):
+    async def main(table):
+        await table.sleep(0.1)
+        raise ValueError("an error of the program")
+
+    stage = Stage(main, lying=["box 1"])
+    orders = stage.program.table.orders
+    orders.begin_run()
+    orders.give(LineOrder("o1", "box 1", "east"))
+    stage.program.serve_orders()
+    stage.run(0.2)
+    del stage.beliefs["box 1"]
+    stage.program.driver.remove("box 1", exit)
+    stage.run(0.1)
+    assert orders.rows(9) == []
+    orders.end_run(stage.program.table.parcels, True)
+    events = [report.event for report in orders.take_reports() if report.key]
+    assert events == ["under way", told]
+    assert not orders.in_doubt
