@@ -354,8 +354,9 @@ class Machine:
         self._stops = None
         if self._slot.busy:
             self._slot.stop()
-        elif state in _ENDS:
-            self._end_orders()
+            return
+        self._end_orders()
+        if state in _ENDS:
             self.states.on(DONE, self._now_s())
 
     def _end_orders(self) -> None:
@@ -418,7 +419,7 @@ class Machine:
         elif not self._beats(self._in_control, now_s):
             limit = f"no heartbeat of {self._in_control} for {HEARTBEAT_LIMIT_S:g} s"
             self._rest(Command.SUSPEND, run, limit)
-        elif run.finished:
+        elif run.finished and not self.orders.is_any_under_way:
             self._rest(Command.COMPLETE, run, "the job is done")
         elif stalled := self._stalled(run, now_s):
             self._rest(Command.SUSPEND, run, stalled + _in_the_way(run))

@@ -235,6 +235,11 @@ class TableOrders:
         """Names of parcels that wait for a full exit."""
         return frozenset(self._waiting)
 
+    @property
+    def is_any_under_way(self) -> bool:
+        """Whether any parcel follows an order now."""
+        return bool(self._under_way)
+
     def identity(self, parcel: TableParcel) -> str:
         """The identity of a parcel on the table: its name, where no scanner has said another.
 

@@ -432,6 +432,31 @@ def test_a_recipe_is_not_chosen_in_completed() -> None:
             line.do("recipe", recipe=TABLE.stem)
 
 
+async def ends_soon(table: Table) -> None:
+    await table.arrival()
+    await table.sleep(0.3)
+
+
+def test_the_job_is_done_once_the_orders_under_way_are_carried_out() -> None:
+    with VirtualLine(recipes={TABLE.stem: (load_scenario(str(TABLE)), ends_soon)}) as line:
+        line.do("coming", parcel="P-1", kind="")
+        line.do("order", **order("o1", "P-1", exit="north"))
+        line.bring_to_execute()
+        line.until_state(State.COMPLETED, 20.0)
+        assert line.of_order("o1") == ["under way", "left"]
+
+
+def test_an_order_that_complete_has_broken_off_is_in_doubt_in_completed(line) -> None:
+    line.do("coming", parcel="P-1", kind="")
+    line.do("order", **order("o1", "P-1", exit="north"))
+    line.bring_to_execute()
+    line.until(line.moving, 10.0)
+    line.command(Command.COMPLETE)
+    line.until_state(State.COMPLETED)
+    line.pass_s(1.0)
+    assert line.of_order("o1") == ["under way", "in doubt"]
+
+
 def test_a_person_sees_state_counters_and_orders_those_under_way_first(line) -> None:
     line.do("coming", parcel="P-1", kind="")
     line.do("exit", exit="east", full=True)
