@@ -207,6 +207,10 @@ class Machine:
             raise CommandRefusedError("the table is still stopping; give Reset again")
         if command is Command.START:
             self.recipes.check_chosen()
+        if command in MOVES and self._run is not None and self._run.phase in TROUBLED:
+            raise CommandRefusedError(
+                f"{self._run.troubles[-1][1]}; give {command.name.capitalize()} when it is back"
+            )
         self._on(command, f"{command.name.capitalize()} by {by}")
         if command in MOVES:
             self._in_control = by
@@ -386,7 +390,9 @@ class Machine:
             return run.fault or run.stuck
         acting = (self.states.state, DONE) in TRANSITIONS
         if acting and now_s - self.states.since_s > _ACTING_LIMIT_S:
-            return f"{self.states.state.name.capitalize()} takes more than {_ACTING_LIMIT_S:g} s"
+            why = f": {run.troubles[-1][1]}" if run.phase in TROUBLED else ""
+            name = self.states.state.name.capitalize()
+            return f"{name} takes more than {_ACTING_LIMIT_S:g} s{why}"
         return None
 
     def _ended(self, run: Coordinator | None, now_s: float) -> tuple[Command, str]:
@@ -409,6 +415,8 @@ class Machine:
                 self.states.on(DONE, now_s)
         elif state is State.EXECUTE:
             self._watch(run, now_s)
+        elif state is State.SUSPENDED and run.phase in TROUBLED:
+            self._rest(Command.HOLD, run, run.troubles[-1][1])
         elif state is State.SUSPENDED and self._passing:
             self._pass_by(run, now_s)
 

@@ -432,6 +432,28 @@ def test_a_recipe_is_not_chosen_in_completed() -> None:
             line.do("recipe", recipe=TABLE.stem)
 
 
+def test_a_cell_that_falls_out_in_suspended_holds_though_the_exits_become_free() -> None:
+    with VirtualLine(("run.on_lost_cell=hold",)) as line:
+        line.do("exit", exit="east", full=True)
+        line.do("exit", exit="south", full=True)
+        line.bring_to_execute()
+        line.until_state(State.SUSPENDED, 40.0)
+        off = line.begin("off", cells=(3,))
+        line.until_state(State.HELD, 3.0)
+        assert "cell 3" in line.machine.states.reason
+        line.do("exit", exit="east", full=False)
+        line.do("exit", exit="south", full=False)
+        with pytest.raises(CommandRefusedError, match=r"cell 3 .* give Unhold when it is back"):
+            line.command(Command.UNHOLD)
+        line.pass_s(31.0)
+        assert line.state is State.HELD
+        line.simulation.faults.end(off)
+        line.pass_s(3.0)
+        assert line.state is State.HELD
+        line.command(Command.UNHOLD)
+        line.until(lambda: line.machine.figures.parcels_out >= 1, 20.0)
+
+
 async def ends_soon(table: Table) -> None:
     await table.arrival()
     await table.sleep(0.3)
