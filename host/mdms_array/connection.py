@@ -6,7 +6,7 @@ from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from threading import Event, Thread
+from threading import Event, Thread, current_thread
 from time import monotonic
 from typing import Any, TypeVar
 
@@ -195,6 +195,11 @@ class ThreadDriver:
         """The table as programs see it."""
         return self._program.table
 
+    @property
+    def is_within(self) -> bool:
+        """See `table.Driver`."""
+        return current_thread() is self._thread
+
     def call(
         self,
         routine: Callable[[Table], Coroutine[Any, Any, Result]],
@@ -236,6 +241,8 @@ class ThreadDriver:
 
     def _in_thread(self, work: Callable[[], Result]) -> Result:
         """Do something short between two cycles, and return its result. Raises its errors."""
+        if self.is_within:
+            return work()
         done: Future[Result] = Future()
 
         def do() -> None:

@@ -381,6 +381,7 @@ class VirtualDriver:
         _schedule_signals(self._simulation, scenario, program)
         self._wall_s = 0.0
         self._closed = False
+        self._advances = False
 
     def begin(self) -> None:
         """Bring the cells up and find the parcels. Raises `RunError`."""
@@ -397,6 +398,11 @@ class VirtualDriver:
     def table(self) -> Table:
         """The table as programs see it."""
         return self._program.table
+
+    @property
+    def is_within(self) -> bool:
+        """See `table.Driver`."""
+        return self._advances
 
     def call(
         self,
@@ -448,7 +454,11 @@ class VirtualDriver:
             return over() or coordinator.stopped or coordinator.stuck is not None
 
         end_s, clock = simulation.kernel.now_ns / NS_PER_S + seconds, MonotonicClock()
-        simulation.run_until(end_s, self._plans.look, ended)
+        self._advances = True
+        try:
+            simulation.run_until(end_s, self._plans.look, ended)
+        finally:
+            self._advances = False
         self._wall_s += clock.now_s()
         if simulation.tipped:
             run = self.run_so_far

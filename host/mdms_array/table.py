@@ -8,6 +8,7 @@ from mdms_array.source import check_program, check_time
 from mdms_host.programs.program import Main
 from mdms_host.programs.script import until
 from mdms_host.programs.table import Table, TableParcel
+from mdms_host.programs.table_parcel import ProgramError
 
 Result = TypeVar("Result")
 
@@ -18,6 +19,10 @@ class Driver(Protocol):
     @property
     def table(self) -> Table:
         """The table as programs see it."""
+
+    @property
+    def is_within(self) -> bool:
+        """Whether the caller is a program on the table, for which its time does not pass."""
 
     def call(
         self,
@@ -135,7 +140,15 @@ def call(
     routine: Callable[[Table], Coroutine[Any, Any, Result]],
     limit_s: float | None,
 ) -> Result:
-    """Have a driver run a coroutine. Raises `InputError` for a limit that is no time."""
+    """Have a driver run a coroutine.
+
+    Raises `InputError` for a limit that is no time, and ProgramError within a program of the table.
+    """
+    if driver.is_within:
+        raise ProgramError(
+            "a table by hand waits for its own program here, for ever; in a program await the "
+            "calls of the table that it is given"
+        )
     return driver.call(routine, None if limit_s is None else check_time("limit_s", limit_s))
 
 

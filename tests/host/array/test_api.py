@@ -156,6 +156,17 @@ def test_a_mistake_of_a_caller_is_told_and_the_table_goes_on():
         table["box"].move(0.0, 0.0)
 
 
+def test_a_call_by_hand_within_a_program_is_refused_and_the_table_goes_on():
+    with mdms.virtual("array18") as table:
+
+        async def calls_by_hand(_table):
+            table["box"].move(0.05, 0.0)
+
+        with pytest.raises(mdms.ProgramError, match="in a program await the calls of the table"):
+            table.run(calls_by_hand, limit_s=1.0)
+        table["box"].move(0.05, 0.0)
+
+
 def test_a_run_is_shown_in_a_line_and_its_arrays_are_taken_by_numpy():
     run = mdms.simulate("paper-fig7", limit_s=0.5)
     assert repr(run) == "<Run 'Paper, figure 7: full rolling', 0.5 s, reached>"

@@ -61,6 +61,19 @@ def test_a_box_goes_where_a_script_wants_it_and_waits_while_the_script_thinks(tm
     assert run.parcels["box"].believed_pose[0] == pytest.approx(-0.08, abs=6e-3)
 
 
+def test_a_call_by_hand_within_a_program_keeps_no_setpoint_back(tmp_path):
+    def use(table, _simulation):
+        async def calls_by_hand(_table):
+            assert table.run_so_far.status
+            table["box"].move(0.05, 0.0)
+
+        with pytest.raises(mdms.ProgramError, match="in a program await the calls of the table"):
+            table.run(calls_by_hand, limit_s=5.0)
+        table["box"].move(0.02, 0.0, limit_s=20.0)
+
+    on_a_served_table(tmp_path, use)
+
+
 def test_leaving_the_block_turns_the_cells_off_also_by_an_error(tmp_path):
     stood = []
 
