@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ import mdms_array as mdms
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import read_tree
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 async def no_table():
@@ -314,3 +317,25 @@ def test_an_exit_asked_for_by_its_name_is_no_wrong_one():
     assert run.status == "reached"
     assert run.figures["stream"]["by_exit"]["south"] == 2
     assert run.figures["stream"]["wrong"] == 0
+
+
+async def stops_and_leaves(table):
+    parcel = await table.arrival()
+    await parcel.move(-0.1, 0.0)
+    await parcel.leave("north")
+
+
+async def ends_while_it_leaves(table):
+    parcel = await table.arrival()
+    await parcel.move(-0.1, 0.0)
+    table.start(parcel.leave("north"))
+    await table.sleep(0.6)
+
+
+def test_a_parcel_on_its_way_out_is_at_no_fault_for_being_away_from_an_earlier_goal():
+    infeed = EXAMPLES / "infeed18.toml"
+    run = mdms.simulate(infeed, program=stops_and_leaves, limit_s=2.2)
+    assert run.status == "time limit"
+    assert "has not come to its end: it waits in stops_and_leaves" in run.reason
+    run = mdms.simulate(infeed, program=ends_while_it_leaves, limit_s=10.0)
+    assert (run.status, run.violations) == ("reached", ())

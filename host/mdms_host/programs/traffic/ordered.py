@@ -130,6 +130,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._again_s = self._now_s
         if isinstance(order.goal, Goal):
             self.steered[order.parcel] = OrderedGoal(order.goal)
+        else:
+            # A parcel that is to leave is away from its last goal because it was asked to be.
+            self.steered.pop(order.parcel, None)
         if (ride := self._rides.get(order.parcel)) is not None:
             ride.stopping = True
 
