@@ -133,7 +133,7 @@ class Tracker:
     def _add(self, known: TrackedParcel) -> None:
         name = known.parcel.name
         if fault := name_fault(name):
-            raise ValueError(f"the name {name!r} {fault}")
+            raise ValueError(f"the name {name!r:.60} {fault}")
         if name in self._known or name in self._unknowns.all:
             raise ValueError(f"there is a parcel {name!r} already; give each a name of its own")
         self._known[name] = known

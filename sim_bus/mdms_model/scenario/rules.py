@@ -254,7 +254,7 @@ def _check_names(scenario: Scenario) -> None:
     for number, parcel in enumerate(scenario.parcel):
         key = f"parcel.{number}.name"
         if fault := name_fault(parcel.name):
-            raise ScenarioError(f"{key} is {parcel.name!r}, but {fault}")
+            raise ScenarioError(f"{key} is {parcel.name!r:.60}, but {fault}")
         if parcel.name in seen:
             raise ScenarioError(
                 f"{key} is {parcel.name!r}, but parcel.{seen[parcel.name]} has that name already; "

@@ -214,7 +214,7 @@ def _check_names(scenario: Scenario, task: Task, key: str, named: list[str]) -> 
     lying = [each.name for each in scenario.parcel if each.name not in in_stock(scenario)]
     lying += named
     if task.do == "name" and (fault := name_fault(task.parcel)):
-        raise ScenarioError(f"{key}.parcel is {task.parcel!r}, but {fault}")
+        raise ScenarioError(f"{key}.parcel is {task.parcel!r:.60}, but {fault}")
     names = [("parcel", task.parcel)] if task.parcel and task.do != "name" else []
     names += [(f"parcels.{item}", name) for item, name in enumerate(task.parcels)]
     for name, parcel in names:

@@ -294,7 +294,7 @@ class Parcel:
     """
 
     name: str
-    """What it is called by tasks, streams and faults; each has a name of its own."""
+    """What tasks, streams and faults call it: a name of its own, of 64 characters at most."""
     mass_kg: float = field(metadata=POSITIVE)
     """Mass."""
     length_m: float = field(metadata=LENGTH)
@@ -416,6 +416,10 @@ class Scenario:
     """What the host takes for true: keys of `cell`, and tables of parcels by name."""
 
 
+#: A name fits a line of a terminal, and the texts of a line's protocols.
+LONGEST_NAME = 64
+
+
 def name_fault(name: str) -> str | None:
     """Why no parcel can have this name; None where one can.
 
@@ -425,6 +429,8 @@ def name_fault(name: str) -> str | None:
         return "must be a word to name it by"
     if fullmatch(r"unknown-\d+", name):
         return "is a name that the host gives to unknown things; take another"
+    if len(name) > LONGEST_NAME:
+        return f"has {len(name)} characters; take {LONGEST_NAME} at most"
     return None
 
 

@@ -99,7 +99,9 @@ def test_values_arrive_as_they_were_given():
     assert command == commands.Goal("box", 0.25, 0.0, None)
 
 
-@pytest.mark.parametrize("name", ["", " ", "\x1b]0;title\x07\x1b[2Jbox", "unknown-3", "a\nb"])
+@pytest.mark.parametrize(
+    "name", ["", " ", "\x1b]0;title\x07\x1b[2Jbox", "unknown-3", "a\nb", "x" * 65]
+)
 def test_name_that_no_parcel_can_have_is_refused(name):
     message = {"command": "name", "parcel": "unknown-1", "name": name}
     with pytest.raises(RefusedError, match="name is ") as refusal:
