@@ -1,9 +1,11 @@
 """Where a parcel lies, judged from nothing but which presence sensors it covers.
 
 The sensors of one cell may all be wrong. A search takes some milliseconds, so each step makes one:
-first with all sensors, then, where some contradict, without one cell after another.
+first with all sensors, then, where some contradict, without one cell after another. A search for an
+outline that has much room around the covered sensors takes several steps.
 """
 
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +23,8 @@ _GRID = np.array([_STEP_M, _STEP_M, _YAW_STEP_RAD])
 #: error making a pose less likely by a factor exp(-cost).
 _SPARE_ERRORS = 2
 _ERROR_COST = 1.5
+#: A step tries so many pairs of a pose and a sensor, and the rest of a yaw.
+_STEP_PAIRS = 16_000_000
 #: How far the true yaw is from the hint, as a rule.
 _HINT_RAD = 0.5
 
@@ -57,16 +61,42 @@ def locate(
     rectangle looks the same after half a turn, a disc after any: the yaw is the one nearest to the
     hint.
     """
+    search = locate_in_steps(footprint, sensors_m, covered, yaw_hint_rad, within_m)
+    while True:
+        try:
+            next(search)
+        except StopIteration as end:
+            found: Location | None = end.value
+            return found
+
+
+def locate_in_steps(
+    footprint: Footprint,
+    sensors_m: Floats,
+    covered: Bools,
+    yaw_hint_rad: float = 0.0,
+    within_m: Floats | None = None,
+) -> Generator[None, None, Location | None]:
+    """The same; yields whenever a step is over that takes some milliseconds."""
     if not covered.any():
         return None
-    yaws_rad = footprint.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD)
-    found = [_try_yaw(footprint, float(yaw), sensors_m, covered) for yaw in yaws_rad]
+    found: list[tuple[Floats, Ints]] = []
+    least, pairs = len(sensors_m), 0
+    for yaw in footprint.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD).tolist():
+        if pairs >= _STEP_PAIRS:
+            pairs = 0
+            yield
+        poses, wrong = _try_yaw(footprint, yaw, sensors_m, covered)
+        pairs += len(poses) * len(sensors_m)
+        if within_m is not None:
+            low_m, high_m = within_m
+            inside = ((poses[:, :2] >= low_m) & (poses[:, :2] <= high_m)).all(axis=1)
+            poses, wrong = poses[inside], wrong[inside]
+        least = min(least, int(wrong.min(initial=least)))
+        near = wrong <= least + _SPARE_ERRORS
+        found.append((poses[near], wrong[near]))
     poses = np.concatenate([poses for poses, _ in found])
     wrong = np.concatenate([wrong for _, wrong in found])
-    if within_m is not None:
-        low_m, high_m = within_m
-        inside = ((poses[:, :2] >= low_m) & (poses[:, :2] <= high_m)).all(axis=1)
-        poses, wrong = poses[inside], wrong[inside]
     if not len(poses):
         return None
     near = wrong <= wrong.min() + _SPARE_ERRORS
@@ -152,6 +182,8 @@ class Search:
     ) -> None:
         self.covered = covered
         self.found: Location | None = None
+        #: Whether it has been tried with all sensors.
+        self.tried = False
         self.left_out: Bools = np.zeros(len(covered), dtype=bool)
         self.over = False
         self._footprint = footprint
@@ -165,21 +197,23 @@ class Search:
         self._cell = layout.sensor_cells
         self._mine = mine
         self._yaw_hint_rad = yaw_hint_rad
-        self._suspects: list[int] | None = None
+        self._tries = self._try_all()
 
     def step(self) -> None:
         """Try once more."""
-        if self._suspects is None:
-            self.found = self._locate(self._mine)
-            well = self.found is not None and self.found.contradictions < _SUSPICIOUS
-            self._suspects = [] if well else self._near()
-        else:
-            self._leave_out(self._cell == self._suspects.pop())
-        if not self._suspects:
-            self._conclude()
+        next(self._tries, None)
 
-    def _locate(self, mine: Bools) -> Location | None:
-        return locate(
+    def _try_all(self) -> Iterator[None]:
+        self.found = yield from self._locate(self._mine)
+        self.tried = True
+        well = self.found is not None and self.found.contradictions < _SUSPICIOUS
+        for cell in () if well else reversed(self._near()):
+            yield
+            yield from self._leave_out(self._cell == cell)
+        self._conclude()
+
+    def _locate(self, mine: Bools) -> Generator[None, None, Location | None]:
+        return locate_in_steps(
             self._footprint,
             self._sensors_m[mine],
             self.covered[mine],
@@ -196,9 +230,9 @@ class Search:
         near = shown | (np.hypot(away_m[:, 0], away_m[:, 1]) < self._footprint.reach_m)
         return [int(cell) for cell in np.unique(self._cell[near & self._mine])]
 
-    def _leave_out(self, cell: Bools) -> None:
+    def _leave_out(self, cell: Bools) -> Iterator[None]:
         """Take the place without a cell if it explains enough more."""
-        found = self._locate(self._mine & ~cell)
+        found = yield from self._locate(self._mine & ~cell)
         if found is None:
             return
         gone = 1 if self.left_out.any() else _SUSPICIOUS

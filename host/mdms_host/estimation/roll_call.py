@@ -322,7 +322,7 @@ class RollCall:
         if one.place is not None:
             cost += min(hypot(*(middle_m - one.place[:2]).tolist()) / _WAY_M, _MOST_WAY)
         search = self._searches.get(_key(one, group))
-        if search is None:
+        if search is None or not search.tried:
             return cost
         if search.found is None:
             return _IMPOSSIBLE if search.over else cost + len(group)

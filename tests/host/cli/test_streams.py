@@ -141,6 +141,24 @@ def test_interrupt_while_importing_is_one_line(name):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "mdms: interrupted\n")
 
 
+#: Multiplies large matrices after a command, and prints how many threads there are by then.
+MULTIPLYING = """
+import os, sys
+from mdms_host.entry import main
+sys.argv = ["mdms", "scenarios"]
+main()
+import numpy as np
+np.ones((800, 800)) @ np.ones((800, 800))
+print(len(os.listdir("/proc/self/task")))
+"""
+
+
+def test_linear_algebra_starts_no_threads_beside_the_control_cycle():
+    process = [sys.executable, "-c", MULTIPLYING]
+    done = subprocess.run(process, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "1"
+
+
 def test_error_of_a_file_is_one_line(monkeypatch, capsys):
     def fail(_arguments):
         raise OSError(28, "No space left on device", "run/bus.log")

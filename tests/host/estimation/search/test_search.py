@@ -26,6 +26,22 @@ def test_sensors_that_agree_need_one_step() -> None:
     assert not search.left_out.any()
 
 
+def test_a_parcel_with_much_room_around_what_it_covers_needs_some_short_steps() -> None:
+    layout, large = Layout(9, 6), Rectangle(0.9, 0.9)
+    covered = large.distance_m(layout.sensors_m, np.array([-0.5, -0.3, 0.1])) < 0
+    mine = np.ones(len(covered), dtype=bool)
+    search = Search(large, layout, covered, mine, 0.0)
+    search.step()
+    assert not search.tried
+    steps = 1
+    while not search.over:
+        search.step()
+        steps += 1
+    assert 2 <= steps <= 20
+    assert search.found is not None
+    assert np.hypot(*(search.found.pose - (-0.5, -0.3, 0.1))[:2]) < 0.1
+
+
 @pytest.mark.parametrize("cell", [3, 9, 10, 17])
 def test_a_cell_that_shows_the_opposite_is_found_out(cell: int) -> None:
     covered = BOTTOM.distance_m(SENSORS_M, TRUTH) < 0
