@@ -127,9 +127,9 @@ class Figures:
         self.parcels_rejected += report.rejected
         match report.event:
             case "found":
-                self.parcels_in += 1
+                self.parcels_in += report.new
             case "withdrawn":
-                self.parcels_in -= 1
+                self.parcels_in -= report.new
             case "lost":
                 self.parcels_lost += 1
             case "left":

@@ -76,7 +76,8 @@ class Report:
 
     It is withdrawn if it was found by mistake: its identity is expected again. It is unannounced if
     its identity is not expected any more: announce it again, if it has not come. A parcel that was
-    lost, or has left otherwise than the plant wants, is `rejected`.
+    lost, or has left otherwise than the plant wants, is `rejected`. One that lay there from a run
+    before has come then: it is not `new`.
     """
 
     event: str
@@ -85,6 +86,7 @@ class Report:
     exit: str = ""
     text: str = ""
     rejected: bool = False
+    new: bool = True
 
 
 class TableOrders:
@@ -99,6 +101,8 @@ class TableOrders:
         self.identities: dict[str, str] = {}
         #: The identities of parcels on the table that no scanner has announced, by name.
         self._unscanned: dict[str, str] = {}
+        #: Names of parcels that lay there from a run before.
+        self._old: set[str] = set()
         #: Whether nothing lay on the table when it was seen last.
         self.was_clear = True
         self._expected: deque[tuple[str, str]] = deque()
@@ -199,6 +203,7 @@ class TableOrders:
         self._under_way.clear()
         self.identities.clear()
         self._unscanned.clear()
+        self._old.clear()
         self._announced.clear()
         self._passed_on = None
         # Tasks of the run that are dropped later clean up their own set.
@@ -291,7 +296,9 @@ class TableOrders:
             is_taken = parcel.name in (*self.identities.values(), *expected)
             suffix = " (not scanned)" if is_taken else ""
             self._unscanned[parcel.name] = parcel.name + suffix
-        self._report("found", parcel)
+        is_old = lay_there and not self.was_clear
+        (self._old.add if is_old else self._old.discard)(parcel.name)
+        self._report("found", parcel, new=not is_old)
 
     def _take_passed_on(self, parcel: TableParcel, identities: dict[str, str]) -> None:
         if parcel.kind in identities:
@@ -313,7 +320,7 @@ class TableOrders:
         if under_way is not None:
             self._report("accepted", parcel, key=under_way[0].key)
         kind = self._announced.pop(parcel.name, None)
-        self._report("withdrawn", parcel)
+        self._report("withdrawn", parcel, new=parcel.name not in self._old)
         self._unscanned.pop(parcel.name, None)
         identity = self.identities.pop(parcel.name, None)
         if identity is not None and kind is not None:

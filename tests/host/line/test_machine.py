@@ -454,6 +454,22 @@ def test_a_cell_that_falls_out_in_suspended_holds_though_the_exits_become_free()
         line.until(lambda: line.machine.figures.parcels_out >= 1, 20.0)
 
 
+def test_a_parcel_that_lies_there_has_come_once_however_many_runs_find_it(line) -> None:
+    line.command(Command.RESET)
+    line.until(lambda: "found" in line.events("box 1"), 10.0)
+    for _ in range(2):
+        line.command(Command.STOP)
+        line.until_state(State.STOPPED)
+        line.command(Command.RESET)
+        line.until_state(State.IDLE)
+        line.pass_s(1.0)
+    assert line.events("box 1").count("found") == 3
+    assert line.machine.figures.parcels_in == 1
+    line.command(Command.START)
+    line.until(lambda: line.machine.figures.parcels_out == 1, 20.0)
+    line.until(lambda: line.machine.figures.parcels_in == 2, 20.0)
+
+
 async def ends_soon(table: Table) -> None:
     await table.arrival()
     await table.sleep(0.3)
