@@ -36,6 +36,7 @@ from mdms_model.loop_margin import (
 from mdms_model.motor import drive_of, rim_mass_kg
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed
+from mdms_model.scenario.run_rules import half_table_m
 from mdms_model.scenario.scenario import Cell, Parcel, Scenario, Wire, in_stock
 
 
@@ -43,13 +44,14 @@ def refuse_tipping(scenario: Scenario) -> None:
     """Raises `InputError` for a parcel that comes too near to tipping.
 
     A parcel that is too small or too large for cells that steer is refused, too, and one of a rough
-    size.
+    size. So is one far larger than the table: the host could not look for it.
 
     Asked of the cells alone, which carry real parcels: in the paper's fidelities a parcel may tip,
     and the physics reports it. Fields have no way that is known beforehand, so the start counts.
     """
     if scenario.run.fidelity != "firmware":
         return
+    _refuse_outsized(scenario)
     if scenario.motion.control == "cells":
         _refuse_small(scenario)
         _refuse_large(scenario)
@@ -137,6 +139,18 @@ def _refuse_large(scenario: Scenario) -> None:
                 f"parcel.{number}: {parcel.name!r} is {across_m:.3g} m across, and cells that "
                 f'steer (motion.control = "cells") carry none above {most_m:.3g} m, four pitches '
                 "of the array; take a smaller parcel, or have the host steer"
+            )
+
+
+def _refuse_outsized(scenario: Scenario) -> None:
+    """Raises `InputError` for a parcel of more than twice the table's size: in millimetres."""
+    along_m, across_m = (2 * half_m for half_m in half_table_m(scenario))
+    for number, parcel in enumerate(believed(scenario).parcel):
+        reach_m = outline_of(parcel).radius_m
+        if reach_m > math.hypot(along_m, across_m):
+            raise InputError(
+                f"parcel.{number}: {parcel.name!r} has {2 * reach_m:.3g} m from corner to corner, "
+                f"but the table has {along_m:.3g} m x {across_m:.3g} m; give its size in metres"
             )
 
 

@@ -19,11 +19,13 @@ _STEP_M = 0.006
 _YAW_STEP_RAD = np.radians(3.0)
 #: The same of x, y and yaw [m, m, rad].
 _GRID = np.array([_STEP_M, _STEP_M, _YAW_STEP_RAD])
+#: More errors than any table has sensors: of a pose that no parcel has.
+_NOWHERE = 1 << 40
 #: The grid may miss the few poses that explain all, so those with a few errors count as well, each
 #: error making a pose less likely by a factor exp(-cost).
 _SPARE_ERRORS = 2
 _ERROR_COST = 1.5
-#: A step tries so many pairs of a pose and a sensor, and the rest of a yaw.
+#: A step tries so many pairs of a pose and a sensor, or the double at most.
 _STEP_PAIRS = 16_000_000
 #: How far the true yaw is from the hint, as a rule.
 _HINT_RAD = 0.5
@@ -82,23 +84,24 @@ def locate_in_steps(
         return None
     found: list[tuple[Floats, Ints]] = []
     least, pairs = len(sensors_m), 0
-    for yaw in footprint.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD).tolist():
+    yaws_rad = footprint.yaws_rad(yaw_hint_rad, _YAW_STEP_RAD).tolist()
+    parts = (part for yaw in yaws_rad for part in _try_yaw(footprint, yaw, sensors_m, covered))
+    for poses, wrong in parts:
         if pairs >= _STEP_PAIRS:
             pairs = 0
             yield
-        poses, wrong = _try_yaw(footprint, yaw, sensors_m, covered)
         pairs += len(poses) * len(sensors_m)
         if within_m is not None:
             low_m, high_m = within_m
-            inside = ((poses[:, :2] >= low_m) & (poses[:, :2] <= high_m)).all(axis=1)
-            poses, wrong = poses[inside], wrong[inside]
+            beyond = ((poses[:, :2] < low_m) | (poses[:, :2] > high_m)).any(axis=1)
+            wrong[beyond] = _NOWHERE
         least = min(least, int(wrong.min(initial=least)))
         near = wrong <= least + _SPARE_ERRORS
         found.append((poses[near], wrong[near]))
+    if not any(len(poses) for poses, _ in found):
+        return None
     poses = np.concatenate([poses for poses, _ in found])
     wrong = np.concatenate([wrong for _, wrong in found])
-    if not len(poses):
-        return None
     near = wrong <= wrong.min() + _SPARE_ERRORS
     poses, weights = poses[near], np.exp(-_ERROR_COST * (wrong[near] - wrong.min()))
     group = _likeliest_group(poses[:, 2], weights, yaw_hint_rad, footprint.period_rad)
@@ -111,22 +114,25 @@ def locate_in_steps(
 
 def _try_yaw(
     footprint: Footprint, yaw_rad: float, sensors_m: Floats, covered: Bools
-) -> tuple[Floats, Ints]:
+) -> Iterator[tuple[Floats, Ints]]:
     """Poses (N, 3) of this yaw whose spans hold all covered sensors, and each one's errors (N,).
 
-    The grid lies along the parcel's own axes.
+    The grid lies along the parcel's own axes. A large one comes in parts.
     """
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     turn = np.array([[cos, -sin], [sin, cos]])
     own_m = sensors_m @ turn
-    along_m, across_m = (
+    all_along_m, across_m = (
         _centres_m(own_m[covered, axis], span_m) for axis, span_m in enumerate(footprint.spans_m)
     )
     sign = np.where(covered, -1.0, 1.0)
-    wrong = covered.sum() + footprint.hidden(own_m, sign, along_m, across_m)
-    grid_m = np.stack(np.meshgrid(along_m, across_m, indexing="ij"), axis=-1).reshape(-1, 2)
-    poses = np.column_stack((grid_m @ turn.T, np.full(len(grid_m), yaw_rad)))
-    return poses, wrong.ravel().astype(np.int64)
+    rows = max(1, _STEP_PAIRS // max(1, len(across_m) * len(own_m)))
+    for first in range(0, len(all_along_m), rows):
+        along_m = all_along_m[first : first + rows]
+        wrong = covered.sum() + footprint.hidden(own_m, sign, along_m, across_m)
+        grid_m = np.stack(np.meshgrid(along_m, across_m, indexing="ij"), axis=-1).reshape(-1, 2)
+        poses = np.column_stack((grid_m @ turn.T, np.full(len(grid_m), yaw_rad)))
+        yield poses, wrong.ravel().astype(np.int64)
 
 
 def _centres_m(covered_m: Floats, span_m: tuple[float, float]) -> Floats:

@@ -76,7 +76,7 @@ class Tracker:
         """Expect a parcel: it is found once sensors show it, in `region` only if there is one.
 
         Those that look the same are found in the order in which they were announced. Raises
-        ValueError for a name that is taken, or that no parcel can have.
+        ValueError for a name that is taken, or that no parcel can have, or a size that none has.
         """
         self._add(TrackedParcel(parcel, self._surroundings, region=region))
 
@@ -134,6 +134,7 @@ class Tracker:
         name = known.parcel.name
         if fault := name_fault(name):
             raise ValueError(f"the name {name!r:.60} {fault}")
+        _refuse_far_larger_than_table(known.parcel, self._layout)
         if name in self._known or name in self._unknowns.all:
             raise ValueError(f"there is a parcel {name!r} already; give each a name of its own")
         self._known[name] = known
@@ -445,4 +446,14 @@ def _refuse_far_larger(unknown: str, corners_m: Floats, parcel: Parcel) -> None:
             f"{unknown} is {1000 * along_m:.0f} mm x {1000 * across_m:.0f} mm at most, so it is no "
             f"parcel of {1000 * parcel.length_m:.0f} mm x {1000 * parcel.width_m:.0f} mm; give its "
             "own size"
+        )
+
+
+def _refuse_far_larger_than_table(parcel: Parcel, layout: Layout) -> None:
+    """Raises ValueError for a parcel of more than twice the table's size: it is in millimetres."""
+    along_m, across_m = layout.columns * layout.pitch_m, layout.rows * layout.pitch_m
+    if parcel.footprint.reach_m > np.hypot(along_m, across_m):
+        raise ValueError(
+            f"{parcel.name} has {2 * parcel.footprint.reach_m:.3g} m from corner to corner, but "
+            f"the table has {along_m:.3g} m x {across_m:.3g} m; give its size in metres"
         )

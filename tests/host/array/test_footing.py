@@ -33,6 +33,13 @@ def test_a_goal_that_ends_off_the_table_is_refused():
     assert "53.0 mm outside its supports, and 10 mm are needed" in text
 
 
+@pytest.mark.parametrize("key", ["parcel.0.length_m", "belief.box.length_m"])
+def test_a_size_in_millimetres_is_refused(key):
+    text = refusal(f"{key}=360")
+    assert text.startswith("parcel.0: 'box' has 360 m from corner to corner, but the table has 0.7")
+    assert text.endswith("give its size in metres")
+
+
 def test_a_start_between_supports_is_refused():
     assert "would tip at its start, at x -0.100 m" in refusal(*SMALL)
 

@@ -201,6 +201,12 @@ def test_an_unknown_of_another_outline_keeps_being_unknown(table) -> None:
     assert table.events("plank") == [("plank", BeliefEvent.FOUND)]
 
 
+def test_a_parcel_far_larger_than_the_table_is_not_looked_for(table) -> None:
+    with pytest.raises(ValueError, match="big has 424 m from corner to corner, but the table has"):
+        table.tracker.announce(Parcel("big", 300.0, 300.0))
+    assert "big" not in table.tracker.parcels
+
+
 def test_an_unknown_that_is_just_being_named_gets_no_second_name(table) -> None:
     table.put("box", BOTTOM, 0.2, 0.1, 0.3)
     table.run(0.3)
