@@ -1,5 +1,6 @@
 """Rules of a scenario's values together: buses, control, parcels; `tree` checks single keys."""
 
+from collections.abc import Sequence
 from math import cos, sin
 
 from mdms_model.buses import address_cells, plan_gateways
@@ -178,6 +179,7 @@ def check_rules(scenario: Scenario) -> None:
     _check_fidelity(scenario)
     check_buses(scenario)
     _check_names(scenario)
+    _check_sensors(scenario, scenario.cell.sensor_offset_m, "cell")
     _check_patches(scenario)
     _check_wire(scenario)
     for number, parcel in enumerate(scenario.parcel):
@@ -263,6 +265,23 @@ def _check_names(scenario: Scenario) -> None:
         seen[parcel.name] = number
 
 
+#: Sensors that are nearer than this are at one place, in pitches.
+_SAME_PITCHES = 1e-6
+
+
+def _check_sensors(scenario: Scenario, offsets_m: Sequence[tuple[float, float]], key: str) -> None:
+    """No two sensors of a table are at one place: one of them would show nothing."""
+    for number, (x_m, y_m) in enumerate(offsets_m):
+        for other, (other_x_m, other_y_m) in enumerate(offsets_m[:number]):
+            apart = ((x_m - other_x_m), (y_m - other_y_m))
+            pitches = [each_m / scenario.array.pitch_m for each_m in apart]
+            if all(abs(each - round(each)) < _SAME_PITCHES for each in pitches):
+                raise ScenarioError(
+                    f"{key}.sensor_offset_m.{number} is [{x_m:g}, {y_m:g}], where sensor {other} "
+                    "of this cell or of a neighbour is; give each sensor a place of its own"
+                )
+
+
 def _check_patches(scenario: Scenario) -> None:
     cells, fidelity = scenario.array.columns * scenario.array.rows, scenario.run.fidelity
     for number, patch in enumerate(scenario.patch):
@@ -298,6 +317,7 @@ def _check_belief(scenario: Scenario) -> None:
             raise ScenarioError(
                 f"belief.{key} has {count} items, but must have {most}, as cell.{key} has"
             )
+    _check_sensors(scenario, taken.cell.sensor_offset_m, "belief")
     for parcel in taken.parcel:
         if parcel.name in scenario.belief:
             _check_parcel(taken, parcel, f"belief.{parcel.name}")

@@ -168,6 +168,13 @@ def test_two_parcels_of_one_name_are_refused(row):
     assert "parcel.1.name is 'box', but parcel.0 has that name already" in refusal(row)
 
 
+@pytest.mark.parametrize("offsets", ["[[0.05, 0], [0.05, 0]]", "[[0, 0.0635], [0, -0.0635]]"])
+def test_two_sensors_at_one_place_are_refused(offsets):
+    message = refusal("array18", f"cell.sensor_offset_m={offsets}")
+    assert "cell.sensor_offset_m.1 is [0" in message
+    assert "where sensor 0 of this cell or of a neighbour is" in message
+
+
 def test_missing_key_is_named(row):
     row.write_text(ROW.replace("columns = 10", ""))
     assert "array.columns is missing; give it a whole number" in refusal(row)
