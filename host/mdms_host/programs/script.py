@@ -128,8 +128,14 @@ class Task(Generic[Result]):
 
     def go_on(self) -> bool:
         """Go on to its next condition; returns False while its condition does not hold."""
-        if self.done or not self._condition():
+        if self.done:
             return False
+        try:
+            if not self._condition():
+                return False
+        except Exception as error:
+            self._fail(error)
+            return True
         try:
             condition = self._routine.send(None)
         except StopIteration as end:
@@ -143,11 +149,15 @@ class Task(Generic[Result]):
                     f"{self.where} awaits {type(condition).__name__}, but a program waits only for "
                     "its table: table.sleep, move, leave, arrival, and tasks"
                 )
-                self.cancel()
-                self.error = refused
+                self._fail(refused)
             else:
                 self._condition = condition
         return True
+
+    def _fail(self, error: BaseException) -> None:
+        """End it by an error where it waits; `finally` in it still runs."""
+        self.cancel()
+        self.error, self.cancelled = error, False
 
 
 class Script:
@@ -167,7 +177,12 @@ class Script:
         self._now_s = now_s
 
     def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
-        """Have a coroutine go on by itself, from this cycle on."""
+        """Have a coroutine go on by itself, from this cycle on. Raises TypeError for no coroutine."""
+        if not isinstance(routine, CoroutineType):
+            raise TypeError(
+                f"a task is a coroutine, and no {type(routine).__name__}: call an `async def` "
+                "function, as in table.start(job(table))"
+            )
         task = Task(routine)
         self._tasks.append(task)
         return task

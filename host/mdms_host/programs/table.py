@@ -3,7 +3,7 @@
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from difflib import get_close_matches
-from math import inf, isfinite
+from math import inf, isfinite, isnan
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -170,7 +170,9 @@ class Table:
         return self.newcomers
 
     async def sleep(self, seconds: float) -> None:
-        """Let so much time of the array pass, a cycle at least."""
+        """Let so much time of the array pass, a cycle at least. Raises ProgramError for no time."""
+        if not isinstance(seconds, Real) or isnan(seconds):
+            raise ProgramError(f"sleep is given {seconds!r}, but must be a number of seconds")
         begun_s = self.now_s
         # Cycles add up to a time by rounding only.
         await until(lambda: self.now_s > begun_s and self.now_s >= begun_s + seconds - 1e-9)

@@ -159,6 +159,26 @@ def test_a_mistake_of_a_caller_is_told_and_the_table_goes_on():
         table["box"].move(0.0, 0.0)
 
 
+class OfAnotherLoop:
+    def __await__(self):
+        yield 5
+
+
+def test_a_program_by_hand_that_awaits_what_no_table_knows_fails_at_once():
+    async def main(_table):
+        await OfAnotherLoop()
+
+    with mdms.virtual("array18") as table:
+        with pytest.raises(mdms.Error, match="awaits int, but a program waits only for its table"):
+            table.run(main)
+        with pytest.raises(mdms.ProgramError, match="sleep is given nan"):
+            table.run(sleeps_for_no_time, limit_s=1.0)
+
+
+async def sleeps_for_no_time(table):
+    await table.sleep(float("nan"))
+
+
 def test_a_call_by_hand_within_a_program_is_refused_and_the_table_goes_on():
     with mdms.virtual("array18") as table:
 

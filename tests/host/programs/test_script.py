@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from mdms_host.programs.script import Script, ScriptError, until
+from mdms_host.programs.script import Script, ScriptError, failure_text, until
 
 
 def test_tasks_go_on_in_the_order_of_their_start_and_within_one_cycle():
@@ -128,3 +128,39 @@ def test_a_task_that_waits_for_nothing_is_found():
     script.start(nothing())
     with pytest.raises(ScriptError, match="without waiting"):
         script.step()
+
+
+async def endless():
+    yield 1
+
+
+@pytest.mark.parametrize("wrong", [5, endless, endless()], ids=["number", "function", "generator"])
+def test_what_is_no_coroutine_is_refused_where_it_is_started(wrong):
+    script = Script()
+
+    async def main():
+        script.start(wrong)
+
+    script.start(main())
+    error = script.step()
+    assert isinstance(error, TypeError)
+    assert "in main (test_script.py" in failure_text(error)
+
+
+def test_a_condition_that_fails_is_an_error_of_its_task_alone():
+    script, log = Script(), []
+
+    async def waits_for_nonsense():
+        try:
+            await until(lambda: bool(log) and log[0] < 1)
+        finally:
+            log.append("tidied up")
+
+    task = script.start(waits_for_nonsense())
+    task.heed()
+    assert script.step() is None
+    log.append("now")
+    assert script.step() is None
+    assert (task.done, task.cancelled, log) == (True, False, ["now", "tidied up"])
+    with pytest.raises(TypeError):
+        task.result()
