@@ -177,7 +177,7 @@ class Script:
         self._now_s = now_s
 
     def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
-        """Have a coroutine go on by itself, from this cycle on. Raises TypeError for no coroutine."""
+        """Have a coroutine go on by itself, from this cycle on. Raises TypeError for another."""
         if not isinstance(routine, CoroutineType):
             raise TypeError(
                 f"a task is a coroutine, and no {type(routine).__name__}: call an `async def` "

@@ -173,6 +173,8 @@ def test_two_sensors_at_one_place_are_refused(offsets):
     message = refusal("array18", f"cell.sensor_offset_m={offsets}")
     assert "cell.sensor_offset_m.1 is [0" in message
     assert "where sensor 0 of this cell or of a neighbour is" in message
+    # The model has no host that looks at them.
+    load_scenario("paper-fig7", [f"cell.sensor_offset_m={offsets}"])
 
 
 def test_missing_key_is_named(row):
