@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from mdms_host.estimation.belief import Belief
 from mdms_model.errors import Error
+from mdms_model.scenario.limit import MASS
 
 #: Orders a parcel to a place (x, y, yaw), or out by an exit; returns when it is there, or has left.
 Move = Callable[["TableParcel", float, float, float | None], Coroutine[Any, Any, None]]
@@ -102,6 +103,12 @@ class Newcomer:
             value = getattr(self, key)
             if value is not None and not (isinstance(value, Real) and 0.0 < float(value) < inf):
                 raise ProgramError(f"{key} of {self.name} is {value!r}, but must be above 0")
+        least_kg, most_kg = MASS["at_least"], MASS["at_most"]
+        if self.mass_kg is not None and not least_kg <= self.mass_kg <= most_kg:
+            raise ProgramError(
+                f"mass_kg of {self.name} is {self.mass_kg!r}, but must be at least {least_kg:g} "
+                f"and at most {most_kg:g}"
+            )
         if self.shape not in SHAPES:
             raise ProgramError(
                 f"shape of {self.name} is {self.shape!r}, but must be one of {SHAPES}"

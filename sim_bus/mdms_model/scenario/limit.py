@@ -20,5 +20,7 @@ TURN_RAD = 6.2832
 ANGLE = Limit(at_least=-TURN_RAD, at_most=TURN_RAD)
 SPEED = Limit(at_least=-100.0, at_most=100.0)
 POSITIVE = Limit(above=0.0, at_most=1e6)
+#: Lighter parcels leave no room for the squares of their weights.
+MASS = Limit(above=0.0, at_least=1e-6, at_most=1e6)
 NOT_NEGATIVE = Limit(at_least=0.0, at_most=1e6)
 SHARE = Limit(at_least=0.0, at_most=0.9)

@@ -12,7 +12,16 @@ from typing import Any
 
 from mdms_model.errors import InputError
 from mdms_model.scenario.fault import Fault
-from mdms_model.scenario.limit import ANGLE, LENGTH, NOT_NEGATIVE, PLACE, POSITIVE, SHARE, Limit
+from mdms_model.scenario.limit import (
+    ANGLE,
+    LENGTH,
+    MASS,
+    NOT_NEGATIVE,
+    PLACE,
+    POSITIVE,
+    SHARE,
+    Limit,
+)
 from mdms_model.scenario.motion import Motion
 
 SIDES = ("east", "north", "west", "south")
@@ -295,7 +304,7 @@ class Parcel:
 
     name: str
     """What tasks, streams and faults call it: a name of its own, of 64 characters at most."""
-    mass_kg: float = field(metadata=POSITIVE)
+    mass_kg: float = field(metadata=MASS)
     """Mass."""
     length_m: float = field(metadata=LENGTH)
     """Extent along its own x; the diameter of a disc."""
@@ -313,7 +322,7 @@ class Parcel:
     """Its outline."""
     corners_m: tuple[tuple[float, float], ...] = field(default=(), metadata=PLACE)
     """Corners of a polygon in its own frame, convex and counterclockwise."""
-    inertia_kg_m2: float | None = field(default=None, metadata=POSITIVE)
+    inertia_kg_m2: float | None = field(default=None, metadata=Limit(at_least=1e-12, at_most=1e6))
     """Inertia about its centre of mass; none: that of a uniform plate."""
     goal: Goal | None = None
     """Where it is steered to, with `motion.field = "goal"`."""

@@ -202,6 +202,8 @@ def test_a_false_newcomer_is_withdrawn_and_the_parcel_is_expected_again():
         ({"width_m": -0.3}, "width_m of crate is -0.3"),
         ({"length_m": "0.3"}, "length_m of crate is '0.3'"),
         ({"mass_kg": 0.0}, "mass_kg of crate is 0.0"),
+        ({"mass_kg": 1e-300}, "mass_kg of crate is 1e-300, but must be at least 1e-06 and at most"),
+        ({"mass_kg": 1e308}, "mass_kg of crate is 1e.308, but must be at least 1e-06 and at most"),
         ({"shape": "star"}, "shape of crate is 'star', but must be one of"),
     ],
 )

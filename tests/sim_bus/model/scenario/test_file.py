@@ -177,6 +177,12 @@ def test_two_sensors_at_one_place_are_refused(offsets):
     load_scenario("paper-fig7", [f"cell.sensor_offset_m={offsets}"])
 
 
+def test_a_mass_of_which_no_square_is_left_is_refused():
+    expected = "is 1e-300, but must be above 0 and at least 1e-06"
+    for key in ("parcel.0.mass_kg", "belief.box.mass_kg"):
+        assert f"{key} {expected}" in refusal("array18", f"{key}=1e-300")
+
+
 def test_missing_key_is_named(row):
     row.write_text(ROW.replace("columns = 10", ""))
     assert "array.columns is missing; give it a whole number" in refusal(row)
