@@ -470,6 +470,25 @@ def test_a_parcel_that_lies_there_has_come_once_however_many_runs_find_it(line) 
     line.until(lambda: line.machine.figures.parcels_in == 2, 20.0)
 
 
+def test_an_order_is_not_refused_because_there_was_no_place_to_wait_before_its_full_exit(
+    line,
+) -> None:
+    line.do("coming", parcel="P-1", kind="")
+    line.do("order", **order("o1", "P-1", exit="north"))
+    line.bring_to_execute()
+    line.until(line.moving, 10.0)
+    line.pass_s(0.2)
+    line.do("exit", exit="north", full=True)
+    line.pass_s(1.0)
+    line.command(Command.HOLD)
+    line.until_state(State.HELD, 5.0)
+    line.do("exit", exit="north", full=False)
+    line.pass_s(1.0)
+    line.command(Command.UNHOLD)
+    line.until(lambda: len(line.of_order("o1")) > 1, 20.0)
+    assert line.of_order("o1") == ["under way", "left"]
+
+
 async def ends_soon(table: Table) -> None:
     await table.arrival()
     await table.sleep(0.3)

@@ -128,6 +128,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
             before.replaced = True
         self._orders[order.parcel] = order
         self._again_s = self._now_s
+        # Why it had no way was of the order before.
+        self._dispatch.blocked.pop(order.parcel, None)
         if isinstance(order.goal, Goal):
             self.steered[order.parcel] = OrderedGoal(order.goal)
         else:
