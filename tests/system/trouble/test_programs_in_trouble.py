@@ -174,3 +174,24 @@ def ended_s(record: Record) -> float:
 
 def test_every_row_of_the_table_is_tried() -> None:
     assert [row.what for row in ROWS] == list(messages(HEADING))
+
+
+def test_an_order_on_a_table_that_was_idle_waits_for_what_may_go_away():
+    box = {"mass_kg": 2.0, "length_m": 0.28, "width_m": 0.28}
+    scenario = {
+        "scenario": "array54",
+        "motion": {"field": "program"},
+        "parcel": [
+            box | {"name": "box", "x_m": -0.3, "y_m": 0.0},
+            box | {"name": "other", "x_m": 0.2, "y_m": 0.0},
+        ],
+    }
+
+    async def main(table):
+        await table.sleep(6.0)
+        await table["box"].move(0.2, 0.0)
+
+    run = mdms.simulate(scenario, program=main, limit_s=15.0)
+    assert "blocked by 'other'" in run.reason
+    assert run.status == "stopped"
+    assert 10.5 < run.duration_s < 13.0

@@ -123,6 +123,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def give(self, order: Order) -> None:
         """Take an order in place of any other for its parcel."""
+        if not self._orders:
+            # Nobody has waited on a table that was idle.
+            self._moved_s = self._now_s
         before = self._orders.get(order.parcel)
         if before is not None:
             before.replaced = True
