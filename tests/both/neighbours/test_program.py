@@ -224,6 +224,16 @@ def test_programs_of_parcels_that_come_near_are_kept_whatever_comes_after_them()
     assert all(programs.find(identity).complete for identity in near)
 
 
+def test_way_is_as_far_away_as_the_box_around_it():
+    for way in (((-2000, -1000), (2000, 3000)), ((2000, 3000), (500, 600), (-2000, -1000))):
+        programs = Programs()
+        give(programs, 1, way)
+        away = programs.find(1).away
+        assert away(0, 0) == away(-2000, 3000) == 0
+        assert (away(2500, 0), away(-2600, 0)) == (500, 600)
+        assert (away(0, 3400), away(0, -1300)) == (400, 300)
+
+
 def test_parcel_that_comes_near_at_the_end_of_its_legs_only_is_near():
     programs = Programs()
     give(programs, 1, ((9000, 9000), (9500, 9000), (9000, 0), (100, 0)))

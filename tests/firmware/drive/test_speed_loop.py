@@ -1,5 +1,6 @@
 """One source, four ways to run it, the same registers; and never a number of more than 31 bits."""
 
+import re
 import sys
 from array import array
 from pathlib import Path
@@ -199,3 +200,14 @@ def test_voltage_reaches_its_limit_within_the_gains_step_and_never_exceeds_it(ga
 def test_slices_by_axis_hold_two_registers():
     for first in (s.COUNT, s.CURRENT, s.ACTUAL, s.VOLTAGE, s.FAULTS):
         assert len(range(s.REGISTERS)[first :: s.AXIS]) == s.AXES
+
+
+def test_each_register_has_a_place_of_its_own() -> None:
+    source = Path(s.__file__).read_text(encoding="utf-8")
+    registers = source.split("# Values of MODE", maxsplit=1)[0]
+    places = [
+        int(place)
+        for name, place in re.findall(r"^(\w+) = const\((\d+)\)", registers, re.MULTILINE)
+        if name not in {"AXIS", "AXES", "REGISTERS"}
+    ]
+    assert places == [*range(s.AXIS), *range(s.AXES * s.AXIS, s.REGISTERS)]
