@@ -4,7 +4,7 @@ Indices are those of axis 1; axis 2 has them `indices.AXIS_OFFSET` higher.
 """
 
 from mdms_cell.drive import speed_loop, tuning
-from mdms_cell.drive.state_machine import UNDERVOLTAGE, Drive
+from mdms_cell.drive.state_machine import DRIVING, UNDERVOLTAGE, Drive
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, sdo
 from mdms_protocol.compat import micropython
@@ -42,10 +42,9 @@ _SETTINGS = (
     indices.BRAKING_GAIN,
     indices.MAX_SLIPPAGE,
 )
-_DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 #: Settings of how a count of the encoder is read. They stay as they are while a wheel is on.
 _READING = (indices.RESOLUTION, indices.POLARITY)
-_ON = _DRIVING + (cia402.SWITCHED_ON,)  # noqa: RUF005 - MicroPython takes no star in a tuple
+_ON = DRIVING + (cia402.SWITCHED_ON,)  # noqa: RUF005 - MicroPython takes no star in a tuple
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 
 
@@ -255,7 +254,7 @@ class Axes:
 
     def driving(self):
         """Whether any motor is on."""
-        return any(drive.state in _DRIVING for drive in self._drives)
+        return any(drive.state in DRIVING for drive in self._drives)
 
     def guard(self, may_enable, on_enabled):
         """Enable an axis only while `may_enable()`, and call `on_enabled()` when one is enabled."""

@@ -254,7 +254,7 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         elif (demand > 0 and target < demand) or (demand < 0 and target > demand):
             ramp = registers[base + DECELERATION]
             # On the other side of 0 the reference is sped up, by the other ramp.
-            if (demand > 0 and target < 0) or (demand < 0 and target > 0):
+            if target ^ demand < 0:
                 if ramp != 0:
                     target = 0
                 else:

@@ -65,7 +65,8 @@ MODES = {
 _RAMPED = (speed_loop.STOP, speed_loop.BRAKE)
 _FAILED = (cia402.FAULT, cia402.FAULT_REACTION)
 _OFF = (cia402.SWITCH_ON_DISABLED, cia402.FAULT)
-_ON = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
+#: The motor is on.
+DRIVING = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 
 # Error codes of CiA 301 and CiA 402-2, as in 0x603F and in the emergency message
 STALE_SETPOINT = 0x8250
@@ -240,7 +241,7 @@ class Drive:
         mode = MODES.get(state, speed_loop.OFF)
         # Not OFF on the way to a ramp: a tick in between would have it begin at 0.
         registers[base + speed_loop.MODE] = mode if mode in _RAMPED else speed_loop.OFF
-        goes_off = state in _OFF or (self.state in _ON and state not in _ON)
+        goes_off = state in _OFF or (self.state in DRIVING and state not in DRIVING)
         if goes_off and self.on_off is not None:
             self.on_off()
         if self.state == cia402.FAULT:

@@ -47,8 +47,8 @@ def set_encoder(registers, base, counts_per_metre, lag_us=LAG_US):
     Morrison's 'Introduction to Sequential Smoothing and Prediction' (1969). `step` uses three
     eighths of its gains within a count, and the loop still has a margin then.
     """
-    _check("counts per metre", counts_per_metre, COUNTS_PER_METRE_MIN, COUNTS_PER_METRE_MAX)
-    _check("observer lag [us]", lag_us, LAG_MIN_US, LAG_MAX_US)
+    _check(counts_per_metre, COUNTS_PER_METRE_MIN, COUNTS_PER_METRE_MAX)
+    _check(lag_us, LAG_MIN_US, LAG_MAX_US)
     shift = 14
     while _scale(shift, counts_per_metre) >= 1 << 15:
         shift -= 1
@@ -72,7 +72,7 @@ def set_feed(registers, base, counts_per_metre, acceleration_per_volt=ACCELERATI
     than half a million counts per metre, FEED limits the value for the strongest motors.
     """
     high = ACCELERATION_PER_VOLT_MAX_MM_S2
-    _check("acceleration per volt [mm/s2]", acceleration_per_volt, 0, high)
+    _check(acceleration_per_volt, 0, high)
     feed = ((acceleration_per_volt * counts_per_metre << 30) + 10**15 // 2) // 10**15
     registers[base + speed_loop.FEED] = min(feed, speed_loop.FEED_MAX)
 
@@ -84,8 +84,8 @@ def _scale(shift, counts_per_metre):
 
 def set_law(registers, base, gain_mv_s_m, voltage_limit_mv):
     """Set the gain G [mV s/m, in steps of 62.5] and voltage limit [mV] of the law V = G (r - v)."""
-    _check("gain [mV s/m]", gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
-    _check("voltage limit [mV]", voltage_limit_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
+    _check(gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
+    _check(voltage_limit_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
     gain = (gain_mv_s_m * 16 + 500) // 1000
     # A tick may come between, with the old limit and the new gain.
     registers[base + speed_loop.ERROR_LIMIT] = 0
@@ -99,7 +99,7 @@ def set_brake(registers, base, gain_mv_s_m, voltage_limit_mv):
     To be called after `set_law`. A reference of 0 brakes with b u only, u the speed, and friction
     would allow more for a heavy parcel at a low speed.
     """
-    _check("braking gain [mV s/m]", gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
+    _check(gain_mv_s_m, 0, GAIN_MAX_MV_S_M)
     gain = max((gain_mv_s_m * 16 + 500) // 1000, registers[base + speed_loop.GAIN])
     registers[base + speed_loop.BRAKE_LIMIT] = 0
     registers[base + speed_loop.BRAKE_GAIN] = gain
@@ -124,16 +124,16 @@ def set_over_current(registers, base, limit_ma, time_ms):
 
     A limit of 0 is watched as one of 1 mA. So a bridge that shuts off is a fault at any limit.
     """
-    _check("current limit [mA]", limit_ma, 0, CURRENT_MAX_MA)
-    _check("over-current time [ms]", time_ms, 0, TIME_MAX_MS)
+    _check(limit_ma, 0, CURRENT_MAX_MA)
+    _check(time_ms, 0, TIME_MAX_MS)
     registers[base + speed_loop.CURRENT_TICKS] = time_ms
     registers[base + speed_loop.CURRENT_LIMIT] = max(limit_ma, 1) if time_ms else 0
 
 
 def set_stall(registers, base, counts_per_metre, voltage_mv, time_ms):
     """Make standing still under `voltage_mv` or more for `time_ms` a fault; 0 does not watch."""
-    _check("stall voltage [mV]", voltage_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
-    _check("stall time [ms]", time_ms, 0, TIME_MAX_MS)
+    _check(voltage_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
+    _check(time_ms, 0, TIME_MAX_MS)
     reach = STALL_SPEED_MM_S * time_ms * counts_per_metre // 1_000_000 + 1
     registers[base + speed_loop.STALL_SPAN] = 2 * min(reach, STALL_REACH_MAX)
     registers[base + speed_loop.STALL_TICKS] = time_ms
@@ -142,25 +142,25 @@ def set_stall(registers, base, counts_per_metre, voltage_mv, time_ms):
 
 def set_reversal(registers, base, voltage_mv, time_ms):
     """Make turning against `voltage_mv` or more for `time_ms` a fault; 0 does not watch."""
-    _check("reversal voltage [mV]", voltage_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
-    _check("reversal time [ms]", time_ms, 0, TIME_MAX_MS)
+    _check(voltage_mv, 0, speed_loop.VOLTAGE_MAX_UV // 1000)
+    _check(time_ms, 0, TIME_MAX_MS)
     registers[base + speed_loop.REVERSAL_TICKS] = time_ms
     registers[base + speed_loop.REVERSAL_VOLTAGE] = voltage_mv * 1000 if time_ms else 0
 
 
 def set_following(registers, base, limit_um_s, time_ms):
     """Make a speed this far off the reference for `time_ms` a fault; 0 does not watch."""
-    _check("following error limit [um/s]", limit_um_s, 0, 2 * speed_loop.SPEED_MAX_UM_S)
-    _check("following error time [ms]", time_ms, 0, TIME_MAX_MS)
+    _check(limit_um_s, 0, 2 * speed_loop.SPEED_MAX_UM_S)
+    _check(time_ms, 0, TIME_MAX_MS)
     registers[base + speed_loop.FOLLOWING_TICKS] = time_ms
     registers[base + speed_loop.FOLLOWING_LIMIT] = limit_um_s if time_ms else 0
 
 
 def _per_tick(acceleration_um_s2):
-    _check("acceleration [um/s2]", acceleration_um_s2, 0, 1_000_000_000)
+    _check(acceleration_um_s2, 0, 1_000_000_000)
     return -(-acceleration_um_s2 // speed_loop.TICK_HZ)
 
 
-def _check(name, value, low, high):
+def _check(value, low, high):
     if not low <= value <= high:
-        raise ValueError("%s must be %d to %d, got %d" % (name, low, high, value))
+        raise ValueError("must be %d to %d, got %d" % (low, high, value))

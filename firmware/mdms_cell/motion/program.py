@@ -17,7 +17,6 @@ _GOAL = 1
 #: The bit of GO_ON among the bytes of `pages`.
 _FLAGS_AT = 6
 _FLAGS_BIT = 4
-_NO_PAGES = bytes(wire.LENGTH * (2 + wire.LEGS_MAX))
 
 
 class Program:
@@ -31,14 +30,14 @@ class Program:
     """
 
     def __init__(self):
-        self.pages = bytearray(_NO_PAGES)
+        self.pages = bytearray(wire.LENGTH * (2 + wire.LEGS_MAX))
         self._box = array("i", [0] * 4)  # around the way: lowest x, highest x, and so for y
         self._begin(0)
 
     def clear(self, identity):
         """Begin anew, for this identity."""
         self._begin(identity)
-        self.pages[:] = _NO_PAGES
+        self.pages[:] = bytes(len(self.pages))
 
     def _begin(self, identity):
         """The pages are empty, or are to be."""

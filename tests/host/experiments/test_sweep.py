@@ -135,9 +135,9 @@ def test_a_run_that_raises_is_a_row(executor):
     rows = mdms.sweep(ROW, over, seeds=1, measures=fails_at_02, executor=executor).rows
     assert [row["failure"] for row in rows] == [
         "ZeroDivisionError: on purpose",
-        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at most 1e+06",
+        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at least 1e-06 and at most 1e+06",
         None,
-        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at most 1e+06",
+        "ScenarioError: parcel.0.mass_kg is -1.0, but must be above 0 and at least 1e-06 and at most 1e+06",
     ]
     assert [row["fails_at_02"] for row in rows] == [None, None, 1.0, None]
 

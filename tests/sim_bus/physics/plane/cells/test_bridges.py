@@ -52,7 +52,7 @@ def test_without_a_supply_or_after_a_fault_of_its_own_a_bridge_neither_drives_no
         assert (world.motor_current_a == 0.0).all()
     assert world.pose == pytest.approx(asleep.pose, abs=1e-12)
     read_ma = world.sampled.current_ma
-    assert (read_ma == (0 if cause == "supply" else 6000)).all()
+    assert (read_ma == (0 if cause == "supply" else 2_000_000)).all()
 
 
 @pytest.mark.parametrize("cause", ["no supply", "asleep", "driven", "reversed"])
