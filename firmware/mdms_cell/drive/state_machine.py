@@ -105,8 +105,8 @@ class Drive:
 
     If `may_enable()` is given and false, 'enable operation' leads to 'switched on' only.
     `on_enabled()`, if given, is called on the way into 'operation enabled'. `on_off()`, if given,
-    is called on the way into 'switch on disabled' and 'fault', and from a state in which the motor
-    is on into one in which it is off, once the voltage is 0.
+    is called once the voltage is 0, whenever the motor goes off. Every way into 'switch on
+    disabled' and 'fault' counts, though the motor was off before.
     """
 
     def __init__(self, registers, base, on_off=None):

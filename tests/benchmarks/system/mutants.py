@@ -23,8 +23,9 @@ from tests.benchmarks.cells.neighbours import at_least
 
 ROOT = Path(__file__).parents[3]
 TIME_LIMIT_S = 600.0
-#: A decorator only compiles, and what is left out of a copy.
+#: The operator that removes decorators: those of a cell only compile, so nothing would change.
 COMPILING = "core/RemoveDecorator"
+#: Files that a copy of the project does without.
 LEFT_OUT = (".git", ".venv", "build", "typings", ".*_cache", "__pycache__")
 
 
