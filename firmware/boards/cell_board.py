@@ -39,7 +39,8 @@ class CellBoard:
     """The board of a cell; see 'Cell and board' in DESIGN.md.
 
     Of `pins`, `wake` lets both bridges drive. `fault` is low while a bridge reports a fault.
-    `sensors` are the five presence sensors, and `run_led` and `error_led` those of CiA 303-3. The
+    `sensors` are the five presence sensors, and `run_led` and `error_led` those of CiA 303-3.
+    `place` are the six inputs that jumpers in the table's connector pull low, lowest bit first. The
     tick calls `sample(registers)` and `drive(registers)`. Importing touches nothing. A new board
     has both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
     settings, or None. `slots` are those for firmware over the bus, if there are any. `number` is
@@ -66,7 +67,8 @@ class CellBoard:
         supply, fault = ADC(Pin(pins.supply)), Pin(pins.fault, Pin.IN, Pin.PULL_UP)
         self.sample = _sampling(supply, fault, self._wheels)
         self.drive = _driving(self._wake, self._wheels)
-        self._sensors = [Pin(name, Pin.IN, Pin.PULL_UP) for name in pins.sensors]
+        self._sensors = _inputs(pins.sensors)
+        self._place = _inputs(pins.place)
         self._run_led = Pin(pins.run_led, Pin.OUT, value=0)
         self._error_led = Pin(pins.error_led, Pin.OUT, value=0)
         self._blinking = False
@@ -158,11 +160,11 @@ class CellBoard:
 
     def presence(self):
         """The five presence bits; the sensors pull low where there is a parcel."""
-        bits = 0
-        for place in range(len(self._sensors)):
-            if not self._sensors[place].value():
-                bits |= 1 << place
-        return bits
+        return _low(self._sensors)
+
+    def place(self):
+        """The number that the table's connector gives this place, 0 without jumpers."""
+        return _low(self._place)
 
     def motors_off(self):
         """0 V on both motors at once, whatever state the program is in.
@@ -212,6 +214,20 @@ class CellBoard:
         blink = now_ms // 200 & 1
         self._run_led.value(1 if state == 5 else blink)
         self._error_led.value(1 if self.bus.off else blink if faulty else 0)
+
+
+def _inputs(names):
+    """Inputs that are high unless something pulls them low."""
+    return [Pin(name, Pin.IN, Pin.PULL_UP) for name in names]
+
+
+def _low(pins):
+    """Which of the inputs are low, a bit each."""
+    bits = 0
+    for number in range(len(pins)):
+        if not pins[number].value():
+            bits |= 1 << number
+    return bits
 
 
 def _sampling(supply, fault, wheels):

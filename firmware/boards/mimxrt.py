@@ -24,6 +24,7 @@ Pins = namedtuple(
         "wake",
         "fault",
         "sensors",
+        "place",
         "supply",
         "run_led",
         "error_led",

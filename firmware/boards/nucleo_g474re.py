@@ -22,6 +22,7 @@ PINS = Pins(
     wake="C8",
     fault="C9",
     sensors=("B0", "B1", "B2", "B12", "B13"),
+    place=("B10", "B11", "B14", "B15", "C10", "C11"),
     supply="C2",
     run_led="LED1",  # PA5; as "A5" the board knows PC0
     error_led="C6",

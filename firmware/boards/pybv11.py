@@ -16,6 +16,7 @@ PINS = Pins(
     wake="Y5",
     fault="X11",
     sensors=("X1", "X2", "X3", "X4", "X6"),
+    place=("X5", "X12", "Y6", "Y9", "Y10", "Y11"),
     supply="X21",
     run_led="A14",
     error_led="A13",

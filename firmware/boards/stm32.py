@@ -41,6 +41,7 @@ Pins = namedtuple(
         "wake",
         "fault",
         "sensors",
+        "place",
         "supply",
         "run_led",
         "error_led",

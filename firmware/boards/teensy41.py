@@ -14,6 +14,7 @@ PINS = Pins(
     wake="D10",
     fault="D11",
     sensors=("D33", "D34", "D35", "D36", "D37"),
+    place=("D26", "D27", "D28", "D29", "D30", "D31"),
     supply="D16",
     run_led="D13",
     error_led="D12",

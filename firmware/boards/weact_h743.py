@@ -20,6 +20,7 @@ PINS = Pins(
     wake="D8",
     fault="D9",
     sensors=("E7", "E8", "E9", "E15", "B12"),
+    place=("D0", "D1", "D3", "D5", "E0", "E1"),
     supply="B1",
     run_led="E3",
     error_led="B13",

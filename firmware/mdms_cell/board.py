@@ -27,6 +27,10 @@ class Board(Protocol):
         """The five presence bits; bit 0 is the centre sensor."""
         ...
 
+    def place(self) -> int:
+        """The node id that belongs here, as the table's connector says; 0 without jumpers."""
+        ...
+
     def send(self, can_id: int, data) -> bool:
         """Queue a frame; False when there is no room."""
         ...

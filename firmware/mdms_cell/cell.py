@@ -36,6 +36,9 @@ from mdms_protocol.update import codes
 
 #: The source of `fail` in emergency messages; axes count from 1, then come those of `guard`.
 SOURCE_SYSTEM = 6
+#: The source and the code of a start that is refused in the place of another node.
+SOURCE_PLACE = 10
+IN_ANOTHERS_PLACE = 0xFF02
 
 #: Firmware on trial has run for so long before it may be confirmed.
 TEST_MS = 200
@@ -69,6 +72,7 @@ class Cell:
     def __init__(self, board: "Board", node_id: int):
         self._board = board
         self._read_presence = board.presence
+        self._read_place = board.place
         self._registers = board.registers
         self.accepts = {}
         self.received = 0
@@ -274,7 +278,20 @@ class Cell:
         self._booted_ms, self._booted_tick = self.now_ms, self._registers[speed_loop.TICKS]
         self._guard.start()
         self._heartbeat.start(self.now_ms)
+        self.in_place()
         self._listen()
+
+    def in_place(self):
+        """Whether this is the place of the node id, as far as the table says; tell it if not."""
+        place, emcy = self._read_place(), self._emcy
+        if place in (0, self.node_id):
+            emcy.clear(SOURCE_PLACE)
+            return True
+        # Said again each time: a host may have come later.
+        emcy.errors.pop(SOURCE_PLACE, None)
+        emcy.report(SOURCE_PLACE, IN_ANOTHERS_PLACE, bytes((place, 0, 0, 0)))
+        self._attend()
+        return False
 
     def on_leave(self):
         """The node is about to leave its state, and perhaps its node id."""

@@ -13,6 +13,9 @@ _TIMEOUT_MS = ENTRIES[indices.SETPOINT_TIMEOUT, 0].default
 #: The code of an emergency about a neighbour, whose node id is in the first byte of details.
 SUSPICION = 0xFF01
 
+#: The code of a cell that refuses to start where another belongs; that one's node id comes first.
+IN_ANOTHERS_PLACE = 0xFF02
+
 #: The code of a motors' supply below its limit: an emergency stop, a fuse, a battery.
 LOW_SUPPLY = 0x3220
 
@@ -31,6 +34,7 @@ CODES: Mapping[int, str] = {
     0x8250: f"no setpoint for {_TIMEOUT_MS} ms",
     0x8611: "speed off its reference for too long",
     SUSPICION: "a neighbour contradicts, and is left out",
+    IN_ANOTHERS_PLACE: "it stands in the place of another cell, and does not start",
 }
 #: The source of an emergency, by its source byte, where the code does not say it.
 _SOURCES: Mapping[int, str] = {1: "axis 1", 2: "axis 2"}

@@ -360,15 +360,22 @@ _OF_WHEELS = {
 class WorldFaults:
     """Faults of a world, and of what its cells measure of it; `kinds` by name.
 
-    `places` has the place of each node, both from 0.
+    `places` has the place of each node, both from 0, and `moved()` is called when they change.
     Where two faults of wheels, sensors or parcels overlap, the last to end sets things right; of
     two of the supply the one that began last counts.
     """
 
-    def __init__(self, world: World, bank: CellBank, places: NDArray[np.intp]) -> None:
+    def __init__(
+        self,
+        world: World,
+        bank: CellBank,
+        places: NDArray[np.intp],
+        moved: Callable[[], object],
+    ) -> None:
         self._world = world
         self._bank = bank
         self._places = places
+        self._moved = moved
         self._bridges = world.bridges
         self._nominal_supply_v = world.bridges.supply_v.copy()
         self._supplies: list[Fault] = []
@@ -480,6 +487,7 @@ class WorldFaults:
 
         def exchange() -> str:
             self._places[pair] = self._places[pair[::-1]]
+            self._moved()
             return f"it and cell {fault.as_cell} have changed places"
 
         return FaultEffect(exchange, exchange)
@@ -509,7 +517,8 @@ class Faults:
     """The faults of a scenario, at work on buses, the cells on them, their world and the host.
 
     `controllers` are the cells' in their order, `drivers` those of the participants; `places` has
-    the place of each node, both from 0. `events` fills up as the run goes on.
+    the place of each node, both from 0, and `moved()` is called when they change. `events` fills up
+    as the run goes on.
     """
 
     def __init__(
@@ -523,6 +532,7 @@ class Faults:
         bank: CellBank,
         world: World,
         places: NDArray[np.intp],
+        moved: Callable[[], object],
         drivers: Sequence[Driver],
     ) -> None:
         self.events: list[Event] = []
@@ -531,7 +541,7 @@ class Faults:
         self._kinds = {
             **WireFaults(buses, controllers).kinds,
             **NodeFaults(kernel, controllers, bank, drivers).kinds,
-            **WorldFaults(world, bank, places).kinds,
+            **WorldFaults(world, bank, places, moved).kinds,
         }
         self._seed = seed
         self._begun = len(faults)

@@ -203,6 +203,9 @@ class Simulation:
         ]
         #: The place of each node; they differ while cells have changed places.
         self._places = np.arange(self._cells)
+        #: By place the node id that its connector tells, 0 for none.
+        self._told = addresses.node_ids if array.coded_places else (0,) * self._cells
+        self._tell_places()
         self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
         self.faults = Faults(
             scenario.fault,
@@ -213,6 +216,7 @@ class Simulation:
             bank=bank,
             world=self.world,
             places=self._places,
+            moved=self._tell_places,
             drivers=self._drivers,
         )
         self._beyond_tipping = beyond_tipping
@@ -235,6 +239,10 @@ class Simulation:
         self.kernel.at(0, PRIORITY_TICK, self._tick)
         if recorded:
             self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
+
+    def _tell_places(self) -> None:
+        for cell, place in enumerate(self._places):
+            self._bank.set_place(cell, self._told[place])
 
     def run_until(
         self,

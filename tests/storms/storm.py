@@ -19,6 +19,7 @@ from mdms_array.checks import refuse_overload, refuse_tipping
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.motion.safe_goals import SupportedParcel, least_footing
 from mdms_model.array import build_wheels
+from mdms_model.buses import address_cells
 from mdms_model.errors import InputError
 from mdms_model.outline import DISC_CORNERS, outline_of
 from mdms_model.scenario.fault import Fault
@@ -249,8 +250,10 @@ def _drawn(seed: int, random: Random, setting: Setting) -> Storm:
         tables |= _parcels(random, setting)
     motion["field"] = "goal" if setting.field in ("goal", "service") else "program"
     tables["motion"] = motion
+    # The documents prescribe place codes against exchanged cells.
+    tables["array"] = {"coded_places": True}
     if (setting.columns, setting.rows) == (12, 10):
-        tables["array"] = {"columns": 12, "rows": 10, "buses": _buses(12, 10)}
+        tables["array"] |= {"columns": 12, "rows": 10, "buses": _buses(12, 10)}
     troubles = _Troubles(random, setting, tables)
     faults, events = troubles.draw(random.randint(2, 6))
     if faults:
@@ -443,9 +446,9 @@ class _Troubles:
         self._tables = tables
         self._cells = setting.columns * setting.rows
         self._sorted = setting.field == "sort"
-        self._buses = len(tables.get("array", {}).get("buses", ())) or (
-            1 if self._cells <= 18 else 3
-        )
+        buses = (read_tree(tables["scenario"])["array"] | tables["array"]).get("buses", ())
+        self._buses = len(buses) or 1
+        self._node_ids = address_cells(self._cells, buses).node_ids
         #: Cells that steer have a gateway between each two buses; the host needs none.
         self._gateways = self._buses - 1 if setting.control == "cells" else 0
 
@@ -560,7 +563,10 @@ class _Troubles:
             return self._fault("corruption", self._time(0.02, 0.2), cells=[cell])
         if kind == "bridge":
             return self._fault("bridge_fault", self._time(0.01, 1.0), cells=[cell])
-        other = self._random.choice([each for each in range(1, self._cells + 1) if each != cell])
+        # A cell that is put where one with its node id belongs is in its place there.
+        own = self._node_ids[cell - 1]
+        others = [each for each, node_id in enumerate(self._node_ids, 1) if node_id != own]
+        other = self._random.choice(others)
         # Nobody moves a cell while it has power: it has been put there before.
         return self._fault("wrong_place", None, cells=[cell], as_cell=other) | {"start_s": 0.0}
 

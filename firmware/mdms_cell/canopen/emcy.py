@@ -1,6 +1,7 @@
 """Emergency messages, error register and error history (CiA 301, 7.2.7, 0x1001, 0x1003)."""
 
 from mdms_cell import ticks
+from mdms_cell.canopen.objects import WHOLE
 from mdms_cell.canopen.rules import check_cob_id
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, sdo
@@ -29,8 +30,7 @@ class Emcy:
         self._sent_ms = None
         objects.tie(indices.ERROR_REGISTER, 0, read=self.register)
         objects.tie(indices.ERROR_HISTORY, 0, write=self._clear_history)
-        for sub in range(1, _HISTORY_SIZE + 1):
-            objects.tie(indices.ERROR_HISTORY, sub, read=self._history_reader(sub))
+        objects.tie(indices.ERROR_HISTORY, WHOLE, read=self._check_history)
         objects.watch(self._on_cob_id, indices.EMCY_COB_ID)
         objects.watch(self._on_inhibit_time, indices.EMCY_INHIBIT_TIME)
         self.load()
@@ -93,15 +93,10 @@ class Emcy:
         objects.put(indices.ERROR_HISTORY, 1, error)
         objects.put(indices.ERROR_HISTORY, 0, count)
 
-    def _history_reader(self, sub):
-        """Return a function that reads the error at this age; without one it raises AbortError."""
-
-        def read():
-            if sub > self._objects.number(indices.ERROR_HISTORY):
-                raise sdo.AbortError(sdo.NO_DATA)
-            return self._objects.number(indices.ERROR_HISTORY, sub)
-
-        return read
+    def _check_history(self, sub):
+        """Raises AbortError if there is no error of this age."""
+        if sub > self._objects.number(indices.ERROR_HISTORY):
+            raise sdo.AbortError(sdo.NO_DATA)
 
     def _clear_history(self, number):
         if number:

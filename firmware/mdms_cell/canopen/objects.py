@@ -8,7 +8,7 @@ from mdms_protocol.codecs import sdo
 
 _COUNT = len(packed.RECORDS) // record.RECORD_SIZE - 1
 #: Stands for all entries of an object; CiA 301 (7.4.3) gives this sub-index to no value.
-_WHOLE = 0xFF
+WHOLE = 0xFF
 _FORMATS = {0x02: "<b", 0x03: "<h", 0x04: "<i", 0x05: "<B", 0x06: "<H", 0x07: "<I"}
 
 
@@ -99,6 +99,7 @@ class Collected:
 #: The functions of one entry, or of a whole object; each is None where the entry has none.
 #: `read()` returns the value, and `write(number)` takes it. `sink(size)` returns the sink of a
 #: value of any length (see `Objects.open`). `stored(index, sub)` follows a write that was stored.
+#: Of a whole object `read(sub)` comes before each reading, which it refuses by raising AbortError.
 Hook = namedtuple("Hook", ("read", "write", "sink", "stored"))
 _UNTIED = Hook(None, None, None, None)
 
@@ -124,7 +125,7 @@ class Objects:
         """
         hook = Hook(None, None, None, watcher)
         for index in indices:
-            self._hooks[index << 8 | _WHOLE] = hook
+            self._hooks[index << 8 | WHOLE] = hook
 
     def _hook(self, index, sub):
         return self._hooks.get(index << 8 | sub, _UNTIED)
@@ -134,6 +135,9 @@ class Objects:
         entry = find(index, sub)
         if not entry.flags & record.READABLE:
             raise sdo.AbortError(sdo.WRITE_ONLY)
+        check = self._hook(index, WHOLE).read
+        if check is not None:
+            check(sub)
         read = self._hook(index, sub).read
         if read is not None:
             return struct.pack(entry.format, read())
@@ -170,7 +174,7 @@ class Objects:
         end = start + entry.size
         before = bytes(self.data[start:end])
         self.data[start:end] = value
-        watcher = self._hook(entry.index, _WHOLE).stored
+        watcher = self._hook(entry.index, WHOLE).stored
         if watcher is None:
             return
         try:

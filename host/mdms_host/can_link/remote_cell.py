@@ -11,7 +11,7 @@ from math import inf
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.dictionary import REVISION
-from mdms_protocol.emergencies import LOW_SUPPLY, SUSPICION
+from mdms_protocol.emergencies import IN_ANOTHERS_PLACE, LOW_SUPPLY, SUSPICION
 
 _MAJOR = 16
 OURS = REVISION >> _MAJOR
@@ -96,6 +96,11 @@ class RemoteCell:
     def lacks_supply(self) -> bool:
         """See above."""
         return not self._voltage or LOW_SUPPLY in self.errors.values()
+
+    @property
+    def elsewhere(self) -> bool:
+        """Whether it stands in another cell's place, and so refuses to start."""
+        return IN_ANOTHERS_PLACE in self.errors.values()
 
     @property
     def moving(self) -> bool:

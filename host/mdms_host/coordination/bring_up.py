@@ -184,7 +184,7 @@ class BringUpCell(RemoteCell):
         elif phase == Phase.CONFIGURING:
             self._written = True
             yield from self._set_up.poll(now_s)
-        elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
+        elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL and not self.elsewhere:
             yield nmt.command(nmt.START, self.node_id)
         elif phase == Phase.ENABLING and not self.enabled and not self.lacks_supply:
             # A person presses an emergency stop: no program resets that fault in the same run.

@@ -13,7 +13,7 @@ from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.cell_setup import PASSING_CODES
 from mdms_host.coordination.run_state import Phase, Timing
 from mdms_protocol.codecs import cia402, cob, nmt
-from mdms_protocol.emergencies import LOW_SUPPLY
+from mdms_protocol.emergencies import IN_ANOTHERS_PLACE, LOW_SUPPLY
 
 #: Errors with which drives shut off; others are mere reports.
 _OF_DRIVES = PASSING_CODES | {0x2310, 0x3220, 0x6100, 0x7121, 0x7302, 0x8150, 0x8611}
@@ -149,7 +149,9 @@ class Supervision:
             case Phase.CONFIGURING:
                 return f"settings not written and verified {limit}: {names(late)}"
             case Phase.STARTING:
-                return f"not operational {limit}: {names(late)}"
+                others = [cell for cell in late if not cell.elsewhere]
+                texts = [f"not operational {limit}: {names(others)}"] if others else []
+                return "; ".join(texts + _elsewhere_texts(late))
             case _:
                 return f"drives not enabled {limit}: {names(late)} ({late[0].drives_text})"
 
@@ -200,6 +202,17 @@ def _other_boards(cells: Iterable[BringUpCell]) -> Iterator[str]:
             "boards were exchanged or moved: put them back, or write their places anew with "
             "mdms commission"
         )
+
+
+def _elsewhere_texts(cells: Sequence[BringUpCell]) -> list[str]:
+    """Which of the cells say that they stand in another's place, and what to do."""
+    elsewhere = [cell for cell in cells if cell.elsewhere]
+    if not elsewhere:
+        return []
+    return [
+        f"in the place of another cell (0x{IN_ANOTHERS_PLACE:04X}): {names(elsewhere)}; put the "
+        "boards back, or write their places anew with mdms commission"
+    ]
 
 
 def names(cells: Sequence[RemoteCell]) -> str:

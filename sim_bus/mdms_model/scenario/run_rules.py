@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from math import hypot
 
+from mdms_model.buses import address_cells
 from mdms_model.outline import outline_of
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.motion import COMPOSED, Motion, Part, Region
@@ -399,6 +400,13 @@ def _check_place(scenario: Scenario, fault: Fault, key: str) -> None:
             f"{key}.as_cell is {fault.as_cell}, but must be another cell than {fault.cells[0]}"
         )
     _check_most(f"{key}.as_cell", (fault.as_cell,), cells, f"the array has {cells} cells")
+    node_ids = address_cells(cells, scenario.array.buses).node_ids
+    if scenario.array.coded_places and node_ids[fault.as_cell - 1] == node_ids[fault.cells[0] - 1]:
+        raise ScenarioError(
+            f"{key}.as_cell is {fault.as_cell}, but that cell has node id "
+            f"{node_ids[fault.as_cell - 1]} on its bus, as cell {fault.cells[0]} has: the code of "
+            "its place fits both; take another cell"
+        )
 
 
 def _check_most(key: str, numbers: Iterable[int], most: int, there: str) -> None:

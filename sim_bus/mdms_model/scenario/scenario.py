@@ -195,6 +195,8 @@ class Array:
     """Numbers of the cells on each bus, in the order of their node ids; none: one bus."""
     forwarded: tuple[int, ...] = field(default=(), metadata=Limit(at_least=1, at_most=4))
     """TPDOs that gateways carry to the other bus of a border, 1 to 4; none: no gateways."""
+    coded_places: bool = False
+    """Whether connectors tell cells their places, so that a cell elsewhere refuses to start."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,6 +81,12 @@ class CellBank(Protocol):
     def set_supply(self, cell: int, supply_uv: int) -> None:
         """The motors' supply is so much from now on, as the cell measures it."""
 
+    def set_place(self, cell: int, node_id: int) -> None:
+        """The table tells the cell that it is where the node of this id belongs; 0: it is silent.
+
+        A cell looks when it boots, and at each start.
+        """
+
     def power_off(self, cell: int) -> None:
         """The cell stops at once, and its bridges sleep."""
 

@@ -31,6 +31,7 @@ INBOX_SIZE = 4  # bytes
 OUTBOX_SIZE = 5  # bytes
 NODE_ID = 6  # from RESTART on
 BLINKING = 7  # whether the LEDs show that this is the cell meant
+PLACE = 8  # the node id that belongs to the place, 0 if the table does not tell
 WORDS = 16
 
 # Where the parts of a block are, in bytes

@@ -181,6 +181,11 @@ class MicropythonBank:
         self._supply_uv[cell] = supply_uv
         self._blocks.supply_uv[cell] = supply_uv
 
+    def set_place(self, cell: int, node_id: int) -> None:
+        """See `CellBank`."""
+        self._settle()
+        self._blocks.places[cell] = node_id
+
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
         self._settle()

@@ -34,6 +34,10 @@ class Board(VirtualBoard):
     def sample(self, registers):
         """Nothing is left to do."""
 
+    def place(self):
+        """See `VirtualBoard`."""
+        return self.words[lockstep.PLACE]
+
     def blink(self, on):
         """Have the LEDs blink where the simulation sees it."""
         self.words[lockstep.BLINKING] = on

@@ -53,6 +53,7 @@ class Blocks:
         self.presence = words[:, lockstep.PRESENCE]
         self.times_ms = words[:, lockstep.NOW_MS]
         self.blinking = words[:, lockstep.BLINKING]
+        self.places = words[:, lockstep.PLACE]
         self.voltages_uv = words[:, lockstep.VOLTAGES_UV : lockstep.VOLTAGES_UV + speed_loop.AXES]
         registers = words[:, lockstep.REGISTERS // lockstep.WORD :]
         end = speed_loop.AXES * speed_loop.AXIS
@@ -102,7 +103,7 @@ class Blocks:
         """Gives the memory back; nothing else may be asked afterwards."""
         self._words.release()
         del self.counts, self.currents_ma, self.voltages_uv
-        del self.presence, self.times_ms, self.supply_uv, self.awake, self.blinking
+        del self.places, self.presence, self.times_ms, self.supply_uv, self.awake, self.blinking
         self._memory.close()
         self._file.close()
 

@@ -208,6 +208,10 @@ class PythonBank:
         self._supply_uv[cell] = supply_uv
         self._registers[cell, speed_loop.SUPPLY] = supply_uv
 
+    def set_place(self, cell: int, node_id: int) -> None:
+        """See `CellBank`."""
+        self._boards[cell].place_code = node_id
+
     def power_off(self, cell: int) -> None:
         """See `CellBank`."""
         self._boards[cell].frames.clear()
@@ -227,9 +231,10 @@ class PythonBank:
         self._start(cell)
 
     def _start(self, cell: int) -> None:
-        errors = self._boards[cell].errors
+        before = self._boards[cell]
         self._boards[cell] = self._board(cell)
-        self._boards[cell].errors = errors
+        self._boards[cell].errors = before.errors
+        self._boards[cell].place_code = before.place_code
         self._cells[cell] = Cell(self._boards[cell], self._node_ids[cell])
         self._registers[cell, speed_loop.SUPPLY] = self._supply_uv[cell]
         self._awake[cell] = 0

@@ -44,6 +44,7 @@ class VirtualBoard:
         self.counts = [0, 0]
         self.currents_ma = [0, 0]
         self.presence_bits = 0
+        self.place_code = 0
         self.blinking = False
         self.voltages_uv = [0, 0]
         self.frames: list[Frame] = []
@@ -69,6 +70,10 @@ class VirtualBoard:
     def presence(self) -> int:
         """Return the five presence bits."""
         return self.presence_bits
+
+    def place(self) -> int:
+        """Return the node id that belongs to the place, 0 if the table does not tell."""
+        return self.place_code
 
     def blink(self, on: bool) -> None:
         """Have the LEDs blink until it is ended."""

@@ -30,6 +30,9 @@ class Board:
     def presence(self):
         return 0
 
+    def place(self):
+        return 0
+
     def send(self, can_id, data):
         self.sent += 1
         return True

@@ -17,6 +17,7 @@ class Board:
         self.registers = array("i", [0] * speed_loop.REGISTERS)
         self.sent = []
         self.bits = 0
+        self.place_code = 0
 
     def sample(self, registers):
         pass
@@ -26,6 +27,9 @@ class Board:
 
     def presence(self):
         return self.bits
+
+    def place(self):
+        return self.place_code
 
     def send(self, can_id, data):
         self.sent.append((can_id, bytes(data)))

@@ -14,6 +14,10 @@ class Cell:
     def __init__(self):
         self.told = []
         self.sent = []
+        self.fits = True
+
+    def in_place(self):
+        return self.fits
 
     def on_leave(self):
         self.told.append(("leave",))

@@ -139,6 +139,38 @@ def taken_node_id(bench):
     comes_back(bench, *RESET)
 
 
+def in_anothers_place(bench):
+    # Jumpers 1 and 2 pull low: here belongs node 6.
+    for bit in (1, 2):
+        world.levels[bench.module.PINS.place[bit]] = 0
+    keep(bench, 20)
+    bench.can.deliver(0x000, bytes((0x81, NODE)))
+    bench.runner.turn(world.now_ms)
+    cut(bench)
+    bench.pass_ms(2000)
+    assert emergencies() == [0xFF02]
+    for _ in range(2):
+        bench.can.deliver(0x000, bytes((1, NODE)))
+        bench.pass_ms(2)
+        for word in UP:
+            bench.can.deliver(0x300 + NODE, bytes((word, 0, word, 0)))
+            bench.can.deliver(0x600 + NODE, bytes((0x2B, 0x40, 0x60, 0, word, 0, 0, 0)))
+            bench.pass_ms()
+        for _ in range(30):
+            bench.target(TARGET)
+            bench.pass_ms()
+            assert bench.off()
+    assert emergencies() == [0xFF02] * 3
+    assert [data[4] for can_id, data in world.sent if can_id == 0x080 + NODE] == [6] * 3
+    # It is put back, under power even.
+    world.levels[bench.module.PINS.place[0]] = 0
+    world.levels[bench.module.PINS.place[1]] = 1
+    bench.can.deliver(0x000, bytes((1, NODE)))
+    bench.pass_ms(2)
+    assert emergencies()[-1] == 0
+    comes_back(bench, 0x00, *UP)
+
+
 def enabled_before_operational(bench):
     bench.can.deliver(0x000, bytes((0x80, NODE)))
     for word in UP:

@@ -58,6 +58,7 @@ EXPECTED = {
     "flash": [(14,)],
     "rolled-back": [(17,)],
     "on-trial": [(17,)],
+    "elsewhere": [(1,)],
     "neighbours": [(13,), (16,), (16,)],
     "suspected": [(8,)],
 }
@@ -134,6 +135,8 @@ def spoil(bank):
     objects[17].tie(indices.FLASH_STATUS, 1, lambda: codes.status(codes.ROLLED_BACK, False))
     objects[17].tie(indices.UPDATE, 8, lambda: 1)
     cells[15]._axes.fail(0x2310)
+    bank.set_place(0, 12)
+    cells[1].on_frame(cob.NMT, nmt.command(nmt.START, 1).data, cells[1].now_ms)
     for number, spot in ((13, (1, 1)), (16, (1, 1))):
         for sub, value in enumerate(spot, 1):
             objects[number].put(indices.PLACE, sub, value)

@@ -1,5 +1,6 @@
 """Firmware and coordinator in a world that goes wrong, or that is not as believed."""
 
+from functools import partial
 from math import pi, radians, remainder
 
 import numpy as np
@@ -186,6 +187,39 @@ def wrong_place(cell, as_cell):
     scenario = load_scenario("array18", ["run.duration_s=10", fault])
     coordinator = coordinator_of(scenario)
     return simulate(scenario, [coordinator]).record, coordinator
+
+
+def refused(nodes, *overrides):
+    """A run on a table that tells cells their places; cells 2 and 17 are exchanged."""
+    fault = "fault=[{kind='wrong_place', cells=[2], as_cell=17}]"
+    settings = ["run.duration_s=6", "array.coded_places=true", fault, *overrides]
+    scenario = load_scenario("array18", settings)
+    coordinator = coordinator_of(scenario)
+    over = partial(getattr, coordinator, "fault")
+    return simulate(scenario, [coordinator], nodes, over=over).record, coordinator
+
+
+@pytest.mark.parametrize("nodes", ["cpython", "micropython"])
+def test_where_places_are_told_exchanged_cells_do_not_start_and_are_named(nodes):
+    record, coordinator = refused(nodes)
+    assert coordinator.fault == (
+        "in the place of another cell (0xFF02): cell 2 (node 2), cell 17 (node 17); put the boards "
+        "back, or write their places anew with mdms commission"
+    )
+    assert record.time_s[-1] < 1.0
+    assert not record.voltage_v.any()
+    assert (record.pose[:, 0] == record.pose[0, 0]).all()
+
+
+def test_a_run_that_goes_on_does_so_without_their_wheels_and_their_sensors():
+    record, coordinator = refused("cpython", "run.on_lost_cell='go_on'", "run.duration_s=10")
+    assert any("goes on without them" in text for _, text in coordinator.troubles)
+    for cell in (2, 17):
+        for axis in (1, 2):
+            assert not of_wheel(record.voltage_v, cell, axis).any()
+    assert record.voltage_v.any()
+    assert coordinator.finished
+    assert np.hypot(*(record.pose[-1, 0, :2] - (0.10, 0.0))) < 0.005
 
 
 @pytest.mark.parametrize("cells", [(2, 17), (8, 11)])

@@ -10,11 +10,13 @@ from mdms_host.commissioning.doctor.findings import Finding
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
-from mdms_protocol.emergencies import code_text
+from mdms_protocol.emergencies import IN_ANOTHERS_PLACE, code_text
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 
 _BUS_OFF = 0x8140
+#: The bit of the error register that stands while an error with a code of our own does.
+_OF_CELLS_OWN = 0x80
 #: In place of a size that a board does not know.
 _UNKNOWN = 0xFFFFFFFF
 #: A single frame that is not acknowledged, or in error, leaves so much in a counter for a while.
@@ -108,8 +110,7 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
         code = cell[indices.ERROR_CODE + offset, 0]
         if state in (cia402.FAULT, cia402.FAULT_REACTION):
             yield Finding("drive-fault", f"axis {axis + 1}: {code_text(code)}", node)
-    if _BUS_OFF in cell.history:
-        yield Finding("bus-off", "in its error history (0x1003)", node)
+    yield from _of_history(cell)
     for sub, kind in ((3, "not-sent"), (4, "overrun")):
         if cell[indices.TRAFFIC, sub]:
             yield Finding(kind, f"{cell[indices.TRAFFIC, sub]} frames", node)
@@ -131,6 +132,13 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
     suspects = [each.node_id for each in cells.values() if each[indices.SUSPECT, 0] in node]
     if suspects:
         yield Finding("suspected", f"by node {', '.join(map(str, suspects))}", node)
+
+
+def _of_history(cell: Examined) -> Iterator[Finding]:
+    if IN_ANOTHERS_PLACE in cell.history and cell[indices.ERROR_REGISTER, 0] & _OF_CELLS_OWN:
+        yield Finding("elsewhere", "its place is coded as another node's", (cell.node_id,))
+    if _BUS_OFF in cell.history:
+        yield Finding("bus-off", "in its error history (0x1003)", (cell.node_id,))
 
 
 def _of_sensors(cell: Examined, empty: bool) -> Iterator[Finding]:

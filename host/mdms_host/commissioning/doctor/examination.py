@@ -45,7 +45,8 @@ _PLACES = tuple(
     + [(indices.NEIGHBOURS, sub) for sub in range(1, _NEIGHBOURS + 1)]
 )
 _OF_CELL = (
-    *((indices.PRODUCER_TIME, 0), (indices.SUPPLY, 0), (indices.UNDERVOLTAGE_LIMIT, 0)),
+    *((indices.ERROR_REGISTER, 0), (indices.PRODUCER_TIME, 0)),
+    *((indices.SUPPLY, 0), (indices.UNDERVOLTAGE_LIMIT, 0)),
     *((indices.PRESENCE, 0), (indices.SUSPECT, 0)),
     *((indices.TRAFFIC, sub) for sub in (3, 4, 5, 6)),
     *((indices.ERROR_CODE + axis * AXIS_OFFSET, 0) for axis in range(AXES)),

@@ -92,3 +92,17 @@ def test_faults_of_the_world_survive_a_round_trip_and_are_set_on_the_command_lin
     scenario = scenario_from(tree)
     assert scenario_from(plain(scenario)) == scenario
     assert load_scenario("array18", ["fault=[{kind='host', start_s=2.0}]"]).fault[0].start_s == 2.0
+
+
+def test_cells_with_one_node_id_are_alike_to_a_place_code():
+    """Cells 1 and 3 are both node 1 of their buses, cell 4 is node 2."""
+    tree = read_tree("array18")
+    buses = [[1, 2, 7, 8, 13, 14], [3, 4, 9, 10, 15, 16], [5, 6, 11, 12, 17, 18]]
+    tree["array"] |= {"buses": buses, "coded_places": True}
+    other = {"kind": "wrong_place", "cells": [1], "as_cell": 4}
+    scenario_from(tree | {"fault": [other]})
+    with pytest.raises(ScenarioError) as caught:
+        scenario_from(tree | {"fault": [other | {"as_cell": 3}]})
+    assert "fault.0.as_cell is 3, but that cell has node id 1 on its bus" in str(caught.value)
+    tree["array"] |= {"coded_places": False}
+    scenario_from(tree | {"fault": [other | {"as_cell": 3}]})
