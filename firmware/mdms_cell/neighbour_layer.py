@@ -121,7 +121,7 @@ class Layer:
 
         Settings stay, and so does the clock.
         """
-        self._acquit()
+        self._suspect_nobody()
         self._rights.restart(self._place.present())
         self._heard.reset()
         self._tracking.drop()
@@ -518,7 +518,7 @@ class Layer:
             self._emcy.report(SOURCE, CODE, bytes((node_id, self._suspicion.out[direction], 0, 0)))
         self._objects.put(indices.SUSPECT, 0, node_id)
 
-    def _acquit(self):
+    def _suspect_nobody(self):
         """Suspect nobody."""
         self._suspicion.reset()
         if self._suspect >= 0:

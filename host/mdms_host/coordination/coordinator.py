@@ -94,7 +94,7 @@ class Coordinator:
         self._odometry = Odometry(self.cells, axes, self._velocities, timing)
         supervision = Supervision(self.cells, timing)
         self._roster = Roster(self.cells, axes)
-        self._care = Recovery(
+        self._recovery = Recovery(
             self._roster,
             policy or Policy(),
             supervision=supervision,
@@ -118,12 +118,12 @@ class Coordinator:
             by_cells=steering,
             journal=journal,
         )
-        self._course = RunStateMachine(
+        self._machine = RunStateMachine(
             self._roster,
             timing,
             supervision=supervision,
-            care=self._care,
-            reception=self._frame_router,
+            recovery=self._recovery,
+            frame_router=self._frame_router,
             journal=journal,
             on_phase=self._on_phase,
             unsure=lambda: bool(self.tracker.doubtful),
@@ -150,12 +150,12 @@ class Coordinator:
     @property
     def phase(self) -> Phase:
         """The phase of the run."""
-        return self._course.phase
+        return self._machine.phase
 
     @property
     def fault(self) -> str | None:
         """See above."""
-        return self._course.fault
+        return self._machine.fault
 
     @property
     def events(self) -> list[tuple[float, str]]:
@@ -187,12 +187,12 @@ class Coordinator:
     @property
     def lost_cells(self) -> dict[int, str]:
         """The cells that the run does without now, by number, and why."""
-        return self._care.lost
+        return self._recovery.lost
 
     @property
     def pauses(self) -> int:
         """How often all parcels have been held, for cells that were out of action."""
-        return self._care.pauses
+        return self._recovery.pauses
 
     @property
     def stuck(self) -> str | None:
@@ -274,15 +274,15 @@ class Coordinator:
 
     def stop(self) -> None:
         """Request an orderly end; the next poll begins it."""
-        self._course.stop()
+        self._machine.stop()
 
     def fail(self, text: str) -> None:
         """End the run with a fault of something beside the cells; the next poll begins it."""
-        self._course.fail(text)
+        self._machine.fail(text)
 
     def keep(self, keeps: bool) -> None:
         """Keep all parcels standing from the next poll on, or let the program move them again."""
-        self._course.keeps = keeps
+        self._machine.keeps = keeps
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """Take in a frame from a bus.
@@ -298,7 +298,7 @@ class Coordinator:
     def poll_buses(self, now_s: float) -> list[tuple[int, Frame]]:
         """Frames to send now, each with its bus."""
         self._now_s = now_s
-        self._course.step(now_s)
+        self._machine.step(now_s)
         return [
             (each, frame)
             for bus, frame in self._frames(now_s)
@@ -315,7 +315,7 @@ class Coordinator:
             self._odometry.on_sync(now_s)
             yield None, _SYNC
         if self._schedule.take("setpoint", now_s, sync_period_s):
-            yield from self._cycle.frames(self._course.phase, now_s, self._schedule.next_s("sync"))
+            yield from self._cycle.frames(self._machine.phase, now_s, self._schedule.next_s("sync"))
 
     # Consequences
 

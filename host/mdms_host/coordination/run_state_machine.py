@@ -34,8 +34,8 @@ class RunStateMachine:
         timing: Timing,
         *,
         supervision: Supervision,
-        care: Recovery,
-        reception: FrameRouter,
+        recovery: Recovery,
+        frame_router: FrameRouter,
         journal: EventJournal,
         on_phase: Callable[[Phase, Phase, float], None],
         unsure: Callable[[], bool],
@@ -45,8 +45,8 @@ class RunStateMachine:
         self._roster = roster
         self._timing = timing
         self._supervision = supervision
-        self._care = care
-        self._frame_router = reception
+        self._recovery = recovery
+        self._frame_router = frame_router
         self._journal = journal
         self._on_phase = on_phase
         self._unsure = unsure
@@ -93,10 +93,10 @@ class RunStateMachine:
             self._fail(fault, now_s)
         elif low := self._without_supply(now_s):
             text = self._supervision.low_supply_text(low)
-            if not self._care.do_without(low, text, now_s):
+            if not self._recovery.do_without(low, text, now_s):
                 self._fail(text, now_s)
         elif self._roster.out:
-            self._care.bring_back(now_s)
+            self._recovery.bring_back(now_s)
 
     def _without_supply(self, now_s: float) -> list[BringUpCell]:
         """The cells that come up without a supply of their motors, in time before any may drive."""
@@ -105,7 +105,7 @@ class RunStateMachine:
         return self._supervision.without_supply(self._roster.taking_part, now_s)
 
     def _look_after_cells(self, now_s: float) -> None:
-        decision = self._care.step(self.phase, now_s, self._unsure())
+        decision = self._recovery.step(self.phase, now_s, self._unsure())
         if decision is None:
             return
         if decision.signal is Signal.FAULT:
@@ -124,7 +124,7 @@ class RunStateMachine:
             self._conclude(now_s)
         elif self.phase in BRING_UP and (hopeless or waited_s >= self._timing.phase_limit_s):
             text = self._supervision.late_text(self.phase, late)
-            if not self._care.do_without(late, text, now_s):
+            if not self._recovery.do_without(late, text, now_s):
                 self._fail(text, now_s)
         elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
             self._journal.note(now_s, f"not confirmed to be off: {names(late)}")

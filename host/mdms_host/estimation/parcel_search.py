@@ -26,11 +26,11 @@ class ParcelSearch:
         layout: Layout,
         surroundings: Surroundings,
         presence: PresenceMap,
-        strangers: UnexplainedSensors,
+        unexplained: UnexplainedSensors,
         unknowns: Unknowns,
     ) -> None:
         self._presence = presence
-        self._unexplained = strangers
+        self._unexplained = unexplained
         self._unknowns = unknowns
         self._roll_call = RollCall(layout, surroundings)
         self._faulty: list[tuple[int, list[int]]] = []

@@ -310,7 +310,7 @@ class ShownTable(Protocol):
         """Messages since the last call: events, faults, objects."""
         ...
 
-    def story(self) -> list[dict[str, Any]]:
+    def opening_messages(self) -> list[dict[str, Any]]:
         """Messages that a client needs that comes late."""
         ...
 

@@ -92,7 +92,7 @@ def event_of(
 
 
 class EventList:
-    """The story so far: all of it once, and the last of it for clients that come late."""
+    """Events: all of them once, and the last of them for clients that come late."""
 
     def __init__(self) -> None:
         self._kept: deque[dict[str, Any]] = deque(maxlen=KEPT)
@@ -108,7 +108,7 @@ class EventList:
         self._kept += fresh
         return [{"kind": "events", "events": fresh}] if fresh else []
 
-    def story(self) -> dict[str, Any]:
+    def message_of_all(self) -> dict[str, Any]:
         """The message with those that have been sent."""
         return {"kind": "events", "events": list(self._kept), "all": True}
 

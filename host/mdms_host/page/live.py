@@ -333,9 +333,9 @@ class LiveTable:
         messages, self._new_messages = self._new_messages, []
         return messages + self._events.take_message()
 
-    def story(self) -> list[dict[str, Any]]:
+    def opening_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        return [self._events.story(), self._plan] + ([self._line] if self._line else [])
+        return [self._events.message_of_all(), self._plan] + ([self._line] if self._line else [])
 
     def _look(self) -> None:
         """Note what coordinator and reader have reported since the last call."""

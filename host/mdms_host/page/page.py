@@ -78,7 +78,7 @@ class Page:
             self.gate,
             self._hub,
             table.offers,
-            story=self._story,
+            opening_messages=self._opening_messages,
             history=self._history,
             ask=self._ask,
         )
@@ -189,9 +189,9 @@ class Page:
     def _on_vacant(self) -> None:
         self._vacated = True
 
-    async def _story(self, has_token: bool) -> list[dict[str, Any]]:
+    async def _opening_messages(self, has_token: bool) -> list[dict[str, Any]]:
         def told() -> list[dict[str, Any]]:
-            return [self._table.description(), *self._table.story()]
+            return [self._table.description(), *self._table.opening_messages()]
 
         return await self._asked(told, has_token=has_token)  # type: ignore[no-any-return]
 

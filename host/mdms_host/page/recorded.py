@@ -175,7 +175,7 @@ class RecordedTable:
         self._shown_plan = plan
         return [plan]
 
-    def story(self) -> list[dict[str, Any]]:
+    def opening_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
         events = events_of(self._run.record.events)[-_MOST_EVENTS:]
         return [{"kind": "events", "events": events, "all": True}, self._plan()]

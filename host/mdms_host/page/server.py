@@ -144,11 +144,14 @@ MOST_AT_THE_DOOR = 32
 Ask = Callable[[Command], Awaitable[str | None]]
 History = Callable[[], Awaitable[bytes]]
 #: What a new client needs, asked for by one that has the token, or by one that has not.
-Story = Callable[[bool], Awaitable[list[dict[str, Any]]]]
+OpeningMessages = Callable[[bool], Awaitable[list[dict[str, Any]]]]
 
 
 class PageApp:
-    """The ASGI application; `story` returns messages for a new client, its description first."""
+    """The ASGI application.
+
+    `opening_messages` returns messages for a new client, its description first.
+    """
 
     def __init__(
         self,
@@ -156,14 +159,14 @@ class PageApp:
         hub: Hub,
         offers: tuple[str, ...],
         *,
-        story: Story,
+        opening_messages: OpeningMessages,
         history: History,
         ask: Ask,
     ) -> None:
         self._gate = gate
         self._hub = hub
         self._offers = (*offers, *commands.OF_THE_SERVER)
-        self._story = story
+        self._opening_messages = opening_messages
         self._past = history
         self._ask = ask
         self._at_the_door: list[asyncio.Task[Any]] = []
@@ -220,7 +223,7 @@ class PageApp:
         client.may_control = self._gate.accepts(token)
         if self._hub.full and not client.may_control:
             raise RefusedError("too many pages are open")
-        for message in await self._story(client.may_control):
+        for message in await self._opening_messages(client.may_control):
             client.send(message)
         self._hub.come(client)
 

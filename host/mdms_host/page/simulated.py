@@ -233,9 +233,9 @@ class SimulatedTable(LiveTable):
         """How long each bus has been busy."""
         return np.array([bus.busy_ns for bus in self._simulation.buses]) / NS_PER_S
 
-    def story(self) -> list[dict[str, Any]]:
+    def opening_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""
-        return [*super().story(), self._faults.message()]
+        return [*super().opening_messages(), self._faults.message()]
 
     def take_messages(self) -> list[dict[str, Any]]:
         """See `Table`."""

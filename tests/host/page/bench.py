@@ -105,7 +105,7 @@ class Desk:
 
     @property
     def faults(self) -> list[dict[str, Any]]:
-        (faults,) = [each for each in self.table.story() if each["kind"] == "faults"]
+        (faults,) = [each for each in self.table.opening_messages() if each["kind"] == "faults"]
         return faults["faults"]
 
 
@@ -133,7 +133,7 @@ class Recorder:
     def take_messages(self) -> list[dict[str, Any]]:
         return []
 
-    def story(self) -> list[dict[str, Any]]:
+    def opening_messages(self) -> list[dict[str, Any]]:
         return []
 
     def do(self, command: Any) -> str | None:

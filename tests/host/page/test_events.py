@@ -13,14 +13,14 @@ def test_events_of_several_sources_are_in_the_order_of_their_times():
     (message,) = events.take_message()
     assert [event["text"] for event in message["events"]] == ["off begins", "running", "stop all"]
     assert events.take_message() == []
-    assert events.story()["events"] == message["events"]
+    assert events.message_of_all()["events"] == message["events"]
 
 
 def test_a_late_client_gets_the_last_of_them():
     events = EventList()
     events.add([event_of(number / 10, "page", f"{number}") for number in range(KEPT + 5)])
     assert len(events.take_message()[0]["events"]) == KEPT + 5
-    kept = events.story()["events"]
+    kept = events.message_of_all()["events"]
     assert (len(kept), kept[-1]["text"]) == (KEPT, f"{KEPT + 4}")
 
 

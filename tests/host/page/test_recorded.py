@@ -99,11 +99,11 @@ def test_whole_run_is_there_for_plots(table):
 
 
 def test_events_are_those_of_the_run(table):
-    story, _ = table.story()
-    texts = [event["text"] for event in story["events"]]
+    events, _ = table.opening_messages()
+    texts = [event["text"] for event in events["events"]]
     assert "off begins" in texts
     assert any("fallen silent" in text for text in texts)
-    times = [event["time_s"] for event in story["events"]]
+    times = [event["time_s"] for event in events["events"]]
     assert times == sorted(times)
 
 
@@ -121,7 +121,7 @@ def test_plan_in_force_is_shown_at_its_time_and_sent_when_it_changes(run):
         assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [x_m, 0.0, 0.0]]}
         assert len(plan["tiles"]) == squares
         assert table.take_messages() == []
-        assert table.story()[1] == plan
+        assert table.opening_messages()[1] == plan
 
 
 def test_goal_and_arrival_are_those_of_the_time_that_is_shown(run):

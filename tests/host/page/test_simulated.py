@@ -341,7 +341,7 @@ def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch)
     (plan,) = [message for message in running.messages if message["kind"] == "plan"]
     assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]]}
     assert plan["tiles"] == [{"x_m": 0.1, "y_m": 0.0, "size_m": 0.06, "parcels": ["box"]}]
-    assert plan in running.table.story()
+    assert plan in running.table.opening_messages()
 
 
 @pytest.mark.slow
@@ -356,7 +356,9 @@ def test_ways_of_a_program_lead_from_where_its_parcels_are_to_their_goals(monkey
     while not plan["paths"] and time.perf_counter() < end_s:
         desk.run(0.02)
         time.sleep(0.05)
-        (plan,) = [message for message in desk.table.story() if message["kind"] == "plan"]
+        (plan,) = [
+            message for message in desk.table.opening_messages() if message["kind"] == "plan"
+        ]
     names = [one["name"] for one in desk.table.description()["parcels"]]
     shown = desk.shown
     for name, poses in plan["paths"].items():

@@ -67,7 +67,7 @@ class Dispatch:
         planner: Planner,
         executor: PlanExecutor,
         loads: Mapping[str, Load],
-        whereabouts: WorldState,
+        world_state: WorldState,
         timetable: Timetable,
         *,
         kept_free: Sequence[KeptFree] = (),
@@ -78,7 +78,7 @@ class Dispatch:
         self._planner = planner
         self._executor = executor
         self._loads = loads
-        self._where = whereabouts
+        self._world_state = world_state
         self._timetable = timetable
         self._kept_free_places = kept_free
         self._over_lost = over_lost
@@ -133,14 +133,14 @@ class Dispatch:
                 yield order, plan.routes[name]
 
     def _no_way(self, blocked: Blocked) -> NoWay:
-        unknown = [name for name in self._where.places if name not in self._loads]
+        unknown = [name for name in self._world_state.places if name not in self._loads]
         by = {blocker.parcel for blocker in blocked.by}
         if blocked.closed and unknown and not self._closed.any():
             # Places that an unknown thing may reach are closed to parcels that it may touch.
             text = f"{blocked.way}: blocked by {' and '.join(unknown)}, which may reach to it"
             return NoWay(text, may_pass=True, by_unknown=True)
         # Nobody is led over where a lost parcel was, though a person may see nothing there.
-        unseen = [f"no sensor shows {name} now" for name in sorted(by & self._where.unseen)]
+        unseen = [f"no sensor shows {name} now" for name in sorted(by & self._world_state.unseen)]
         text = "; ".join((str(blocked), *unseen))
         return NoWay(text, blocked.may_pass, by_unknown=not by.isdisjoint(unknown))
 
@@ -155,7 +155,7 @@ class Dispatch:
         self._closed_since[:] = False
         self._timetable.asked()
         plan = self._timetable.plan
-        under = self._where.under()
+        under = self._world_state.under()
         old = {} if plan is None else plan.beside
         beside = {name: its for name, its in old.items() if name in riding_m}
         passed = {other for its in beside.values() for other in its if other in under}
@@ -282,8 +282,8 @@ class Dispatch:
 
     def _tasks(self, others: Collection[str]) -> Iterator[RouteTask]:
         """All that stands, but for some others, with the goals of those that are to go."""
-        for name, pose in self._where.places.items():
-            shape = self._where.shape(name)
+        for name, pose in self._world_state.places.items():
+            shape = self._world_state.shape(name)
             if name not in others and shape is not None:
                 goal, leaves = self._goal(name, pose)
                 yield RouteTask(name, shape, pose[None, :], goal, leaves, _LEAVES_S)
