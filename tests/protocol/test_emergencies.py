@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from mdms_cell import runner
+from mdms_cell import cell, runner
 from mdms_cell.canopen import guard
 from mdms_cell.canopen.storage import store
 from mdms_cell.drive import state_machine
@@ -16,7 +16,7 @@ SENT = {
     *(code for _bit, code in state_machine._ERROR_CODES),
     *(runner.BUS_OFF, runner.INTERNAL_ERROR, store.SETTINGS_LOST),
     *(guard.HEARTBEAT_LOST, guard.NODE_ID_TAKEN, guard.RPDO_TOO_SHORT, guard.RPDO_OVERDUE),
-    suspicion.CODE,
+    *(suspicion.CODE, cell.IN_ANOTHERS_PLACE),
 }
 
 
