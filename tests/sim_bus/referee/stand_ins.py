@@ -56,6 +56,9 @@ class Motors:
     def set_supply(self, cell, supply_uv):
         pass
 
+    def set_place(self, cell, node_id):
+        pass
+
     def set_bus_off(self, cell, off):
         pass
 
