@@ -11,7 +11,6 @@ from random import Random
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mdms_model.run.record import Event
 from mdms_model.scenario.fault import Fault
@@ -357,25 +356,42 @@ _OF_WHEELS = {
 }
 
 
+class Places:
+    """The place of each node, `of_node`, both from 0.
+
+    The table tells each node of the bank the node id that belongs to its place, of `node_ids` by
+    place, or nothing (0).
+    """
+
+    def __init__(self, bank: CellBank, node_ids: Sequence[int]) -> None:
+        self.of_node = np.arange(len(node_ids))
+        self._bank = bank
+        self._node_ids = node_ids
+        for node in range(len(node_ids)):
+            self._tell(node)
+
+    def exchange(self, one: int, other: int) -> None:
+        """Two nodes change places."""
+        pair = [one, other]
+        self.of_node[pair] = self.of_node[pair[::-1]]
+        for node in pair:
+            self._tell(node)
+
+    def _tell(self, node: int) -> None:
+        self._bank.set_place(node, self._node_ids[self.of_node[node]])
+
+
 class WorldFaults:
     """Faults of a world, and of what its cells measure of it; `kinds` by name.
 
-    `places` has the place of each node, both from 0, and `moved()` is called when they change.
     Where two faults of wheels, sensors or parcels overlap, the last to end sets things right; of
     two of the supply the one that began last counts.
     """
 
-    def __init__(
-        self,
-        world: World,
-        bank: CellBank,
-        places: NDArray[np.intp],
-        moved: Callable[[], object],
-    ) -> None:
+    def __init__(self, world: World, bank: CellBank, places: Places) -> None:
         self._world = world
         self._bank = bank
         self._places = places
-        self._moved = moved
         self._bridges = world.bridges
         self._nominal_supply_v = world.bridges.supply_v.copy()
         self._supplies: list[Fault] = []
@@ -483,11 +499,10 @@ class WorldFaults:
 
     def _wrong_place(self, fault: Fault, random: Random) -> FaultEffect:
         assert fault.as_cell is not None
-        pair = [fault.cells[0] - 1, fault.as_cell - 1]
+        one, other = fault.cells[0] - 1, fault.as_cell - 1
 
         def exchange() -> str:
-            self._places[pair] = self._places[pair[::-1]]
-            self._moved()
+            self._places.exchange(one, other)
             return f"it and cell {fault.as_cell} have changed places"
 
         return FaultEffect(exchange, exchange)
@@ -517,8 +532,7 @@ class Faults:
     """The faults of a scenario, at work on buses, the cells on them, their world and the host.
 
     `controllers` are the cells' in their order, `drivers` those of the participants; `places` has
-    the place of each node, both from 0, and `moved()` is called when they change. `events` fills up
-    as the run goes on.
+    the place of each node. `events` fills up as the run goes on.
     """
 
     def __init__(
@@ -531,8 +545,7 @@ class Faults:
         controllers: Sequence[Controller],
         bank: CellBank,
         world: World,
-        places: NDArray[np.intp],
-        moved: Callable[[], object],
+        places: Places,
         drivers: Sequence[Driver],
     ) -> None:
         self.events: list[Event] = []
@@ -541,7 +554,7 @@ class Faults:
         self._kinds = {
             **WireFaults(buses, controllers).kinds,
             **NodeFaults(kernel, controllers, bank, drivers).kinds,
-            **WorldFaults(world, bank, places, moved).kinds,
+            **WorldFaults(world, bank, places).kinds,
         }
         self._seed = seed
         self._begun = len(faults)

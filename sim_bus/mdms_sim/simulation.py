@@ -30,7 +30,7 @@ from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
 from mdms_sim.driver import Driver
-from mdms_sim.faults import Faults, Ongoing
+from mdms_sim.faults import Faults, Ongoing, Places
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.bank import BusOffWatch
@@ -201,11 +201,10 @@ class Simulation:
             )
             for plan in plan_gateways(array.columns, array.rows, addresses, array.forwarded)
         ]
+        told = addresses.node_ids if array.coded_places else (0,) * self._cells
+        places = Places(bank, told)
         #: The place of each node; they differ while cells have changed places.
-        self._places = np.arange(self._cells)
-        #: By place the node id that its connector tells, 0 for none.
-        self._told = addresses.node_ids if array.coded_places else (0,) * self._cells
-        self._tell_places()
+        self._places = places.of_node
         self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
         self.faults = Faults(
             scenario.fault,
@@ -215,8 +214,7 @@ class Simulation:
             controllers=self._mailboxes,
             bank=bank,
             world=self.world,
-            places=self._places,
-            moved=self._tell_places,
+            places=places,
             drivers=self._drivers,
         )
         self._beyond_tipping = beyond_tipping
@@ -239,10 +237,6 @@ class Simulation:
         self.kernel.at(0, PRIORITY_TICK, self._tick)
         if recorded:
             self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
-
-    def _tell_places(self) -> None:
-        for cell, place in enumerate(self._places):
-            self._bank.set_place(cell, self._told[place])
 
     def run_until(
         self,
