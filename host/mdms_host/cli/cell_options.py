@@ -261,6 +261,11 @@ def _add_commission(parser: ArgumentParser) -> None:
         "--list", metavar="FILE", type=Path, help="serial numbers, one a line, along x first"
     )
     way.add_argument(
+        "--codes",
+        action="store_true",
+        help="places by the codes of the table's connectors (docs/boards.md)",
+    )
+    way.add_argument(
         "--plate",
         action="store_true",
         help="places by a plate of 10 to 18 cm that is moved over the table "

@@ -4,9 +4,12 @@ Cells are told apart by their serial numbers alone. A step reads its data from t
 none: an interrupted run leaves cells that the next run takes as it finds them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
+from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, without_places
 from mdms_host.commissioning.cell_settings import apply_changes, read_settings
 from mdms_host.commissioning.network import Commissioning, CommissioningError, RefusedError
@@ -20,7 +23,14 @@ from mdms_host.commissioning.node_ids import (
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
 from mdms_host.commissioning.wheel_turn import Direction
 from mdms_protocol import indices
-from mdms_protocol.codecs import cob, sdo
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.emergencies import IN_ANOTHERS_PLACE
+
+#: Six jumpers make the code of a place.
+CODE_MAX = 63
+#: A cell refuses a start within some milliseconds; the rest is for a busy machine.
+_REFUSAL_S = 0.5
 
 
 class CommissionError(Exception):
@@ -100,6 +110,87 @@ def provisional_ids(roll: FoundCells) -> dict[int, int]:
     if len(free) < len(without):
         raise NodeIdError(f"{len(without)} cells need a node id, and {len(free)} are free")
     return dict(zip(without, free, strict=False))
+
+
+def uncoded_ids(roll: FoundCells) -> dict[int, int]:
+    """Node ids above those that a place code can have, for all cells, by serial number.
+
+    Raises CommissionError where there are too few.
+    """
+    ids = range(CODE_MAX + 1, cob.CELL_NODE_MAX + 1)
+    free = [node_id for node_id in ids if node_id not in roll.strangers]
+    if len(roll.serials) > len(free):
+        raise CommissionError(
+            f"{len(roll.serials)} cells are on the bus, and place codes serve {len(free)}: place "
+            "the cells in another way (mdms commission --help)"
+        )
+    return dict(zip(sorted(roll.serials), free, strict=False))
+
+
+class _Starting:
+    """A participant that starts nodes; `places` has the node ids that belong where nodes refuse."""
+
+    def __init__(self, node_ids: Iterable[int]) -> None:
+        self.wake_s = 0.0
+        self.places: dict[int, int] = {}
+        self._node_ids = node_ids
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Take in the emergency of a cell that is in the place of another."""
+        code = int.from_bytes(frame.data[:2], "little")
+        node_id = frame.can_id - cob.EMCY_BASE
+        if 0 < node_id <= cob.NODE_MAX and code == IN_ANOTHERS_PLACE and len(frame.data) == 8:
+            self.places[node_id] = frame.data[4]
+
+    def poll(self, now_s: float) -> list[Frame]:
+        """The starts, once, and one by one: the bus may have devices that are none of ours."""
+        self.wake_s = inf
+        return [nmt.command(nmt.START, node_id) for node_id in self._node_ids]
+
+
+def start(commissioning: Commissioning, node_ids: Iterable[int]) -> dict[int, int]:
+    """Start nodes, with their drives off; by node the id that belongs where one refuses that."""
+    starting, clock = _Starting(node_ids), MonotonicClock()
+    end_s = clock.now_s() + _REFUSAL_S
+    commissioning.drive(starting, lambda: clock.now_s() >= end_s)
+    return starting.places
+
+
+def coded_spots(
+    commissioning: Commissioning, roll: FoundCells, columns: int
+) -> dict[int, tuple[int, int]]:
+    """Column and row of each cell by its serial number, as the table's connectors tell them.
+
+    No cell may have the node id of its place (see `uncoded_ids`). A start is then refused with the
+    place by each cell that is told one. Raises CommissionError where the codes are not those of all
+    places.
+    """
+    nodes = {node_id: identity.serial for node_id, identity in roll.present.items()}
+    try:
+        told = start(commissioning, nodes)
+    finally:
+        # Cells that are told nothing have started; no drive is on.
+        for node_id in nodes:
+            commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
+    untold = [serial for node_id, serial in nodes.items() if node_id not in told]
+    if untold:
+        raise CommissionError(
+            f"no place code at {_serials(untold)}: wire the jumpers of its place (docs/boards.md), "
+            "or place the cells in another way"
+        )
+    places = {serial: told[node_id] for node_id, serial in nodes.items()}
+    often = Counter(places.values())
+    wrong = [serial for serial, place in places.items() if place > len(nodes) or often[place] > 1]
+    if wrong:
+        codes = ", ".join(f"{serial:08X} has {places[serial]}" for serial in sorted(wrong))
+        raise CommissionError(
+            f"place codes are to be the numbers 1 to {len(nodes)}, each once, but {codes}: look at "
+            "the jumpers of these places"
+        )
+    return {
+        serial: ((place - 1) % columns + 1, (place - 1) // columns + 1)
+        for serial, place in places.items()
+    }
 
 
 def told_place(commissioning: Commissioning, node_id: int) -> tuple[int, int] | None:

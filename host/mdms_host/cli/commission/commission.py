@@ -134,11 +134,11 @@ def _call_roll(commissioning: Commissioning) -> FoundCells:
 
 def _asks(arguments: Namespace) -> bool:
     """Whether a person is to say where the cells are, one after the other."""
-    return not (arguments.file or arguments.list or arguments.plate)
+    return not (arguments.file or arguments.list or arguments.plate or arguments.codes)
 
 
 def _placed(job: _Job, roll: FoundCells) -> ArrayFile:
-    """The array as a person, a list or a plate says it is."""
+    """The array as a person, a list, the table or a plate says it is."""
     arguments = job.arguments
     columns, rows = arguments.columns, arguments.rows
     if (columns is None or rows is None) and not arguments.plate:
@@ -147,10 +147,13 @@ def _placed(job: _Job, roll: FoundCells) -> ArrayFile:
         steps.refuse_wrong_count(roll, columns * rows)
     if arguments.list is not None:
         spots = _spots_listed(roll, arguments.list, columns)
+    elif arguments.codes:
+        roll = _give_ids(job, roll, steps.uncoded_ids(roll))
+        spots = steps.coded_spots(job.commissioning, roll, columns)
     else:
         if _asks(arguments) and not sys.stdin.isatty():
             raise CommandError(
-                "nobody can be asked here; give --from, --list or --plate", Exit.USAGE
+                "nobody can be asked here; give --from, --list, --codes or --plate", Exit.USAGE
             )
         roll = _give_ids(job, roll, steps.provisional_ids(roll))
         if arguments.plate:

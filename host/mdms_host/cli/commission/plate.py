@@ -7,6 +7,7 @@ from mdms_host.cli.commission.asking import blink
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
+from mdms_host.commissioning.commissioner import start
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import SightingError, Sightings, Spot
@@ -64,10 +65,13 @@ def watch_plate(
         "move a plate of 10 to 18 cm over the table, slowly, along every row and from row to row; "
         "cells that nobody has seen yet blink"
     )
-    # One by one: the bus may have devices that are none of ours.
-    for node_id in keys:
-        commissioning.command(nmt.START, node_id)
     try:
+        if start(commissioning, keys):
+            raise CommandError(
+                "the table has place codes, and cells start in their own places only: take --codes "
+                "in place of --plate",
+                Exit.FAILURE,
+            )
         spots = _watch(commissioning, keys, sightings, arguments)
     finally:
         for node_id in keys:

@@ -121,3 +121,59 @@ def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, cells, capsy
     cells.sleep(0.05)
     assert commission("--plate", "--yes") == Exit.FAILURE
     assert "node 3 sees something already" in capsys.readouterr().err
+
+
+def tell(cells, *codes):
+    """Jumpers at the places of cells, by their numbers from 1."""
+    for cell, code in enumerate(codes):
+        cells.array.bank.set_place(cell, code)
+
+
+def codes_of(order):
+    """The code of the place of each cell, by serial number."""
+    return [order.index(serial) + 1 for serial in sorted(order)]
+
+
+@blank
+def test_place_codes_place_blank_cells_and_ask_nobody(commission, bus, cells, tmp_path):
+    tell(cells, *codes_of(ORDER_6))
+    assert commission("--codes", "--columns", "3", "--rows", "2", "--yes") == Exit.OK
+    assert serials(bus, 6) == list(ORDER_6)
+    assert [bus.read(6, indices.PLACE, sub) for sub in (1, 2)] == [3, 2]
+    document = tomllib.loads((tmp_path / "array.toml").read_text())
+    assert (document["array"]["columns"], document["array"]["rows"]) == (3, 2)
+    for node_id in range(1, 7):
+        bus.command(nmt.START, node_id)
+    cells.sleep(0.05)
+    assert [cell.state for cell in cells.array.bank._cells] == [nmt.OPERATIONAL] * 6
+    assert not cells.array.bank.awake.any()
+
+
+def test_place_codes_mend_a_table_whose_cells_were_exchanged(commission, bus, cells):
+    tell(cells, *codes_of(ORDER))
+    for _ in range(2):
+        assert commission("--codes", *GRID, "--yes", "--force") == Exit.OK
+        assert serials(bus) == list(ORDER)
+
+
+@pytest.mark.parametrize(
+    ("codes", "message"),
+    [
+        ((0, 0, 0), "no place code at 00000001, 00000002, 00000003: wire the jumpers"),
+        ((2, 0, 1), "no place code at 00000002: wire the jumpers of its place"),
+        ((2, 3, 2), "the numbers 1 to 3, each once, but 00000001 has 2, 00000003 has 2: look at"),
+        ((2, 3, 9), "the numbers 1 to 3, each once, but 00000003 has 9: look at the jumpers"),
+    ],
+)
+def test_codes_that_are_missing_or_wrong_are_named(commission, cells, capsys, codes, message):
+    tell(cells, *codes)
+    assert commission("--codes", *GRID, "--yes") == Exit.NODE_FAULT
+    assert message in capsys.readouterr().err
+    cells.sleep(0.05)
+    assert nmt.OPERATIONAL not in [cell.state for cell in cells.array.bank._cells]
+
+
+def test_a_plate_is_refused_on_a_table_with_codes(commission, cells, capsys):
+    tell(cells, *codes_of(ORDER))
+    assert commission("--plate", "--yes", "--limit", "5") == Exit.FAILURE
+    assert "the table has place codes" in capsys.readouterr().err
