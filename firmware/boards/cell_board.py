@@ -32,6 +32,10 @@ EXCEPTION_BYTES = 100
 #: 100 kOhm over 8.2 kOhm into an ADC of 3.3 V.
 SUPPLY_FULL_SCALE_MV = const(43_544)
 
+#: The bits of a place's number; the seventh jumper makes their number even.
+_CODE = const(0x3F)
+_NO_NODE = const(0xFF)
+
 _SUPPLY_STEP_UV = const(SUPPLY_FULL_SCALE_MV * 1000 >> 12)
 
 
@@ -40,11 +44,11 @@ class CellBoard:
 
     Of `pins`, `wake` lets both bridges drive. `fault` is low while a bridge reports a fault.
     `sensors` are the five presence sensors, and `run_led` and `error_led` those of CiA 303-3.
-    `place` are the six inputs that jumpers in the table's connector pull low, lowest bit first. The
-    tick calls `sample(registers)` and `drive(registers)`. Importing touches nothing. A new board
-    has both wheels off, and `start` brings it to life. `memory(asleep)` returns the memory of the
-    settings, or None. `slots` are those for firmware over the bus, if there are any. `number` is
-    the board's own, see `mdms_protocol.update.codes`.
+    `place` are the inputs that jumpers in the table's connector pull low: six bits, the lowest
+    first, and parity. The tick calls `sample(registers)` and `drive(registers)`. Importing touches
+    nothing. A new board has both wheels off, and `start` brings it to life. `memory(asleep)` is
+    called for the memory of the settings, and may return None. `slots` are those for firmware over
+    the bus, if there are any. `number` is the board's own, see `mdms_protocol.update.codes`.
 
     A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake. It is far longer
     than a garbage collection. The family also makes the wheels, the bus and the tick's timer, by
@@ -163,8 +167,14 @@ class CellBoard:
         return _low(self._sensors)
 
     def place(self):
-        """The number that the table's connector gives this place, 0 without jumpers."""
-        return _low(self._place)
+        """The node id that the table's connector says belongs here, 0 without any jumper.
+
+        Jumpers are even in number. If one is missing or broken, this is the id of no node.
+        """
+        code = _low(self._place)
+        odd = code ^ code >> 4
+        odd ^= odd >> 2
+        return _NO_NODE if (odd ^ odd >> 1) & 1 else code & _CODE
 
     def motors_off(self):
         """0 V on both motors at once, whatever state the program is in.

@@ -287,8 +287,8 @@ class Cell:
         if place in (0, self.node_id):
             emcy.clear(SOURCE_PLACE)
             return True
-        # Said again each time: a host may have come later.
-        emcy.errors.pop(SOURCE_PLACE, None)
+        if not emcy.queue:
+            emcy.errors.pop(SOURCE_PLACE, None)  # said again: a host may have come later
         emcy.report(SOURCE_PLACE, IN_ANOTHERS_PLACE, bytes((place, 0, 0, 0)))
         self._attend()
         return False

@@ -13,8 +13,10 @@ _TIMEOUT_MS = ENTRIES[indices.SETPOINT_TIMEOUT, 0].default
 #: The code of an emergency about a neighbour, whose node id is in the first byte of details.
 SUSPICION = 0xFF01
 
-#: The code of a cell that refuses to start where another belongs; that one's node id comes first.
+#: The code and the source of a cell that refuses to start where another belongs. That one's node id
+#: comes first in its details.
 IN_ANOTHERS_PLACE = 0xFF02
+PLACE_SOURCE = 10
 
 #: The code of a motors' supply below its limit: an emergency stop, a fuse, a battery.
 LOW_SUPPLY = 0x3220
@@ -38,6 +40,15 @@ CODES: Mapping[int, str] = {
 }
 #: The source of an emergency, by its source byte, where the code does not say it.
 _SOURCES: Mapping[int, str] = {1: "axis 1", 2: "axis 2"}
+
+
+def is_elsewhere(error_register: int, suspect: int) -> bool:
+    """Whether a cell stands in another's place, by its 0x1001 and 0x3015.
+
+    Bit 7 of the register stands for the codes of cells alone (0xFFxx), and a suspicion is the other
+    one.
+    """
+    return bool(error_register & 0x80) and not suspect
 
 
 def code_text(code: int) -> str:

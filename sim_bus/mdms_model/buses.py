@@ -88,6 +88,10 @@ class BusTraffic:
         )
 
 
+#: The largest node id that the code of a place can have: six jumpers, and one for parity.
+PLACE_CODE_MAX = 63
+
+
 @dataclass(frozen=True, slots=True)
 class Addresses:
     """Bus and node id of each cell, cell 1 first; a node id is one cell's on its bus."""

@@ -9,7 +9,6 @@ from mdms_protocol.codecs import cob, sdo
 _HISTORY_SIZE = 8
 #: Messages that may wait for the inhibit time or for room; older ones give way.
 _QUEUE_SIZE = 8
-_NO_ERROR = 0x0000
 
 _GENERIC = 0x01
 #: The bit of the error register that the upper half byte of an error code sets besides.
@@ -53,14 +52,15 @@ class Emcy:
         if self.errors.get(source) == code:
             return
         self.errors[source] = code
-        self._remember(source << 16 | code)
+        if source < 10:  # a refused start is told each time, and would soon leave no other
+            self._remember(source << 16 | code)
         self._post(source, code, detail)
 
     def clear(self, source):
         """The error of this source is gone, if there was one."""
         if source in self.errors:
             del self.errors[source]
-            self._post(source, _NO_ERROR, bytes(4))
+            self._post(source, 0, bytes(4))  # code 0: no error
 
     def poll(self, now_ms):
         """Send waiting messages, one an inhibit time; return when to go on [ms from now]."""

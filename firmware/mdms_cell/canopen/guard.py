@@ -67,15 +67,12 @@ class Guard:
     def on_rival(self):
         """Somebody else sends what only this node may send."""
         self.on_refusal()
-        self._react(NODE_ID_TAKEN)
+        self._axes.fail(NODE_ID_TAKEN)
+        self._enter()
 
     def on_refusal(self):
         """Somebody else has had the node id before."""
         self._emcy.report(SOURCE_NODE_ID, NODE_ID_TAKEN)
-
-    def _react(self, error_code):
-        self._axes.fail(error_code)
-        self._enter()
 
     def _enter(self):
         """Take the NMT state that a communication error leads to; it ends no braking."""

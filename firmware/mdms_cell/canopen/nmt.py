@@ -12,7 +12,7 @@ class Nmt:
 
     It calls the cell's `on_leave()` before each change, while the state and the node id still hold.
     Then it calls `on_reset(command)` with one of the two resets, `on_boot()` or `on_state(state)`.
-    A start is obeyed while its `in_place()` is true.
+    A start is obeyed where its `in_place()` is true.
     `pending_node_id` is the one that LSS has given; the next reset makes it the `node_id`.
     """
 
@@ -55,7 +55,7 @@ class Nmt:
                 self.reset(data[0])
             elif self.state != nmt.INITIALISING:
                 state = nmt.TRANSITIONS[data[0]]
-                if state != nmt.OPERATIONAL or self._cell.in_place():
+                if state in (self.state, nmt.STOPPED, nmt.PRE_OPERATIONAL) or self._cell.in_place():
                     self.enter(state)
         return True
 

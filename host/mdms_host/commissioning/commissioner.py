@@ -7,7 +7,6 @@ none: an interrupted run leaves cells that the next run takes as it finds them.
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
 
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, without_places
@@ -22,15 +21,17 @@ from mdms_host.commissioning.node_ids import (
 )
 from mdms_host.commissioning.parameters import BY_NAME, PARAMETERS, Parameter
 from mdms_host.commissioning.wheel_turn import Direction
+from mdms_model.buses import PLACE_CODE_MAX
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.emergencies import IN_ANOTHERS_PLACE
 
-#: Six jumpers make the code of a place.
-CODE_MAX = 63
-#: A cell refuses a start within some milliseconds; the rest is for a busy machine.
-_REFUSAL_S = 0.5
+#: What a cell reads as the code of its place where a jumper is missing or broken.
+NO_CODE = 0xFF
+#: A start is given again so often, and as long as a node says nothing [s].
+_START_AGAIN_S = 0.2
+_START_S = 2.0
 
 
 class CommissionError(Exception):
@@ -117,7 +118,7 @@ def uncoded_ids(roll: FoundCells) -> dict[int, int]:
 
     Raises CommissionError where there are too few.
     """
-    ids = range(CODE_MAX + 1, cob.CELL_NODE_MAX + 1)
+    ids = range(PLACE_CODE_MAX + 1, cob.CELL_NODE_MAX + 1)
     free = [node_id for node_id in ids if node_id not in roll.strangers]
     if len(roll.serials) > len(free):
         raise CommissionError(
@@ -128,31 +129,52 @@ def uncoded_ids(roll: FoundCells) -> dict[int, int]:
 
 
 class _Starting:
-    """A participant that starts nodes; `places` has the node ids that belong where nodes refuse."""
+    """A participant that starts nodes again and again, as long as one of them says nothing.
+
+    `running` are those that are operational; `places` has the node ids that belong where others
+    refuse.
+    """
 
     def __init__(self, node_ids: Iterable[int]) -> None:
         self.wake_s = 0.0
+        self.running: set[int] = set()
         self.places: dict[int, int] = {}
-        self._node_ids = node_ids
+        self._node_ids = frozenset(node_ids)
+
+    @property
+    def silent(self) -> list[int]:
+        """Nodes of which neither is known."""
+        return sorted(self._node_ids - self.running - self.places.keys())
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Take in the emergency of a cell that is in the place of another."""
+        """Take in a heartbeat, or the emergency of a cell that is in the place of another."""
+        node_id = frame.can_id & cob.NODE_MAX
+        if node_id not in self._node_ids:
+            return
+        base = frame.can_id - node_id
+        if base == cob.HEARTBEAT_BASE and nmt.decode_heartbeat(frame.data) == nmt.OPERATIONAL:
+            self.running.add(node_id)
         code = int.from_bytes(frame.data[:2], "little")
-        node_id = frame.can_id - cob.EMCY_BASE
-        if 0 < node_id <= cob.NODE_MAX and code == IN_ANOTHERS_PLACE and len(frame.data) == 8:
+        if base == cob.EMCY_BASE and code == IN_ANOTHERS_PLACE and len(frame.data) == 8:
             self.places[node_id] = frame.data[4]
 
     def poll(self, now_s: float) -> list[Frame]:
-        """The starts, once, and one by one: the bus may have devices that are none of ours."""
-        self.wake_s = inf
-        return [nmt.command(nmt.START, node_id) for node_id in self._node_ids]
+        """Starts one by one: the bus may have devices that are none of ours."""
+        self.wake_s = now_s + _START_AGAIN_S
+        return [nmt.command(nmt.START, node_id) for node_id in self.silent]
 
 
 def start(commissioning: Commissioning, node_ids: Iterable[int]) -> dict[int, int]:
-    """Start nodes, with their drives off; by node the id that belongs where one refuses that."""
+    """Start nodes, with their drives off; by node the id that belongs where one refuses that.
+
+    Raises CommissionError where a node says nothing.
+    """
     starting, clock = _Starting(node_ids), MonotonicClock()
-    end_s = clock.now_s() + _REFUSAL_S
-    commissioning.drive(starting, lambda: clock.now_s() >= end_s)
+    end_s = clock.now_s() + _START_S
+    commissioning.drive(starting, lambda: not starting.silent or clock.now_s() >= end_s)
+    if starting.silent:
+        nodes = ", ".join(map(str, starting.silent))
+        raise CommissionError(f"node {nodes} is neither operational nor says why not: try again")
     return starting.places
 
 
@@ -185,7 +207,7 @@ def coded_spots(
         codes = ", ".join(f"{serial:08X} has {places[serial]}" for serial in sorted(wrong))
         raise CommissionError(
             f"place codes are to be the numbers 1 to {len(nodes)}, each once, but {codes}: look at "
-            "the jumpers of these places"
+            f"the jumpers of these places ({NO_CODE}: one is missing)"
         )
     return {
         serial: ((place - 1) % columns + 1, (place - 1) // columns + 1)

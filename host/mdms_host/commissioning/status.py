@@ -15,7 +15,12 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError, I
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.emergencies import error_text
+from mdms_protocol.emergencies import (
+    IN_ANOTHERS_PLACE,
+    PLACE_SOURCE,
+    error_text,
+    is_elsewhere,
+)
 
 STATE_NAMES = {
     nmt.INITIALISING: "initialising",
@@ -104,7 +109,7 @@ _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
 _ERROR_CODES = (indices.ERROR_CODE, indices.ERROR_CODE + indices.AXIS_OFFSET)
 _READS = (
     *(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE)),
-    *(Read(index, 0) for index in (*_ERROR_CODES, indices.SUSPECT)),
+    *(Read(index, 0) for index in (*_ERROR_CODES, indices.SUSPECT, indices.ERROR_REGISTER)),
 )
 _READ_NEIGHBOURS = tuple(Read(*place) for place in NEIGHBOURS)
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
@@ -218,6 +223,8 @@ class StatusModel:
             cell.suspect = cell.suspect or answers.get((indices.SUSPECT, 0), 0)
             for source, index in enumerate(_ERROR_CODES, 1):
                 self._on_error_code(cell, source, answers.get((index, 0), 0))
+            if is_elsewhere(answers.get((indices.ERROR_REGISTER, 0), 0), cell.suspect):
+                cell.errors.setdefault(PLACE_SOURCE, IN_ANOTHERS_PLACE)
 
     def _on_error_code(self, cell: RemoteCell, source: int, code: int) -> None:
         """An axis in fault has its code in 0x603F, though its emergency came before we listened."""

@@ -26,6 +26,8 @@ _TOWARDS_ENABLED: Mapping[int | None, int] = dict(cia402.TOWARDS_ENABLED.items()
 #: The neighbour layer of a cell takes its drives on from 'switched on', and back.
 _TOWARDS_SWITCHED_ON = {**_TOWARDS_ENABLED, cia402.SWITCHED_ON: cia402.SWITCH_ON}
 _ENABLED = frozenset((cia402.OPERATION_ENABLED,))
+#: A cell that refuses each start for so long stands in another's place [s].
+REFUSED_S = 0.2
 _LED = frozenset((cia402.SWITCHED_ON, cia402.OPERATION_ENABLED))
 
 
@@ -184,7 +186,7 @@ class BringUpCell(RemoteCell):
         elif phase == Phase.CONFIGURING:
             self._written = True
             yield from self._set_up.poll(now_s)
-        elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL and not self.elsewhere:
+        elif phase == Phase.STARTING and self.nmt_state != nmt.OPERATIONAL:
             yield nmt.command(nmt.START, self.node_id)
         elif phase == Phase.ENABLING and not self.enabled and not self.lacks_supply:
             # A person presses an emergency stop: no program resets that fault in the same run.

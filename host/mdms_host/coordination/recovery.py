@@ -11,12 +11,12 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
 from mdms_host.coordination.run_state import TRANSITIONS, TROUBLED, EventJournal, Phase, Signal
 from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
 from mdms_host.coordination.wheel_speeds import Odometry
 from mdms_model.arrays import Bools
-from mdms_protocol.emergencies import LOW_SUPPLY, code_text
+from mdms_protocol.emergencies import IN_ANOTHERS_PLACE, LOW_SUPPLY, code_text
 
 
 class OnLostCell(StrEnum):
@@ -96,8 +96,15 @@ class CellRecovery:
             self._begin_again(now_s)
         if self.heard and self.cell.lacks_supply:
             self._refuse(code_text(LOW_SUPPLY))
+        elif self._refuses(now_s):
+            self._refuse(f"{code_text(IN_ANOTHERS_PLACE)}; put the boards back")
         while self.refused is None and not self.back and self.cell.has_reached(self.phase):
             self._advance(now_s)
+
+    def _refuses(self, now_s: float) -> bool:
+        """Whether the cell refuses to start: it stands in another's place."""
+        waits = self.phase is Phase.STARTING and now_s >= self._step_s + REFUSED_S
+        return waits and self.cell.elsewhere
 
     def _advance(self, now_s: float) -> None:
         """Take the cell into its next phase, unless it is not to be taken."""

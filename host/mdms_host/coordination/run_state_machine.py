@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
 from mdms_host.coordination.frame_router import FrameRouter
 from mdms_host.coordination.recovery import Recovery, Roster
 from mdms_host.coordination.run_state import (
@@ -119,10 +119,13 @@ class RunStateMachine:
             return
         late = [cell for cell in self._roster.taking_part if not self._done(cell, now_s)]
         waited_s = now_s - (self._since_s or 0.0)
-        hopeless = self.phase is Phase.STARTING and all(cell.elsewhere for cell in late)
+        # Each start is refused anew, so nothing that was misread once ends the run.
+        hopeless = waited_s >= REFUSED_S and all(cell.elsewhere for cell in late)
         if not late:
             self._conclude(now_s)
-        elif self.phase in BRING_UP and (hopeless or waited_s >= self._timing.phase_limit_s):
+        elif (self.phase is Phase.STARTING and hopeless) or (
+            self.phase in BRING_UP and waited_s >= self._timing.phase_limit_s
+        ):
             text = self._supervision.late_text(self.phase, late)
             if not self._recovery.do_without(late, text, now_s):
                 self._fail(text, now_s)

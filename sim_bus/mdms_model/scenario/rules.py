@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import cos, sin
 
-from mdms_model.buses import address_cells, plan_gateways
+from mdms_model.buses import PLACE_CODE_MAX, address_cells, plan_gateways
 from mdms_model.outline import outline_of
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.run_rules import (
@@ -34,6 +34,7 @@ def check_buses(scenario: Scenario) -> None:
     if array.buses:
         _check_lists(array)
         _check_forwarding(array)
+    _check_codes(array)
 
 
 def _check_lists(array: Array) -> None:
@@ -58,6 +59,16 @@ def _check_lists(array: Array) -> None:
     if missing:
         raise ScenarioError(
             f"array.buses lacks cell {missing[0]}; put each of the {cells} cells on a bus"
+        )
+
+
+def _check_codes(array: Array) -> None:
+    node_ids = address_cells(array.columns * array.rows, array.buses).node_ids
+    if array.coded_places and max(node_ids) > PLACE_CODE_MAX:
+        raise ScenarioError(
+            f"array.coded_places is true, but cell {node_ids.index(PLACE_CODE_MAX + 1) + 1} has "
+            f"node id {PLACE_CODE_MAX + 1}, and codes of places end at {PLACE_CODE_MAX}: put fewer "
+            "cells on a bus"
         )
 
 

@@ -61,6 +61,21 @@ def test_it_obeys_all_other_commands_there():
     assert cell.state == nmt.INITIALISING
 
 
+def test_refused_starts_leave_the_history_and_other_messages_alone():
+    cell, board = told(ELSEWHERE)
+    cell.fail(0x6100)
+    cell.on_frame(0x000, bytes((nmt.STOP, NODE)), cell.now_ms)
+    for _ in range(20):
+        cell.on_frame(0x000, START, cell.now_ms)
+    cell.on_frame(0x000, bytes((nmt.ENTER_PRE_OPERATIONAL, NODE)), cell.now_ms)
+    for _ in range(8):
+        cell.poll(cell.now_ms + 1)
+    codes = [data[0] | data[1] << 8 for data in emergencies(board)]
+    assert 0x6100 in codes
+    assert cell._objects.number(0x1003, 0) == 1
+    assert cell._objects.number(0x1003, 1) & 0xFFFF == 0x6100
+
+
 def test_it_starts_once_it_is_put_back():
     cell, board = told(ELSEWHERE)
     start(cell, board)
@@ -74,6 +89,7 @@ def test_a_cell_that_runs_looks_at_its_next_start():
     start(cell, board)
     board.place_code = ELSEWHERE
     cell.poll(200)
+    assert start(cell, board) == []
     assert cell.state == nmt.OPERATIONAL
     cell.on_frame(0x000, bytes((nmt.ENTER_PRE_OPERATIONAL, NODE)), cell.now_ms)
     start(cell, board)

@@ -139,10 +139,14 @@ def taken_node_id(bench):
     comes_back(bench, *RESET)
 
 
+def place_code(bench, *bits):
+    """Jumpers of the table's connector pull these bits low."""
+    for bit, pin in enumerate(bench.module.PINS.place):
+        world.levels[pin] = 0 if bit in bits else 1
+
+
 def in_anothers_place(bench):
-    # Jumpers 1 and 2 pull low: here belongs node 6.
-    for bit in (1, 2):
-        world.levels[bench.module.PINS.place[bit]] = 0
+    place_code(bench, 1, 2)  # here belongs node 6
     keep(bench, 20)
     bench.can.deliver(0x000, bytes((0x81, NODE)))
     bench.runner.turn(world.now_ms)
@@ -162,9 +166,14 @@ def in_anothers_place(bench):
             assert bench.off()
     assert emergencies() == [0xFF02] * 3
     assert [data[4] for can_id, data in world.sent if can_id == 0x080 + NODE] == [6] * 3
+    # A place whose jumper is broken is that of no node.
+    place_code(bench, 0)
+    world.sent.clear()
+    bench.can.deliver(0x000, bytes((1, NODE)))
+    bench.pass_ms(2)
+    assert [data[4] for can_id, data in world.sent if can_id == 0x080 + NODE] == [255]
     # It is put back, under power even.
-    world.levels[bench.module.PINS.place[0]] = 0
-    world.levels[bench.module.PINS.place[1]] = 1
+    place_code(bench, 0, 2)
     bench.can.deliver(0x000, bytes((1, NODE)))
     bench.pass_ms(2)
     assert emergencies()[-1] == 0

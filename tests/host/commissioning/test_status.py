@@ -7,7 +7,7 @@ from mdms_host.commissioning.status import StatusModel, status_table
 from mdms_protocol.codecs import sdo
 from mdms_protocol.codecs.frame import Frame
 
-WORD, PRESENCE, SUSPECT = 0x6041, 0x3001, 0x3015
+WORD, PRESENCE, SUSPECT, REGISTER = 0x6041, 0x3001, 0x3015, 0x1001
 
 
 def answer(index: int, value: int) -> Frame:
@@ -32,14 +32,22 @@ def text(model: StatusModel, now_s: float) -> str:
 def test_a_cell_that_appears_is_asked_once() -> None:
     model, asked = StatusModel(), []
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    replies = {WORD: 0x40, 0x6841: 0x27, PRESENCE: 0b10001, 0x603F: 0, 0x683F: 0, SUSPECT: 0}
+    replies = {
+        WORD: 0x40,
+        0x6841: 0x27,
+        PRESENCE: 0b10001,
+        0x603F: 0,
+        0x683F: 0,
+        SUSPECT: 0,
+        REGISTER: 0,
+    }
     for step in range(20):
         for frame in model.poll(step / 100):
             asked.append(frame)
             index = frame.data[1] | frame.data[2] << 8
             model.on_frame(answer(index, replies[index]), step / 100)
     model.on_frame(Frame(0x705, b"\x7f"), 0.2)
-    assert [frame.can_id for frame in asked] == [0x605] * 6
+    assert [frame.can_id for frame in asked] == [0x605] * 7
     (row,) = model.rows(0.2)
     assert row.drives == ("switch on disabled", "operation enabled")
     assert row.presence == 0b10001
@@ -96,7 +104,7 @@ def test_a_cell_that_was_stopped_is_read_anew_and_not_shown_as_it_was() -> None:
     )
     (row,) = model.rows(0.1)
     assert (row.drives, row.speeds_m_s, row.presence) == (None, None, None)
-    replies = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 1, 0x603F: 0, 0x683F: 0, SUSPECT: 0}
+    replies = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 1, 0x603F: 0, 0x683F: 0, SUSPECT: 0, REGISTER: 0}
     for step in range(30):
         now_s = 0.1 + step / 100
         model.on_frame(Frame(0x705, b"\x7f"), now_s)
@@ -125,7 +133,15 @@ def test_a_fault_from_before_is_named_with_its_words() -> None:
     """The emergency went out before anybody listened."""
     model = StatusModel()
     model.on_frame(Frame(0x705, b"\x05"), 0.0)
-    replies = {WORD: 0x27, 0x6841: 0x08, PRESENCE: 0, 0x603F: 0x8250, 0x683F: 0x7121, SUSPECT: 0}
+    replies = {
+        WORD: 0x27,
+        0x6841: 0x08,
+        PRESENCE: 0,
+        0x603F: 0x8250,
+        0x683F: 0x7121,
+        SUSPECT: 0,
+        REGISTER: 0x21,
+    }
     for step in range(20):
         for frame in model.poll(step / 100):
             index = frame.data[1] | frame.data[2] << 8
@@ -167,13 +183,35 @@ def test_a_suspect_from_before_is_read() -> None:
     model = StatusModel()
     for node in (5, 7):
         model.on_frame(Frame(0x700 + node, b"\x05"), 0.0)
-    replies = {WORD: 0x27, 0x6841: 0x27, PRESENCE: 0, 0x603F: 0, 0x683F: 0, SUSPECT: 7}
+    replies = {
+        WORD: 0x27,
+        0x6841: 0x27,
+        PRESENCE: 0,
+        0x603F: 0,
+        0x683F: 0,
+        SUSPECT: 7,
+        REGISTER: 0x81,
+    }
     for step in range(20):
         for frame in model.poll(step / 100):
             if frame.can_id == 0x605:
                 index = frame.data[1] | frame.data[2] << 8
                 model.on_frame(answer(index, replies[index]), step / 100)
     assert [row.suspected_by for row in model.rows(0.1)] == [(), (5,)]
+
+
+def test_a_cell_in_anothers_place_from_before_is_named() -> None:
+    """Its emergency went out at its boot. A suspicion sets the same bit, and names a suspect."""
+    model = StatusModel()
+    model.on_frame(Frame(0x705, b"\x7f"), 0.0)
+    replies = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 0, 0x603F: 0, 0x683F: 0, SUSPECT: 0}
+    replies[REGISTER] = 0x81
+    for step in range(20):
+        for frame in model.poll(step / 100):
+            index = frame.data[1] | frame.data[2] << 8
+            model.on_frame(answer(index, replies[index]), step / 100)
+    (row,) = model.rows(0.1)
+    assert row.errors == ("0xFF02: it stands in the place of another cell, and does not start",)
 
 
 def test_table_names_the_unit_and_fits_80_columns() -> None:

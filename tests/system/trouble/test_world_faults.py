@@ -222,6 +222,28 @@ def test_a_run_that_goes_on_does_so_without_their_wheels_and_their_sensors():
     assert np.hypot(*(record.pose[-1, 0, :2] - (0.10, 0.0))) < 0.005
 
 
+@pytest.mark.parametrize("policy", ["stop", "go_on"])
+def test_cells_that_come_back_in_each_others_places_are_named_and_not_taken_back(policy):
+    """They are without power for half a second, and a person puts each where the other was."""
+    faults = (
+        "{kind='off', cells=[2, 17], start_s=1.0, duration_s=0.5}",
+        "{kind='wrong_place', cells=[2], as_cell=17, start_s=1.2}",
+    )
+    settings = ("motion.speed_m_s=0.1", f"run.on_lost_cell='{policy}'", "run.duration_s=9")
+    fault = f"fault=[{', '.join(faults)}]"
+    scenario = load_scenario("array18", ["array.coded_places=true", fault, *settings])
+    coordinator = coordinator_of(scenario)
+    record = simulate(scenario, [coordinator]).record
+    texts = [coordinator.fault or "", *coordinator.lost_cells.values()]
+    for cell in (2, 17):
+        refusal = f"cell {cell} (node {cell}) is not taken back: 0xFF02: it stands in the place"
+        assert any(refusal in text for text in texts), texts
+        late = record.time_s > 1.5
+        for axis in (1, 2):
+            assert not of_wheel(record.voltage_v, cell, axis)[late].any()
+    assert bool(coordinator.fault) == (policy == "stop")
+
+
 @pytest.mark.parametrize("cells", [(2, 17), (8, 11)])
 def test_a_parcel_arrives_past_cells_in_each_others_places_and_they_are_named(cells):
     """Cell 8 is under the box, and should be 11, which should be there.

@@ -148,8 +148,7 @@ def _placed(job: _Job, roll: FoundCells) -> ArrayFile:
     if arguments.list is not None:
         spots = _spots_listed(roll, arguments.list, columns)
     elif arguments.codes:
-        roll = _give_ids(job, roll, steps.uncoded_ids(roll))
-        spots = steps.coded_spots(job.commissioning, roll, columns)
+        spots = _spots_coded(job, roll, columns)
     else:
         if _asks(arguments) and not sys.stdin.isatty():
             raise CommandError(
@@ -184,6 +183,21 @@ def _spots_listed(roll: FoundCells, path: Path, columns: int) -> dict[int, Spot]
     return {
         serial: (place % columns + 1, place // columns + 1) for place, serial in enumerate(serials)
     }
+
+
+def _spots_coded(job: _Job, roll: FoundCells, columns: int) -> dict[int, Spot]:
+    """The places that the table's connectors tell; the cells have their node ids again then."""
+    count = len(roll.serials)
+    if not confirmed(job.arguments, f"Give {count} cells other node ids, to read their places?"):
+        raise CommandError("nothing was written", Exit.FAILURE)
+    try:
+        renamed = _give_ids(job, roll, steps.uncoded_ids(roll))
+        if len(renamed.present) != count:
+            found = len(renamed.present)
+            raise CommandError(f"{found} of {count} cells answer: try again", Exit.NODE_FAULT)
+        return steps.coded_spots(job.commissioning, renamed, columns)
+    finally:
+        _give_ids(job, find_cells(job.commissioning), roll.node_ids)
 
 
 def _array(arguments: Namespace, grid: Spot, spots: Mapping[int, Spot]) -> ArrayFile:

@@ -10,13 +10,11 @@ from mdms_host.commissioning.doctor.findings import Finding
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
-from mdms_protocol.emergencies import IN_ANOTHERS_PLACE, code_text
+from mdms_protocol.emergencies import code_text, is_elsewhere
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 
 _BUS_OFF = 0x8140
-#: The bit of the error register that stands while an error with a code of our own does.
-_OF_CELLS_OWN = 0x80
 #: In place of a size that a board does not know.
 _UNKNOWN = 0xFFFFFFFF
 #: A single frame that is not acknowledged, or in error, leaves so much in a counter for a while.
@@ -135,7 +133,7 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
 
 
 def _of_history(cell: Examined) -> Iterator[Finding]:
-    if IN_ANOTHERS_PLACE in cell.history and cell[indices.ERROR_REGISTER, 0] & _OF_CELLS_OWN:
+    if is_elsewhere(cell[indices.ERROR_REGISTER, 0], cell[indices.SUSPECT, 0]):
         yield Finding("elsewhere", "its place is coded as another node's", (cell.node_id,))
     if _BUS_OFF in cell.history:
         yield Finding("bus-off", "in its error history (0x1003)", (cell.node_id,))

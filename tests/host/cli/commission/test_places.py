@@ -156,13 +156,24 @@ def test_place_codes_mend_a_table_whose_cells_were_exchanged(commission, bus, ce
         assert serials(bus) == list(ORDER)
 
 
+def test_a_table_that_is_not_to_be_touched_keeps_its_node_ids(commission, bus, cells, monkeypatch):
+    tell(cells, *codes_of(ORDER))
+    answered(monkeypatch, "n")
+    assert commission("--codes", *GRID) == Exit.FAILURE
+    answered(monkeypatch, "y", "n")
+    assert commission("--codes", *GRID) == Exit.FAILURE
+    for node_id in (1, 2, 3):
+        bus.restart(node_id)
+    assert serials(bus) == [1, 2, 3]
+
+
 @pytest.mark.parametrize(
     ("codes", "message"),
     [
         ((0, 0, 0), "no place code at 00000001, 00000002, 00000003: wire the jumpers"),
         ((2, 0, 1), "no place code at 00000002: wire the jumpers of its place"),
         ((2, 3, 2), "the numbers 1 to 3, each once, but 00000001 has 2, 00000003 has 2: look at"),
-        ((2, 3, 9), "the numbers 1 to 3, each once, but 00000003 has 9: look at the jumpers"),
+        ((2, 3, 255), "but 00000003 has 255: look at the jumpers of these places (255: one is"),
     ],
 )
 def test_codes_that_are_missing_or_wrong_are_named(commission, cells, capsys, codes, message):
@@ -170,7 +181,8 @@ def test_codes_that_are_missing_or_wrong_are_named(commission, cells, capsys, co
     assert commission("--codes", *GRID, "--yes") == Exit.NODE_FAULT
     assert message in capsys.readouterr().err
     cells.sleep(0.05)
-    assert nmt.OPERATIONAL not in [cell.state for cell in cells.array.bank._cells]
+    states = [(cell.node_id, cell.state) for cell in cells.array.bank._cells]
+    assert states == [(node_id, nmt.PRE_OPERATIONAL) for node_id in (1, 2, 3)]
 
 
 def test_a_plate_is_refused_on_a_table_with_codes(commission, cells, capsys):

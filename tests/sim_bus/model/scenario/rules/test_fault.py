@@ -106,3 +106,13 @@ def test_cells_with_one_node_id_are_alike_to_a_place_code():
     assert "fault.0.as_cell is 3, but that cell has node id 1 on its bus" in str(caught.value)
     tree["array"] |= {"coded_places": False}
     scenario_from(tree | {"fault": [other | {"as_cell": 3}]})
+
+
+def test_a_node_id_that_no_code_has_is_refused_where_places_are_coded():
+    tree = read_tree("array18")
+    tree["array"] |= {"columns": 8, "rows": 8}
+    scenario_from(tree)
+    tree["array"] |= {"coded_places": True}
+    with pytest.raises(ScenarioError) as caught:
+        scenario_from(tree)
+    assert "but cell 64 has node id 64, and codes of places end at 63" in str(caught.value)
