@@ -322,6 +322,7 @@ class _Events:
 
     def _reading_high(self, cell: int) -> None:
         """From now on the cell's measurement stays as it is."""
+        self._simulation.referee.measures_high(cell - 1)
         measure = self._bank.set_supply
 
         def measured(other: int, supply_uv: int) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import degrees, hypot, pi, radians, remainder
+from math import degrees, hypot, inf, pi, radians, remainder
 
 import numpy as np
 
@@ -74,6 +74,8 @@ class Claims:
         self._hosts_out = 0
         # True
         self._arrived: Mapping[str, Pose] = {}
+        #: The goals at which parcels have arrived last.
+        self._reached: dict[str, Pose] = {}
         #: Parcels that have been pushed or lifted since they arrived.
         self._handled: set[str] = set()
         self._over = False
@@ -82,6 +84,8 @@ class Claims:
         self._goals: Mapping[str, Pose] = _asked(scenario.parcel, truth)
         self._centres_m = cell_centres(scenario.array)
         self._stoppings: list[_Stopping] = []
+        #: When a reason has been given last.
+        self._said_s = -inf
         self._place_m: Floats = self._world.pose
         self._moved_s = np.zeros(len(scenario.parcel))
         self._mute = False
@@ -128,12 +132,13 @@ class Claims:
             for name, goal in arrived.items():
                 if self._arrived.get(name) != goal:
                     self._handled.discard(name)
+                    self._reached[name] = goal
                     self._check(name, goal, "has arrived, says the host,")
                     self._check_belief(name, goal, report.believed.get(name))
             self._arrived = dict(arrived)
         if report.over and not self._over:
             for name, goal in report.goals.items():
-                if name in self._handled and arrived.get(name) == goal:
+                if name in self._handled and self._reached.get(name) == goal:
                     continue
                 self._check(name, goal, "was asked for, and all is done, says the host, but it")
         self._over = report.over
@@ -204,7 +209,7 @@ class Claims:
         left = list(self._left())
         self._check_stoppings(report, now_s, left)
         since_s = max((self._moved_s[number] for number in left), default=now_s)
-        mute = now_s - since_s >= WHY_S and not self._is_said(report, since_s - _EARLY_S, now_s)
+        mute = now_s - since_s >= WHY_S and self._said_by(report, now_s) < since_s - _EARLY_S
         if mute and not self._mute:
             name = self._parcels[left[0]].name
             text = (
@@ -227,6 +232,7 @@ class Claims:
     def _check_stoppings(self, report: HostReport | None, now_s: float, left: list[int]) -> None:
         """Note a fault that has stopped a parcel, if nobody has reported it in time."""
         stands = self._speed_m_s() < _GOING_M_S
+        self._said_s = max(self._said_s, self._said_by(report, now_s))
         for fault in self._stoppings:
             for number in fault.going & set(left):
                 if not stands[number]:
@@ -234,15 +240,15 @@ class Claims:
                         fault.going.discard(number)
                     continue
                 since_s = fault.stands_s.setdefault(number, now_s)
+                # A parcel that an earlier fault was stopping already has that one's reason.
+                first_s = min(each.time_s for each in self._stoppings if number in each.stands_s)
                 if now_s - since_s < SAID_S:
                     continue
                 fault.going.discard(number)
                 # A parcel that goes on after the fault, and stands later, may do so for a reason of
                 # its own.
                 caused = since_s - fault.time_s <= SAID_S
-                # A parcel that an earlier fault was stopping already has that one's reason.
-                first_s = min(each.time_s for each in self._stoppings if number in each.stands_s)
-                if caused and not self._is_said(report, first_s, now_s):
+                if caused and self._said_s < first_s:
                     name = self._parcels[number].name
                     text = f"{name} stands since the fault '{fault.kind}', and nobody says so"
                     self._note("said", text, parcel=name)
@@ -250,19 +256,18 @@ class Claims:
             each for each in self._stoppings if each.going and now_s - each.time_s < 3 * SAID_S
         ]
 
-    def _is_said(self, report: HostReport | None, since_s: float, now_s: float) -> bool:
-        """Whether the host, or the cells in its place, have given a reason since then."""
+    def _said_by(self, report: HostReport | None, now_s: float) -> float:
+        """When the host, or the bus in its place, has given a reason last, as it shows now."""
         if report is not None:
-            return report.reason is not None or report.trouble_s >= since_s
-        if self._word.emergency_ns >= since_s * NS_PER_S:
-            return True
+            return report.trouble_s if report.reason is None else now_s
         # A cell that lacks a promise says so in its estimates.
-        return any(
+        waits = any(
             each.state == wire.UNDER
             and each.hold == 0
             and now_s * NS_PER_S - each.time_ns <= FRESH_NS
             for each in self._word.estimates.values()
         )
+        return now_s if waits else self._word.told_ns / NS_PER_S
 
     def _speed_m_s(self) -> Floats:
         twist = self._world.twist

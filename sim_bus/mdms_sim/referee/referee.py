@@ -58,6 +58,10 @@ class Referee:
         for judge in self._judges:
             judge.on_fault(fault, begins, now_ns)
 
+    def measures_high(self, cell: int) -> None:
+        """A cell, from 0, measures the full supply from now on, whatever it is."""
+        self._wheels.measures_high(cell)
+
     def on_tick(self, now_ns: int, voltage_uv: Registers) -> None:
         """The cells have ticked, and hold these voltages (cells, 2), by their places."""
         self._now_ns = now_ns

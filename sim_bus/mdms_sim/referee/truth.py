@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mdms_model.buses import Addresses
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol.codecs import cob
+from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.messages import Goal, Parcel, Place, decode_page
@@ -90,11 +90,18 @@ class Estimate(NamedTuple):
     flags: int
 
 
+#: NMT commands that switch all drives off.
+_STOPS_OF_ALL = frozenset(
+    bytes((command, nmt.ALL_NODES)) for command in (nmt.STOP, nmt.ENTER_PRE_OPERATIONAL)
+)
+
+
 class Word:
     """The last estimate of each cell, and the parcels of the identities in programs.
 
     `cells` has the cell (from 0) of each identifier of an estimate, by bus; `estimates` the last
     one of each, by cell. `parcels` has the number of the parcel (from 0) that an identity is of.
+    `told_ns` is when a cell has last sent an emergency, or all have been told to stop.
     """
 
     def __init__(self, truth: Truth) -> None:
@@ -108,7 +115,7 @@ class Word:
             self._emergencies.append({cob.EMCY_BASE + node_id for node_id in nodes})
         self.estimates: dict[int, Estimate] = {}
         self.parcels: dict[int, int] = {}
-        self.emergency_ns = -NS_PER_S
+        self.told_ns = -NS_PER_S
         self._world = truth.world
         #: By identity, then by the sequence number of a program: where it takes the parcel.
         self._goals: dict[int, dict[int, list[Pose]]] = {}
@@ -116,7 +123,7 @@ class Word:
 
     def watched(self, bus: int) -> Set[int]:
         """The identifiers that it wants to see on a bus, from 0."""
-        return {cob.PROGRAM, *self.cells[bus], *self._emergencies[bus]}
+        return {cob.NMT, cob.PROGRAM, *self.cells[bus], *self._emergencies[bus]}
 
     def on_frame(self, bus: int, frame: Frame, now_ns: int) -> None:
         """A watched frame has got through on a bus."""
@@ -126,8 +133,11 @@ class Word:
                 self.estimates[cell] = _estimate_of(frame.data, now_ns)
         elif frame.can_id == cob.PROGRAM:
             self._take_page(frame.data)
-        elif frame.can_id in self._emergencies[bus] and any(frame.data[:2]):
-            self.emergency_ns = now_ns
+        elif frame.can_id in self._emergencies[bus]:
+            if any(frame.data[:2]):
+                self.told_ns = now_ns
+        elif frame.data in _STOPS_OF_ALL:
+            self.told_ns = now_ns
 
     def under(self, identity: int, now_ns: int) -> list[Estimate]:
         """The reports of the cells under the parcel of this identity."""

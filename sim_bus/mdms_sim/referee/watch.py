@@ -84,6 +84,8 @@ DRIVEN, SPINS, COASTS, PUSHED_ALONE, PUSHED_AFTER_LEASE, PUSHED_AFTER_END, PUSHE
 
 #: A supply below the limit for more ticks than this is a fault.
 LOW_TICKS = 5
+#: The same where its measurement is stuck: the host hears of it from others, and ends the run.
+UNSEEN_TICKS = 50
 #: A wheel that got no voltage for so many ticks has stopped.
 REST_TICKS = 20
 #: Bridges may sleep when their wheels have stood for 0.8 s; below this [m/s] a wheel stands.
@@ -112,6 +114,7 @@ CELL = np.dtype(
         ("sync_limit_ns", "i8"),
         ("supply_min_v", "f8"),
         ("low_ticks", "i8"),
+        ("low_limit", "i8"),
         ("shut_ticks", "i8"),
         ("shut_limit", "i8"),
         ("slow", "f8"),  # how much longer its milliseconds are
@@ -236,7 +239,7 @@ def _look_at_cell(cell: Records, supply_v: float, shut_off: int, now_ns: int) ->
     if cell.steers and now_ns - cell.sync_ns > cell.sync_limit_ns:
         cell.noticed |= NO_SYNC
     cell.low_ticks = cell.low_ticks + 1 if supply_v < cell.supply_min_v else 0
-    if cell.low_ticks > LOW_TICKS * cell.slow:
+    if cell.low_ticks > cell.low_limit * cell.slow:
         cell.noticed |= LOW_SUPPLY
     cell.shut_ticks = cell.shut_ticks + 1 if shut_off else 0
     if cell.shut_ticks > cell.shut_limit * cell.slow:

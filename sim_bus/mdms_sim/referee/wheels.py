@@ -144,6 +144,7 @@ class Wheels:
         self._stored: list[dict[tuple[int, int], int]] = [{} for _ in range(cells)]
         self._estimates = [bytes(wire.LENGTH)] * cells
         self._ended = [0] * cells
+        self._measures_high: set[int] = set()
         #: Of cells that are lost, the parcel for which each around them has agreed last, and when.
         self._agreed: dict[int, dict[int, tuple[int, int]]] = {}
         #: Flags and acceleration [m/s2] of programs by the identities of their parcels.
@@ -203,6 +204,11 @@ class Wheels:
         """A frame of another node has reached a cell, from 0."""
         self._now_ns = now_ns
         self._deliver[frame.can_id](cell, frame.data)
+
+    def measures_high(self, cell: int) -> None:
+        """A cell measures the full supply from now on, whatever it is."""
+        self._measures_high.add(cell)
+        self._load(cell)
 
     def on_fault(self, fault: Fault, begins: bool, now_ns: int) -> None:
         """A fault begins or ends."""
@@ -267,6 +273,7 @@ class Wheels:
         record.timeout_ns += LATE_NS
         record.sync_limit_ns = record.timeout_ns + int(UPDATE_NS * slow)
         record.supply_min_v = self._setting(cell, indices.UNDERVOLTAGE_LIMIT) * MILLI
+        record.low_limit = watch.UNSEEN_TICKS if cell in self._measures_high else watch.LOW_TICKS
         record.shut_limit = LATE_NS // NS_PER_MS + max(
             self._setting(cell, indices.OVER_CURRENT_TIME + axis * AXIS_OFFSET)
             for axis in range(AXES)
