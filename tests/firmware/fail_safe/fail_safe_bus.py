@@ -166,12 +166,13 @@ def in_anothers_place(bench):
             assert bench.off()
     assert emergencies() == [0xFF02] * 3
     assert [data[4] for can_id, data in world.sent if can_id == 0x080 + NODE] == [6] * 3
-    # A place whose jumper is broken is that of no node.
-    place_code(bench, 0)
-    world.sent.clear()
-    bench.can.deliver(0x000, bytes((1, NODE)))
-    bench.pass_ms(2)
-    assert [data[4] for can_id, data in world.sent if can_id == 0x080 + NODE] == [255]
+    # Parity makes the jumpers of 4 and of 32 two. With one alone a place is that of no node.
+    for bits, told in (((2, 6), 4), ((5, 6), 32), ((0,), 255), ((6,), 255), ((0, 1, 2), 255)):
+        place_code(bench, *bits)
+        world.sent.clear()
+        bench.can.deliver(0x000, bytes((1, NODE)))
+        bench.pass_ms(2)
+        assert [data[4] for can_id, data in world.sent if can_id == 0x080 + NODE] == [told]
     # It is put back, under power even.
     place_code(bench, 0, 2)
     bench.can.deliver(0x000, bytes((1, NODE)))

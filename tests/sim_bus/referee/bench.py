@@ -64,7 +64,12 @@ class Holding(PythonBank):
     """Cells; cell number `cell`, from 0, holds its voltages [uV] from a time on [s]."""
 
     cell, from_s, voltages_uv = 0, float("inf"), (0, 0)
+    measures_high = None
     _now_ms = 0
+
+    def set_supply(self, cell, supply_uv):
+        if cell != self.measures_high:
+            super().set_supply(cell, supply_uv)
 
     def tick(self, *sensed):
         voltages_uv = super().tick(*sensed)
@@ -83,16 +88,21 @@ def judge(
     targets_um_s=TARGETS_UM_S,
     more=(),
     held=None,
+    measures_high=None,
 ):
     """The violations of a run, as (rule, cell, time) in their order.
 
-    `held` are a cell (from 1), a time and voltages that it holds from then on.
+    `held` are a cell (from 1), a time and voltages that it holds from then on. The cell (from 1)
+    that `measures_high` measures the full supply, whatever it is.
     """
     with closing(Holding(range(1, CELLS + 1))) as bank:
         if held is not None:
             cell, bank.from_s, bank.voltages_uv = held
             bank.cell = cell - 1
         simulation = Simulation(scenario(*faults), bank, [Tool(silent_s, targets_um_s, more)])
+        if measures_high is not None:
+            bank.measures_high = measures_high - 1
+            simulation.referee.measures_high(measures_high - 1)
         simulation.run_until(until_s)
         outcome = simulation.outcome()
     return [(each.rule, each.cell, each.time_s) for each in outcome.violations]

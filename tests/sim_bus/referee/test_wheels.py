@@ -81,6 +81,17 @@ def test_supply_that_is_low_while_the_axes_are_off_is_no_fault_that_is_to_be_res
     assert judge(fault, until_s=0.6) == []
 
 
+@pytest.mark.violates("heeded", "asked")
+def test_a_cell_that_cannot_measure_a_low_supply_has_the_time_of_the_host_and_no_more():
+    """The tool is no host that would switch the cell off, so it drives on."""
+    fault = Fault("supply", start_s=1.0, duration_s=0.2, supply_v=8.0)
+    violations = judge(fault, measures_high=2)
+    assert {cell for _, cell, _ in violations} == {2}
+    assert violations[0] == ("heeded", 2, pytest.approx(1.05, abs=0.005))
+    soon = Fault("supply", start_s=1.0, duration_s=0.04, supply_v=8.0)
+    assert judge(soon, measures_high=2) == []
+
+
 # Asked --------------------------------------------------------------------------------------------
 
 

@@ -108,7 +108,7 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
         code = cell[indices.ERROR_CODE + offset, 0]
         if state in (cia402.FAULT, cia402.FAULT_REACTION):
             yield Finding("drive-fault", f"axis {axis + 1}: {code_text(code)}", node)
-    yield from _of_history(cell)
+    yield from _of_errors(cell)
     for sub, kind in ((3, "not-sent"), (4, "overrun")):
         if cell[indices.TRAFFIC, sub]:
             yield Finding(kind, f"{cell[indices.TRAFFIC, sub]} frames", node)
@@ -132,7 +132,7 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
         yield Finding("suspected", f"by node {', '.join(map(str, suspects))}", node)
 
 
-def _of_history(cell: Examined) -> Iterator[Finding]:
+def _of_errors(cell: Examined) -> Iterator[Finding]:
     if is_elsewhere(cell[indices.ERROR_REGISTER, 0], cell[indices.SUSPECT, 0]):
         yield Finding("elsewhere", "its place is coded as another node's", (cell.node_id,))
     if _BUS_OFF in cell.history:
