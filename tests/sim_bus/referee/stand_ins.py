@@ -45,7 +45,8 @@ class Motors:
     def collect_all(self):
         due = [frame for time_s, frame in self._frames if 1000 * time_s < self._ticks]
         del self._frames[: len(due)]
-        return [((frame.can_id & 0x7F) - 1, [frame]) for frame in due]
+        # The first cell's controller sends those of no cell, as another program would.
+        return [(max((frame.can_id & 0x7F) - 1, 0), [frame]) for frame in due]
 
     def deliver(self, cell, frame):
         pass

@@ -18,7 +18,7 @@ from tests.sim_bus.referee.stand_ins import (
 )
 
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.codecs import cob
+from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import messages
 from mdms_sim.referee.truth import HostReport
@@ -159,6 +159,48 @@ def test_a_fault_that_stops_a_parcel_and_is_not_reported_is_noted():
 @pytest.mark.parametrize("host", [steers(trouble_s=1.5), steers(reason="cell 8 is lost")])
 def test_one_that_is_reported_in_time_is_not(host):
     assert not noted(judged(table(BOX, faults=[JAM]), 3.5, drive=goes_until(0.6), host=host))
+
+
+def reasons(from_s, until_s):
+    """A host that leads the box, and gives a reason for a while."""
+
+    def said(simulation):
+        standing = from_s <= simulation.kernel.now_ns / 1e9 < until_s
+        return steers(reason="the program has been killed" if standing else None)(simulation)
+
+    return said
+
+
+@pytest.mark.violates("said")
+@pytest.mark.parametrize(("from_s", "until_s", "said"), [(1.0, 1.5, True), (0.1, 0.4, False)])
+def test_a_reason_counts_that_stood_since_the_fault_and_no_older_one(from_s, until_s, said):
+    scenario = table(BOX, faults=[JAM])
+    found = noted(judged(scenario, 3.5, drive=goes_until(0.6), host=reasons(from_s, until_s)))
+    assert bool(found) != said
+
+
+@pytest.mark.violates("said")
+@pytest.mark.parametrize(("node_id", "said"), [(nmt.ALL_NODES, True), (8, False)])
+def test_without_the_host_a_stop_of_all_cells_needs_no_other_reason(node_id, said):
+    scenario = table(BOX, faults=[HOST_GONE], more=["parcel.0.goal.x_m=0.2"])
+    frames = [(0.3, nmt.command(nmt.ENTER_PRE_OPERATIONAL, node_id))]
+    found = noted(judged(scenario, 4.5, drive=goes_until(0.3), host=steers(), frames=frames))
+    assert bool(found) != said
+
+
+@pytest.mark.violates("true")
+@pytest.mark.parametrize(("arrived_s", "true"), [(0.2, True), (9.0, False)])
+def test_what_a_hand_takes_away_had_arrived_if_that_was_said_before(arrived_s, true):
+    """The host loses the box that a hand lifts, and finishes without it."""
+    goal = (*BOX, 0.0)
+
+    def said(simulation):
+        now_s = simulation.kernel.now_ns / 1e9
+        there = {"box1": goal} if arrived_s <= now_s < 0.5 else {}
+        return HostReport(goals={"box1": goal}, arrived=there, over=now_s >= 1.0)
+
+    lift = '{kind="lift", start_s=0.4, duration_s=0.3, parcel="box1", x_m=-0.1, y_m=0.0}'
+    assert bool(noted(judged(table(BOX, faults=[lift]), 1.3, host=said))) != true
 
 
 def pauses(stop_s, again_s):
