@@ -11,7 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -21,6 +21,7 @@ event: Any
 try:
     import numba
     from numba.core import event
+    from numba.extending import intrinsic
 except ImportError:
     numba = event = None
 
@@ -65,6 +66,39 @@ def _compiled(function: Function, **more: bool) -> Function:
         return cast(Function, decorate(function))
     finally:
         numba.config.CACHE_DIR = before
+
+
+def borrowed(arrays: Any) -> Any:
+    """Arrays, or a tuple of arrays, as lent by the caller of a compiled function, who keeps them.
+
+    Numba counts the users of every other array again and again. In the batch of worlds that took
+    half the time. Do not return an array that is borrowed.
+    """
+    return arrays
+
+
+def _lend(_: Any, arrays: Any) -> Any:
+    """The type of `borrowed`, and its code: a null in place of the counter of each array."""
+
+    def uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, numba.types.BaseTuple):
+            parts = [builder.extract_value(value, k) for k in range(len(kind))]
+            each = list(map(partial(uncounted, context, builder), kind, parts))
+            return context.make_tuple(builder, kind, each)
+        if isinstance(kind, numba.types.Array):
+            array = context.make_array(kind)(context, builder, value)
+            array.meminfo = array.meminfo.type(None)
+            return array._getvalue()
+        return value
+
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return uncounted(context, builder, signature.args[0], values[0])
+
+    return arrays(arrays), code
+
+
+if COMPILING:
+    borrowed = cast(Any, intrinsic)(_lend)
 
 
 def for_types_of(function: Function, *arguments: object) -> Function:

@@ -6,12 +6,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from mdms_model import compiled as module
-from mdms_model.compiled import COMPILING, compiled, for_types_of
+from mdms_model.compiled import COMPILING, borrowed, compiled, for_types_of
 
 needs_numba = pytest.mark.skipif(not COMPILING, reason="nothing is compiled")
 
@@ -148,3 +149,59 @@ def test_a_module_depends_on_all_that_it_imports_of_ours():
     found = module.closure(mdms_sim.nodes.python_bank.__name__)
     assert {"mdms_cell.drive.speed_loop", "mdms_sim.bus.controller"} <= found
     assert all(Path(sys.modules[each].__file__).is_file() for each in found)
+
+
+class Lent(NamedTuple):
+    """A tuple in a tuple, with arrays and a number."""
+
+    inner: tuple[np.ndarray, float]
+    row: np.ndarray
+
+
+@compiled
+def add_to(lent, at):
+    mine = borrowed(lent)
+    mine.row[at] += mine.inner[0][at, 0] + mine.inner[1]
+    return mine.row.size
+
+
+def test_a_borrowed_array_is_the_callers_own():
+    lent = Lent((np.array([[1.0], [2.0]]), 0.5), np.zeros(2))
+    counts = sys.getrefcount(lent.row), sys.getrefcount(lent.inner[0])
+    for _ in range(100):
+        assert add_to(lent, 1) == 2
+    assert lent.row.tolist() == [0.0, 250.0]
+    assert (sys.getrefcount(lent.row), sys.getrefcount(lent.inner[0])) == counts
+
+
+@compiled
+def fill(row, value):
+    for k in range(row.size):
+        row[k] += value
+
+
+@compiled
+def fill_counted(rows):
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        if row[0] >= 0.0:
+            fill(row, 1.0)
+
+
+@compiled
+def fill_borrowed(rows):
+    lent = borrowed(rows)
+    for k in range(lent.shape[0]):
+        row = lent[k]
+        if row[0] >= 0.0:
+            fill(row, 1.0)
+
+
+@needs_numba
+@pytest.mark.parametrize(("function", "counts"), [(fill_counted, True), (fill_borrowed, False)])
+def test_nobody_counts_the_users_of_borrowed_arrays(function, counts):
+    rows = np.zeros((3, 2))
+    function(rows)
+    assert rows.tolist() == [[1.0, 1.0]] * 3
+    (code,) = function.inspect_llvm().values()
+    assert ("call void @NRT_decref" in code[: code.index("@_ZN7cpython")]) is counts

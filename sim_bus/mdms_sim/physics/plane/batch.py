@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mdms_model.array import Grid, reach_m
 from mdms_model.arrays import Bits, Floats, Ints, Records
 from mdms_model.compiled import (
+    borrowed,
     compiled,
     compiled_parallel,
     for_types_of,
@@ -123,7 +124,7 @@ def scene_of(tables: Tables, k: int) -> Scene:
 @inlined
 def go_on(tables: Tables, k: int, moves: Moves) -> None:
     """Move table k on until its steps are done, or until a step has something to report."""
-    scene, drive, step_s = scene_of(tables, k), moves.drive[k], moves.step_s
+    scene, drive, step_s = scene_of(borrowed(tables), k), moves.drive[k], moves.step_s
     done, report = moves.done[k], 0
     while done < moves.steps and report == 0:
         if moves.ideal:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
-from mdms_model.compiled import compiled
+from mdms_model.compiled import borrowed, compiled
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.records import Scene, read_poses
@@ -98,7 +98,7 @@ def advance(
     samples: Samples,
 ) -> tuple[int, int]:
     """Step and sample until there is something to report; returns the steps done and the report."""
-    done, steps, every = done_steps_every
+    scene, (done, steps, every) = borrowed(scene), done_steps_every
     report = 0
     while done < steps and report == 0:
         report = step_ideal(scene, reference_m_s, step_s)
