@@ -51,6 +51,8 @@ class TrackedParcel:
         #: Sensors (S,) that contradicted where it was found, and are not believed.
         self.disbelieved: Bools | None = None
         self._found_s: float | None = None
+        #: Where it was found last; None while it is not.
+        self._found_m: Floats | None = None
         self.unknown = unknown
         self.gate: ExitLine | None = None
         self.expected = region is not None
@@ -136,10 +138,13 @@ class TrackedParcel:
 
     def keep_place(self, now_s: float) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
+        if self.standing is not Standing.FOUND:
+            self._found_m = None
         if self.estimator.pose is None:
             return
         self.last = self.estimator.pose.copy()
         if self.standing is Standing.FOUND:
+            self._found_m = self.last[:2] if self._found_m is None else self._found_m
             self._found_s = now_s if self._found_s is None else self._found_s
             self.place, self.region, self.expected = self.last, None, False
 
@@ -174,13 +179,16 @@ class TrackedParcel:
 
         `shown` is whether any sensor is covered where it is, or was, believed. Then a parcel that
         is doubtful or lost, or that stands at the edge, is still there: its place is not known to
-        the mm.
+        the mm. One that was found past its gate is there too: none can lie where it has no support.
         """
         if self.gate is None or self.place is None or self.last is None or self.expected:
             return False
         if self.standing is Standing.FOUND:
             past_m = float(self.gate.past_m(self.place[:2]))
-            return past_m >= (_OUT_M if shown else 0.0)
+            if not shown:
+                return past_m >= 0.0
+            found_m = self.place[:2] if self._found_m is None else self._found_m
+            return past_m >= _OUT_M and float(self.gate.past_m(found_m)) < 0.0
         return self.gate.reached_by(self.estimator.footprint, self.last) and not shown
 
     def take_change(self) -> BeliefChange | None:

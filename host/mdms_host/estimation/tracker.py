@@ -375,6 +375,7 @@ class Tracker:
         if not self._known or not all(each.expected for each in waiting):
             return
         other = self._unexplained.large(groups) | self._unexplained.foreign
+        other |= self._unexplained.just_left(now_s)
         for each in waiting:
             if each.region is not None:
                 other |= each.region.holds(self._sensors_m)

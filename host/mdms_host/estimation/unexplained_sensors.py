@@ -84,6 +84,10 @@ class UnexplainedSensors:
         """A parcel over these sensors has left, or is about to fall off."""
         self._wake_s[sensors] = now_s + _WAKE_S
 
+    def just_left(self, now_s: float) -> Bools:
+        """Sensors (S,) that a parcel has left so lately that they may show it still."""
+        return self._wake_s >= now_s
+
     def groups(
         self, now_s: float, covered: Bools, valid: Bools, coverage: Coverage, silent_s: Floats
     ) -> tuple[Ints, ...]:
@@ -96,7 +100,7 @@ class UnexplainedSensors:
         self._left_behind = covered & valid & explained & ~coverage.explained
         # Sensors that a parcel has moved over since then are its own.
         self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
-        strange = covered & valid & (~explained | self.foreign) & (self._wake_s < now_s)
+        strange = covered & valid & (~explained | self.foreign) & ~self.just_left(now_s)
         key = strange.tobytes() + valid.tobytes()
         if key != self._last[0]:
             groups = tuple(self._grouping.of(strange, ~valid)) if strange.any() else ()

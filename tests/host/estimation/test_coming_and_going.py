@@ -293,6 +293,29 @@ def test_a_thing_that_stays_at_an_exit_is_unknown_from_then_on() -> None:
     ]
 
 
+def test_a_parcel_that_is_found_past_its_exit_has_not_departed_while_sensors_show_it() -> None:
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, 0.40, 0.0, 0.0)
+    table.run(0.2)
+    table.tracker.depart("box", ExitLine(0.36, 0.0, 0.0))
+    table.run(0.5, {"box": (0.05, 0.0, 0.0)})
+    assert table.events() == [("box", BeliefEvent.FOUND)]
+    table.take("box")
+    table.run(0.2)
+    assert table.events()[-1] == ("box", BeliefEvent.DEPARTED)
+
+
+def test_sensors_of_a_thing_that_stays_at_an_exit_are_believed_beside_another_parcel() -> None:
+    table = Lying(LAYOUT, (BOX, Parcel("other", 0.26, 0.22)))
+    table.put("box", BOTTOM, -0.2, 0.0, 0.1)
+    table.put("other", SMALL, 0.35, 0.1, 0.4)
+    table.run(0.5)
+    table.tracker.depart("box")
+    table.run(1.5)
+    assert table.tracker.take_faulty() == []
+    assert list(table.tracker.unknown) == ["unknown-1"]
+
+
 def test_two_that_touch_are_told_apart_where_one_way_explains_them(table) -> None:
     one, two = Parcel("one", 0.36, 0.30), Parcel("two", 0.34, 0.31)
     for parcel in (one, two):
