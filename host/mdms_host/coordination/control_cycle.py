@@ -59,7 +59,7 @@ class ControlCycle:
         #: How fast each wheel is to run under its reference, as far as that is known.
         self._commanded_m_s: Floats = np.zeros(wheels)
         self._noisy = False
-        #: Since when parcels are held, and the references at which they were to be.
+        #: Since when parcels are held, and the speeds of the wheels by then.
         self._braking: tuple[float, Floats] | None = None
 
     def frames(
@@ -80,13 +80,13 @@ class ControlCycle:
 
     def _references_m_s(self, phase: Phase, now_s: float, sync_s: float) -> Floats:
         """The references for a SYNC, shape (W,); 0 but while parcels are steered, or braked."""
-        self._commanded_m_s = np.zeros(self.references_m_s.shape)
+        speed_m_s, self._commanded_m_s = self._commanded_m_s, np.zeros(self.references_m_s.shape)
         program = self._of_wheels
         if phase not in UP or program is None:
             return np.zeros(self.references_m_s.shape)
         if phase in HELD:
             self._rest(program, now_s, sync_s)
-            references_m_s = self._braked_m_s(now_s)
+            references_m_s = self._braked_m_s(speed_m_s, now_s)
         else:
             self._braking = None
             references_m_s = self._steered_m_s(program, now_s, sync_s)
@@ -117,15 +117,18 @@ class ControlCycle:
         program.references_m_s(doubtful, self._step_s)
         self._report(beliefs, now_s)
 
-    def _braked_m_s(self, now_s: float) -> Floats:
-        """The references at which parcels were to be held, as far as they have shrunk by now."""
+    def _braked_m_s(self, speed_m_s: Floats, now_s: float) -> Floats:
+        """The speeds that wheels had when parcels were to be held, as far as they have shrunk.
+
+        What a reference has beyond the speed is a push: that would go on to turn the parcel.
+        """
         if self._braking is None:
-            self._braking = now_s, self.references_m_s.copy()
-        since_s, references_m_s = self._braking
+            self._braking = now_s, speed_m_s
+        since_s, speed_m_s = self._braking
         # A cell that has been out since is not to be braked when it is back: it stands.
-        references_m_s[self._roster.wheels_out] = 0.0
-        braked_s = max(abs(references_m_s).max() / _BRAKING_M_S2, self._step_s)
-        left: Floats = references_m_s * max(0.0, 1.0 - (now_s - since_s) / braked_s)
+        speed_m_s[self._roster.wheels_out] = 0.0
+        braked_s = max(abs(speed_m_s).max() / _BRAKING_M_S2, self._step_s)
+        left: Floats = speed_m_s * max(0.0, 1.0 - (now_s - since_s) / braked_s)
         return left
 
     def _pages(

@@ -12,6 +12,7 @@ from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.coordination.run_state import HELD, Phase
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
+from mdms_model.arrays import Floats
 from mdms_protocol import pdo
 from mdms_protocol.codecs import nmt
 from mdms_protocol.codecs.frame import Frame
@@ -32,12 +33,20 @@ class Minding(FieldProgram):
         self.lost.append({*cells})
 
 
+class Pushing(Minding):
+    """A program that pushes: the parcels are to go at 40 % of the references."""
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        return 0.4 * super().speeds_m_s
+
+
 class Run:
     """A run that has come up on three cells; `targets` are what cells were to do at each look."""
 
-    def __init__(self, policy: Policy | None = None) -> None:
+    def __init__(self, policy: Policy | None = None, program: Minding | None = None) -> None:
         self.link = CellsLink((1, 2, 3))
-        self.program = Minding()
+        self.program = program or Minding()
         self.coordinator = Coordinator(LAYOUT, self.program, policy=policy)
         self.until(lambda: self.coordinator.phase == Phase.RUNNING)
         self.pass_s(0.1)
@@ -178,6 +187,17 @@ def test_hold_waits_for_a_cell_for_longer_than_a_pause() -> None:
     assert run.moving() == [False] * 3
     run.link.restart(1)
     run.until_running()
+
+
+def test_a_hold_brakes_from_the_speed_and_ends_the_push_at_once() -> None:
+    run = Run(program=Pushing())
+    run.link.power_off(1)
+    run.until_held()
+    left_m_s = run.coordinator.references_m_s
+    assert left_m_s[[0, 1, 4, 5]] == pytest.approx(0.4 * REFERENCE_UM_S / 1e6)
+    assert not left_m_s[2:4].any()
+    run.pass_s(0.03)
+    assert not run.coordinator.references_m_s.any()
 
 
 def test_go_on_does_without_a_dead_cell_and_takes_it_back_while_the_others_run() -> None:
