@@ -92,6 +92,9 @@ class Claims:
 
     def on_fault(self, fault: Fault, begins: bool, now_ns: int) -> None:
         """A fault begins or ends."""
+        if begins and fault.kind in _STOPPING:
+            # What a host that is killed now has said by now was said.
+            self._said_s = max(self._said_s, self._said_by(self.report(), now_ns / NS_PER_S))
         if fault.kind == "host" and fault.bus is None:
             self._hosts_out += 1 if begins else -1
         if fault.kind in _BY_HAND and fault.parcel is not None:
