@@ -14,7 +14,8 @@ from mdms_model.parcel import Place, place_of
 from mdms_sim.physics.motor import applied_voltage
 from mdms_sim.physics.plane.control_step import BRIDGE_SUPPLY_MIN_V, UV_PER_V, Registers
 
-NOBODY = -1
+#: In place of the number of a parcel: none, and more than one.
+NOBODY, SEVERAL = -1, -2
 
 
 class Shapes(NamedTuple):
@@ -54,7 +55,7 @@ def lies_over(body: Records, edges: Floats, place: Place, middle_m: Floats, half
 
 @compiled
 def find_parcels(shapes: Shapes, half_m: float, found: Ints) -> None:
-    """Set for each place the number of a parcel that overlaps the square about it, or `NOBODY`."""
+    """Set for each place the parcel that overlaps the square about it, `NOBODY` or `SEVERAL`."""
     found[:] = NOBODY
     for p in range(shapes.parcels.size):
         constants, body = shapes.parcels[p], shapes.bodies[p]
@@ -63,7 +64,7 @@ def find_parcels(shapes: Shapes, half_m: float, found: Ints) -> None:
         place = place_of(constants, (body.x_m, body.y_m, body.yaw_rad))
         for cell in range(found.size):
             if lies_over(constants, shapes.edges, place, shapes.centres_m[cell], half_m):
-                found[cell] = p
+                found[cell] = p if found[cell] == NOBODY else SEVERAL
 
 
 NS_PER_MS = 1_000_000
@@ -322,13 +323,14 @@ def find_lapsed(
 ) -> None:
     """Set from when on a cell may push no more, for it has no lease of another under its parcel.
 
-    A cell hears those about its believed place, even if it stands in another.
+    A cell hears those about its believed place, even if it stands in another. One under several
+    parcels may serve any of them.
     """
     rows = lease.said_ns.size // lease.columns
     for c in range(watched.cells.size):
         cell, p = watched.cells[c], truths.places[c]
         silent = False
-        if truths.parcel[c] != NOBODY:
+        if truths.parcel[c] >= 0:
             row, column = c // lease.columns, c % lease.columns
             for r in range(max(row - 1, 0), min(row + 2, rows)):
                 for k in range(max(column - 1, 0), min(column + 2, lease.columns)):

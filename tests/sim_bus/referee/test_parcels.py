@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from tests.sim_bus.referee.stand_ins import (
     ABOUT_WHEELS,
@@ -18,12 +19,15 @@ from tests.sim_bus.referee.stand_ins import (
     table,
 )
 
+from mdms_model.array import cell_centres
 from mdms_model.run.record import Event
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Stream
 from mdms_protocol.neighbours import messages
+from mdms_sim.physics.plane.world import World
 from mdms_sim.referee import parcels
 from mdms_sim.referee.truth import HostReport
+from mdms_sim.referee.watch import NOBODY, SEVERAL, Shapes, find_parcels
 
 pytestmark = pytest.mark.violates(*ABOUT_WHEELS)
 
@@ -175,3 +179,12 @@ def test_an_open_loop_field_promises_no_distance():
     simulation = judged(table(LEFT, RIGHT, more=more), 1.0, drive=towards)
     assert [each.kind for each in simulation.world.events] == ["touch"]
     assert not noted(simulation)
+
+
+def test_a_square_under_two_parcels_is_of_neither():
+    scenario = table((-0.19, 0.0), (0.09, 0.0))
+    model, state = (scene := World(scenario).scene).model, scene.state
+    shapes = Shapes(model.parcels, state.parcels, model.edges, cell_centres(scenario.array))
+    found = np.zeros(18, dtype=np.int64)
+    find_parcels(shapes, scenario.array.pitch_m / 2, found)
+    assert found[6:12].tolist() == [0, 0, SEVERAL, 1, 1, NOBODY]
