@@ -149,6 +149,10 @@ class PresenceMap:
         """Sensors that are believed, and whose cells have reported of late, shape (S,)."""
         return self._current(now_s) & self._worth.believed
 
+    def mute(self, now_s: float) -> Bools:
+        """Sensors whose cells have not reported of late, or are ignored, shape (S,)."""
+        return ~self._current(now_s)
+
     @property
     def noisy(self) -> bool:
         """Whether sensors turn wrong too often to show where a parcel is."""

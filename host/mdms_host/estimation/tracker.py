@@ -365,8 +365,9 @@ class Tracker:
         claimed = coverage.disputed & ~self._unexplained.foreign & ~self._unknowns.sensors
         parts = [part for group in groups if len(part := group[~claimed[group]])]
         free = valid & ~self._presence.covered
+        search, mute = self._parcel_search, self._presence.mute(now_s)
         self._unknowns.step(
-            now_s, parts, free, heaps=self._parcel_search.heaps, settled=self._parcel_search.settled
+            now_s, parts, free, mute=mute, heaps=search.heaps, settled=search.settled
         )
 
     def _judge(self, now_s: float, coverage: Coverage, groups: tuple[Ints, ...]) -> None:

@@ -179,15 +179,17 @@ class Unknowns:
         groups: Collection[Ints],
         free: Bools,
         *,
+        mute: Bools,
         heaps: Collection[bytes],
         settled: bool,
     ) -> None:
         """Take in the groups of covered sensors that nothing explains, and which sensors are free.
 
-        `heaps` are groups that more than one parcel must cover, as bytes; `settled` is whether
-        those that are looked for have been tried on all groups.
+        What lay over sensors that are `mute`, whose cells say nothing, lies there still. `heaps`
+        are groups that more than one parcel must cover, as bytes; `settled` is whether those that
+        are looked for have been tried on all groups.
         """
-        left = self._matched(now_s, groups, free)
+        left = self._matched(now_s, groups, free, mute)
         self._age(now_s, left)
         for group in left:
             if self._is_something(now_s, group):
@@ -226,14 +228,18 @@ class Unknowns:
             if 2 * inside[one.sensors].sum() > len(one.sensors):
                 self._drop(name, BeliefEvent.EXPLAINED, parcel)
 
-    def _matched(self, now_s: float, groups: Collection[Ints], free: Bools) -> list[Ints]:
+    def _matched(
+        self, now_s: float, groups: Collection[Ints], free: Bools, mute: Bools
+    ) -> list[Ints]:
         """Take groups for known things, as far as they share sensors; the groups left over."""
         left = list(groups)
         for name, one in self._all.items():
-            shared = [len(np.intersect1d(one.sensors, group)) for group in left]
-            if not shared or not max(shared):
+            group = one.sensors[mute[one.sensors]]
+            shared = [len(np.intersect1d(one.sensors, each)) for each in left]
+            if most := max(shared, default=0):
+                group = np.union1d(left.pop(shared.index(most)), group)
+            if not len(group):
                 continue
-            group = left.pop(int(np.argmax(shared)))
             if np.array_equal(group, one.sensors):
                 one.seen_s = now_s
             else:

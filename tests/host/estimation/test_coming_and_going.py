@@ -316,6 +316,25 @@ def test_sensors_of_a_thing_that_stays_at_an_exit_are_believed_beside_another_pa
     assert list(table.tracker.unknown) == ["unknown-1"]
 
 
+@pytest.mark.parametrize("columns", [range(5, 9), range(6, 9)], ids=["all of it", "a part"])
+def test_an_unknown_thing_over_cells_that_fall_silent_lies_there_still(table, columns) -> None:
+    table.put("thing", BOTTOM, 0.254, 0.0, 0.0)
+    table.run(0.5)
+    before_m = table.tracker.unknown["unknown-1"].corners_m
+    silent = [row * LAYOUT.columns + column + 1 for row in range(LAYOUT.rows) for column in columns]
+    table.tracker.ignore_cells(silent)
+    table.run(1.0)
+    assert [*table.tracker.unknown] == ["unknown-1"]
+    after_m = Shape(table.tracker.unknown["unknown-1"].corners_m)
+    assert after_m.buffer(1e-6).contains(Shape(before_m))
+    table.take("thing")
+    table.run(0.5)
+    assert [*table.tracker.unknown] == ["unknown-1"]
+    table.tracker.ignore_cells(())
+    table.run(0.5)
+    assert [*table.tracker.unknown] == []
+
+
 def test_two_that_touch_are_told_apart_where_one_way_explains_them(table) -> None:
     one, two = Parcel("one", 0.36, 0.30), Parcel("two", 0.34, 0.31)
     for parcel in (one, two):
