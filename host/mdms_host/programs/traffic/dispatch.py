@@ -30,6 +30,9 @@ _LITTLE_M, _LITTLE_RAD = 0.1, 0.01
 #: is looked at in steps of so much [m].
 _APART_M, _NEARER_M = 0.01, 0.001
 _LOOKED_M = 0.01
+#: At least so large a share of the tiles under a parcel must be of cells that live: the wheels of
+#: lost ones brake nothing.
+_LIVING = 0.5
 #: A goal may be so near to where another parcel stands [m].
 _BESIDE_M = 0.003
 
@@ -263,8 +266,18 @@ class Dispatch:
         plan = self._planner.plan(tasks, now_s, closed=never | lost, kept=kept)
         if plan.blocked and self._over_lost and lost.any():
             over = self._planner.plan(tasks, now_s, closed=never, kept=kept)
-            return over if len(over.blocked) < len(plan.blocked) else plan
+            shapes = {task.parcel: task.shape for task in tasks}
+            ways = ((route, shapes[name]) for name, route in over.routes.items() if name in shapes)
+            braked = all(self._is_braked(route, shape, lost) for route, shape in ways)
+            return over if braked and len(over.blocked) < len(plan.blocked) else plan
         return plan
+
+    def _is_braked(self, route: Route, shape: Shape, lost: Bools) -> bool:
+        """Whether enough cells under a parcel live all along its way, or no fewer than now."""
+        count = int(route.length_m / _LOOKED_M) + 2
+        poses = map(route.pose_at, np.linspace(0.0, route.length_m, count).tolist())
+        living = [1.0 - float(lost[self._planner.stand(shape, pose)].mean()) for pose in poses]
+        return min(living) >= min(living[0], _LIVING)
 
     def _too_near(self, under: Mapping[str, Ints]) -> set[str]:
         """Unknown things that may reach to a parcel's place, which the parcel must leave.

@@ -1,6 +1,7 @@
 """Plans are asked for around all that rides, and give those that stopped their ways again."""
 
 import numpy as np
+import pytest
 from tests.host.programs.traffic.test_legs import BOX
 
 from mdms_host.estimation.footprint import Rectangle
@@ -62,3 +63,29 @@ def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_be
     dispatch = Dispatch(planner, VirtualExecutor(), loads, where, Timetable())
     dispatch.ask({"out": Order("out", north)}, {}, 0.0)
     assert taken(dispatch) == {"out"}
+
+
+@pytest.mark.parametrize(("columns", "blocked"), [((8,), False), ((7, 8, 9, 10), True)])
+def test_a_way_leads_over_lost_cells_only_where_enough_others_brake(columns, blocked):
+    planner = Planner(Tiles(Layout(15, 4)))
+    loads = {"box": Load(BOX, uniform_mass(BOX))}
+    where = WorldState(loads, planner.stand)
+    where.places = {"box": np.array([-0.6, 0.0, 0.0])}
+    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, Timetable())
+    dispatch.close([row * 15 + column for row in range(4) for column in columns])
+    dispatch.ask({"box": Order("box", Goal(0.6, 0.0, 0.0))}, {}, 0.0)
+    assert (taken(dispatch) == set()) is blocked
+    assert [
+        no_way.text.endswith("reached around them") for no_way in dispatch.blocked.values()
+    ] == [True] * blocked
+
+
+def test_a_parcel_on_lost_cells_is_led_off_them():
+    planner = Planner(Tiles(Layout(15, 4)))
+    loads = {"box": Load(BOX, uniform_mass(BOX))}
+    where = WorldState(loads, planner.stand)
+    where.places = {"box": np.array([0.0, 0.0, 0.0])}
+    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, Timetable())
+    dispatch.close([row * 15 + column for row in range(4) for column in (7, 8)])
+    dispatch.ask({"box": Order("box", Goal(0.6, 0.0, 0.0))}, {}, 0.0)
+    assert taken(dispatch) == {"box"}
