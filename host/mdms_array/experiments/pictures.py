@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Colours that colour-blind people tell apart (Okabe and Ito), of lines by their second parameter.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+#: Lines of more values have other markers.
+MARKERS = ("o", "s", "^", "D", "v", "P")
 MAP = "viridis"
 #: A second parameter with so many values at most makes lines, and with more a map.
 MOST_LINES = len(COLOURS)
@@ -34,6 +36,8 @@ MOST_LINES = len(COLOURS)
 MOST_NUMBERS = 80
 #: Values further apart than by this factor, and all above 0, are drawn on a logarithmic axis.
 _WIDE = 10.0
+#: Longer texts of values are cut.
+_LONGEST = 18
 Row = dict[str, Any]
 
 
@@ -81,9 +85,10 @@ def draw_lines(result: "SweepResult", measure: str, over: str, by: str | None = 
     groups = [None] if by is None else list({repr(row[by]): row[by] for row in rows}.values())
     for number, group in enumerate(groups):
         of_group = [row for row in rows if by is None or row[by] == group]
-        colour = COLOURS[number % len(COLOURS)]
-        label, shift = _short(group), number / len(groups)
-        _draw_line(axes, of_group, measure, over, colour=colour, label=label, shift=shift)
+        again, place = divmod(number, len(COLOURS))
+        looks = {"colour": COLOURS[place], "marker": MARKERS[again % len(MARKERS)]}
+        label, shift = _short(group), (number - (len(groups) - 1) / 2) / len(groups)
+        _draw_line(axes, of_group, measure, over, label=label, shift=shift, **looks)
     _label_x(axes, result, over)
     _label_y(axes, result, measure)
     if by is not None:
@@ -98,7 +103,7 @@ def draw_lines(result: "SweepResult", measure: str, over: str, by: str | None = 
         )
         legend.set_alignment("left")
     bands = "band: 95 % interval"
-    if _kind(result, measure) == "number" and is_numeric(_values(result, over)):
+    if _kind(result, measure) == "number" and _has_bands(_values(result, over)):
         bands = "dark: 95 % interval of the median, light: 80 % of runs"
     _title(figure, result, f"{_of(result, measure)} over {over}", bands)
     return figure
@@ -111,6 +116,7 @@ def _draw_line(
     over: str,
     *,
     colour: str = COLOURS[0],
+    marker: str = MARKERS[0],
     label: str = "",
     shift: float = 0.0,
 ) -> None:
@@ -121,7 +127,7 @@ def _draw_line(
     low, high = (f"{measure}_low", f"{measure}_high")
     if key.endswith("_median"):
         low, high = f"{key}_low", f"{key}_high"
-    if is_numeric([row[over] for row in rows]):
+    if _has_bands([row[over] for row in rows]):
         rows = sorted(rows, key=lambda row: row[over])
         x = _column(rows, over)
         if f"{measure}_q10" in rows[0]:
@@ -129,14 +135,19 @@ def _draw_line(
             axes.fill_between(x, *outer, color=colour, alpha=0.12, linewidth=0)
         inner = _column(rows, low), _column(rows, high)
         axes.fill_between(x, *inner, color=colour, alpha=0.28, linewidth=0)
-        axes.plot(x, _column(rows, key), "o-", color=colour, ms=4, lw=1.6, label=label)
+        axes.plot(x, _column(rows, key), f"{marker}-", color=colour, ms=4, lw=1.6, label=label)
         return
     middle = _column(rows, key)
-    places = np.arange(len(rows)) + 0.3 * (shift - 0.25)
+    places = np.arange(len(rows)) + 0.5 * shift
     ends = np.abs(np.vstack((_column(rows, low), _column(rows, high))) - middle)
-    axes.errorbar(places, middle, ends, fmt="o", color=colour, ms=6, capsize=4, label=label)
+    axes.errorbar(places, middle, ends, fmt=marker, color=colour, ms=6, capsize=4, label=label)
     axes.set_xticks(np.arange(len(rows)), [_short(row[over]) for row in rows])
     axes.set_xlim(-0.5, len(rows) - 0.5)
+
+
+def _has_bands(values: Sequence[Any]) -> bool:
+    """Whether bands lead from value to value of a parameter; else each has a bar of its own."""
+    return is_numeric(values) and len(values) > 1
 
 
 def draw_map(result: "SweepResult", measure: str, x_name: str, y_name: str) -> Figure:
@@ -274,8 +285,17 @@ def _edges(values: Floats) -> Floats:
 
 
 def _is_wide(values: Iterable[Any]) -> bool:
+    """Whether values span so much that a logarithmic axis shows them, and their middle, better."""
     listed = [float(value) if isinstance(value, np.floating) else value for value in values]
-    return is_numeric(listed) and min(listed) > 0 and max(listed) > _WIDE * min(listed)
+    if not is_numeric(listed) or min(listed) <= 0 or max(listed) <= _WIDE * min(listed):
+        return False
+    return _off_middle(np.log(listed)) < _off_middle(np.array(listed))
+
+
+def _off_middle(values: Floats) -> float:
+    """How far the median is from the middle of the range, as a share of it."""
+    low, high = float(values.min()), float(values.max())
+    return abs(float(np.median(values)) - (low + high) / 2) / (high - low)
 
 
 def _make_logarithmic(axis: Axis) -> None:
@@ -292,7 +312,7 @@ def _label_x(axes: Axes, result: "SweepResult", name: str) -> None:
     values = _values(result, name)
     if _is_wide(values):
         _make_logarithmic(axes.xaxis)
-    elif is_numeric(values):
+    elif _has_bands(values):
         axes.xaxis.set_major_locator(MaxNLocator(7))
     tidy(axes)
 
@@ -316,7 +336,19 @@ def _title(figure: Figure, result: "SweepResult", text: str, bands: str = "") ->
 
 
 def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    """A value as a label: of tables the values alone, a table a line."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list) and all(isinstance(each, dict) for each in value):
+        return "\n".join(map(_short, value)) or "none"
+    if isinstance(value, dict):
+        parts = [_short(each) for each in value.values()]
+        return _cut(" ".join(parts))
+    return _cut(str(value))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}\u2026"
 
 
 def draw_tuning(tuned: "Tuned", objective: str) -> Figure:

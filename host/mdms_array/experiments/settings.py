@@ -232,10 +232,10 @@ def _keep_belief(base: Tree, tree: dict[str, Any], path: str, setting: Setting) 
         table = table[int(inner[0])]
         where.append(table["name"])
         inner = inner[1:]
-    elif head != "cell":
+    elif head != "cell" or not inner:
         raise ScenarioError(
             f"{TRUTH}{path}: the host has no belief of its own of this key; "
-            f"write {path}, or a key of cell or of a parcel"
+            f"write {path}, or a key of cell or of a parcel, such as truth.cell.friction"
         )
     own = ".".join([*where, inner[0]])
     if own in setting or _has(tree, own):

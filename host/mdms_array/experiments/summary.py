@@ -17,6 +17,8 @@ Z = 1.959963984540054
 #: Quantiles of a summary, and how they are called.
 QUANTILES = {"q10": 0.1, "median": 0.5, "q90": 0.9}
 RESAMPLES = 2000
+#: An interval misses what it is of with this probability.
+_MISSED = 0.05
 BOOTSTRAP_SEED = 1
 #: More samples of a parameter than this are put into classes of equal counts.
 MOST_CLASSES = 12
@@ -39,15 +41,18 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
 def bootstrap(values: Sequence[float], quantiles: Sequence[float]) -> Floats:
     """Quantiles of values, and the ends of their 95 % intervals: shape (3, Q).
 
-    Percentile intervals of `RESAMPLES` resamples, drawn from the same seed each time.
+    Percentile intervals of `RESAMPLES` resamples, drawn from the same seed each time. NaN where
+    there are too few values for any interval: a quantile q is below or above all of n values with a
+    probability of q^n + (1 - q)^n. That is above 5 % for a median of fewer than 6 values, and for a
+    10 % quantile of fewer than 29.
     """
     sample = np.asarray(values, dtype=float)
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     drawn = sample[rng.integers(len(sample), size=(RESAMPLES, len(sample)))]
-    of_resamples = np.quantile(drawn, quantiles, axis=1)
-    return np.vstack(
-        (np.quantile(sample, quantiles), np.quantile(of_resamples, (0.025, 0.975), axis=1))
-    )
+    ends = np.quantile(np.quantile(drawn, quantiles, axis=1), (0.025, 0.975), axis=1)
+    asked = np.asarray(quantiles)
+    ends[:, asked ** len(sample) + (1 - asked) ** len(sample) > _MISSED] = np.nan
+    return np.vstack((np.quantile(sample, quantiles), ends))
 
 
 def bootstrap_mean(values: Sequence[float]) -> tuple[float, float, float]:
@@ -97,11 +102,11 @@ def _summary(
                 f"{name}_high": high,
             }
         elif is_numeric(known):
-            middle, low, high = bootstrap(known, tuple(QUANTILES.values())).tolist()
-            for number, quantile in enumerate(QUANTILES):
-                summary[f"{name}_{quantile}"] = middle[number]
-                summary[f"{name}_{quantile}_low"] = low[number]
-                summary[f"{name}_{quantile}_high"] = high[number]
+            columns = bootstrap(known, tuple(QUANTILES.values())).T.tolist()
+            for quantile, (middle, *ends) in zip(QUANTILES, columns, strict=True):
+                summary[f"{name}_{quantile}"] = middle
+                for end, value in zip(("low", "high"), ends, strict=True):
+                    summary[f"{name}_{quantile}_{end}"] = value if isfinite(value) else None
     return summary
 
 
@@ -144,7 +149,8 @@ def cells_of(summary: Row, parameters: Sequence[str], measures: Sequence[str]) -
             cells.append(f"{100 * share:.0f} % [{100 * low:.0f}, {100 * high:.0f}]{missing}")
         elif f"{name}_median" in summary:
             median, low, high = (summary[f"{name}_median{end}"] for end in ("", "_low", "_high"))
-            cells.append(f"{median:.3g} [{low:.3g}, {high:.3g}]{missing}")
+            interval = "" if low is None else f" [{low:.3g}, {high:.3g}]"
+            cells.append(f"{median:.3g}{interval}{missing}")
         else:
             cells.append(missing.removeprefix(", "))
     return cells

@@ -92,6 +92,8 @@ def test_a_setting_leaves_the_base_as_it_was():
         ("parcel.bx.mass_kg", "no parcel has that name; there are box"),
         ("parcel.3.mass_kg", "number parcel from 0 to 0"),
         ("truth.motion.speed_m_s", "the host has no belief of its own of this key"),
+        ("truth.cell", "no belief of its own of this key; write cell, or a key of cell"),
+        ("truth.parcel.0", "no belief of its own of this key; write parcel.0, or a key"),
         ("truth.parcel.box.inertia_kg_m2", "no value of this key for the host to believe"),
         ("cell.fricton", "did you mean friction?"),
     ],

@@ -40,7 +40,17 @@ def test_the_bootstrap_is_seeded_and_covers_the_median_as_often_as_it_says():
     ends = [bootstrap(sample, (0.5,))[1:, 0] for sample in samples]
     covered = np.mean([low <= 0.0 <= high for low, high in ends])
     assert 0.91 < covered < 0.98
-    assert (bootstrap(samples[0], (0.1, 0.5)) == bootstrap(samples[0], (0.1, 0.5))).all()
+    sample = rng.normal(size=30)
+    assert (bootstrap(sample, (0.1, 0.5)) == bootstrap(sample, (0.1, 0.5))).all()
+
+
+@pytest.mark.parametrize(("quantile", "least"), [(0.5, 6), (0.1, 29), (0.9, 29)])
+def test_no_interval_is_given_where_all_values_may_lie_on_one_side(quantile, least):
+    values = np.arange(least, dtype=float)
+    assert np.isfinite(bootstrap(values, (quantile,))).all()
+    middle, low, high = bootstrap(values[:-1], (quantile,))[:, 0]
+    assert np.isfinite(middle)
+    assert np.isnan((low, high)).all()
 
 
 def test_a_summary_has_a_row_for_each_setting_or_each_value():
@@ -78,7 +88,10 @@ def test_runs_without_a_value_are_told():
     assert (row["runs"], row["reached_runs"], row["time_s_runs"]) == (5, 5, 4)
     _, _, _, share, median = cells_of(row, result.parameters, result.measures)
     assert "runs" not in share
-    assert median.endswith("], 4 of 5 runs")
+    assert median == f"{row['time_s_median']:.3g}, 4 of 5 runs"  # too few for an interval
+    result = mdms.SweepResult([*result.rows * 2, away], result.parameters, result.measures)
+    (row,) = summarised(result)
+    assert cells_of(row, result.parameters, result.measures)[-1].endswith("], 8 of 11 runs")
     silent = table({"cell.friction": [0.4]}, {"miss_m": None})
     (row,) = summarised(silent)
     assert cells_of(row, silent.parameters, silent.measures)[-1] == "0 of 4 runs"
@@ -117,3 +130,33 @@ def test_a_picture_of_a_missing_column_is_refused(tmp_path):
         result.plot(tmp_path / "a.png", over=[])
     with pytest.raises(mdms.InputError, match="no measure has a number"):
         table({"cell.friction": GRID}, {"text": "far"}).plot(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"),
+    [
+        ([0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0], "log"),
+        ([0.1, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "linear"),
+        ([1.0, 2.0, 3.0], "linear"),
+    ],
+)
+def test_an_axis_is_logarithmic_where_that_spreads_its_values(values, scale, tmp_path):
+    (axes,) = table({"cell.friction": values}).plot(tmp_path / "a.png").axes
+    assert axes.get_xscale() == scale
+
+
+def test_a_single_value_has_a_bar_and_tables_have_short_labels(tmp_path):
+    (axes,) = table({"cell.friction": [0.3]}).plot(tmp_path / "a.png").axes
+    assert len(axes.containers) == 1
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["0.3"]
+    faults = [[], [{"kind": "loss", "probability": 0.1}], [{"kind": "off", "cells": [*range(40)]}]]
+    (axes,) = table({"fault": faults}).plot(tmp_path / "a.png").axes
+    labels = [label.get_text() for label in axes.get_xticklabels()]
+    assert labels == ["none", "loss 0.1", "off [0, 1, 2, 3, \u2026"]
+
+
+def test_more_lines_than_colours_look_different(tmp_path):
+    texts = [f"field {k}" for k in range(9)]
+    axes = table({"cell.friction": GRID, "motion.field": texts}).plot(tmp_path / "a.png").axes[0]
+    looks = {(line.get_color(), line.get_marker()) for line in axes.lines}
+    assert len(looks) == len(texts)
