@@ -20,7 +20,7 @@ from mdms_array.experiments.settings import (
     seeds_of,
     tree_of,
 )
-from mdms_array.experiments.summary import bootstrap_mean
+from mdms_array.experiments.summary import mean_interval
 from mdms_array.experiments.sweep import Design, SweepResult
 from mdms_array.extras import TUNE, require
 from mdms_model.errors import InputError
@@ -249,7 +249,7 @@ def _compare(
         return of_base, of_best, None
     values = np.array([float(row[task.objective]) for row in result.rows]).reshape(2, -1)
     pairs = (values[1] - values[0]) * (1.0 if task.maximise else -1.0)
-    return of_base, of_best, bootstrap_mean(pairs.tolist())
+    return of_base, of_best, mean_interval(pairs.tolist())
 
 
 def _importance(study: Any) -> dict[str, float]:

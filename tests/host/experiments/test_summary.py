@@ -5,7 +5,13 @@ import pytest
 
 import mdms_array as mdms
 from mdms_array.experiments.settings import settings_of
-from mdms_array.experiments.summary import bootstrap, cells_of, summarised, wilson
+from mdms_array.experiments.summary import (
+    bootstrap,
+    cells_of,
+    mean_interval,
+    summarised,
+    wilson,
+)
 
 
 def table(over, measures=None, samples=32):
@@ -51,6 +57,15 @@ def test_no_interval_is_given_where_all_values_may_lie_on_one_side(quantile, lea
     middle, low, high = bootstrap(values[:-1], (quantile,))[:, 0]
     assert np.isfinite(middle)
     assert np.isnan((low, high)).all()
+
+
+@pytest.mark.parametrize("count", [2, 3, 12])
+def test_the_interval_of_a_mean_is_seldom_above_it(count):
+    rng = np.random.default_rng(count)
+    above = np.mean([mean_interval(values)[1] > 0.0 for values in rng.normal(size=(2000, count))])
+    assert 0.015 < above < 0.035
+    mean, low, high = mean_interval([1.0, 2.0, 3.0, 4.0])
+    assert (mean, low, high) == pytest.approx((2.5, 2.5 - 2.054, 2.5 + 2.054), abs=1e-3)
 
 
 def test_a_summary_has_a_row_for_each_setting_or_each_value():
