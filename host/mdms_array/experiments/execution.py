@@ -30,6 +30,7 @@ from mdms_array.revision import code_revision
 from mdms_array.run import Run
 from mdms_host.clock import MonotonicClock
 from mdms_model.errors import Error, InputError
+from mdms_model.run.folder import RunFolderError
 from mdms_model.scenario.file import scenario_from
 
 #: Runs that are sent to an executor of others before the first has come back.
@@ -39,6 +40,9 @@ AHEAD = 2
 #: A run that was lost so often with its worker runs alone.
 MOST_LOST = 2
 CONNECT_S = 10.0
+#: Set in the outcome of a run that failed for its machine, not for itself: it is sent again when
+#: the same sweep is called again. No column of a table.
+OF_MACHINE = "of_machine"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +79,7 @@ def perform(job: Job) -> dict[str, Any]:
     except (Exception, SystemExit) as error:
         # A function of a user that ends its process must not end the sweep, least of all with 0.
         columns["failure"] = utf8(f"{type(error).__name__}: {error}")
+        columns[OF_MACHINE] = _is_of_machine(error)
     return {
         **columns,
         **values,
@@ -84,6 +89,14 @@ def perform(job: Job) -> dict[str, Any]:
         "worker": f"{socket.gethostname()}:{os.getpid()}",
         **versions(),
     }
+
+
+def _is_of_machine(error: BaseException) -> bool:
+    """Whether a disk, memory or an installation has failed, and not the run itself."""
+    # An `Error` that is no other class tells of an extra that is not installed.
+    return type(error) is Error or isinstance(
+        error, OSError | MemoryError | ImportError | RunFolderError
+    )
 
 
 def _run(job: Job) -> Run:
@@ -97,6 +110,11 @@ def _run(job: Job) -> Run:
 def failed_columns(reason: str) -> dict[str, Any]:
     """The columns of a run that has left nothing."""
     return {"failure": reason, **versions()}
+
+
+def _lost_columns(reason: str) -> dict[str, Any]:
+    """The columns of a run that was lost with its worker."""
+    return failed_columns(reason) | {OF_MACHINE: True}
 
 
 def versions() -> dict[str, str]:
@@ -141,7 +159,7 @@ def perform_all(
             else:
                 yield (
                     job,
-                    failed_columns("its worker ended without a word: killed, or out of memory"),
+                    _lost_columns("its worker ended without a word: killed, or out of memory"),
                 )
         if waiting or alone:
             workers.renew()
@@ -186,7 +204,7 @@ def _columns(future: Future[dict[str, Any]]) -> dict[str, Any] | None:
         raise Error("the executor has ended; the same sweep goes on from here") from error
     except Exception as error:
         if type(error).__name__ == "KilledWorker":
-            return failed_columns("every worker that had it was killed, or ran out of memory")
+            return _lost_columns("every worker that had it was killed, or ran out of memory")
         raise Error(
             f"the executor has failed: {type(error).__name__}: {error}; "
             "the same sweep goes on from here"

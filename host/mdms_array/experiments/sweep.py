@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mdms_array.experiments.execution import (
+    OF_MACHINE,
     Job,
     Workers,
     failed_columns,
@@ -242,7 +243,8 @@ def sweep(
     with `on_changed` as "mark" they count, and are marked.
 
     Raises `InputError`, and `Error` where an extra is not installed or an executor has failed. A
-    run that raises is a row of the result.
+    run that raises is a row of the result. One that failed for its machine (a lost worker, a full
+    disk) is run again when the same sweep is called again.
     """
     require(SWEEP, "mdms_array.sweep")
     design = design_of(
@@ -348,11 +350,16 @@ class _Table:
                 for job, outcome in runs:
                     work, tree = works[job.key]
                     self._refuse_other_code(outcome)
+                    of_machine = outcome.pop(OF_MACHINE, False)
                     columns = outcome | {"git_revision": self._git_revision}
+                    if work in self._found and of_machine:
+                        raise Error(f"{job.record}: cannot be kept: {columns['failure']}")
                     if work in self._found:
                         _refuse_otherwise(f"{job.record}", self._columns(work), columns)
                     else:
-                        self._journal.add(job.key, work, self._revision, tree, columns)
+                        # A failure of the machine is no result: the journal goes without it.
+                        if not of_machine:
+                            self._journal.add(job.key, work, self._revision, tree, columns)
                         self._found[work] = {self._revision: columns}
                     ended.add(work)
                     meter.count(failed=columns["failure"] is not None)
@@ -457,6 +464,11 @@ def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str,
     with closing(Journal(open_folder(folder))) as journal:
         rows = _Table(design, journal, code_revision(), "mark").rows()
         found = {each["row"]: each for each in rows}
+        if row not in found and 1 <= row <= len(design.settings) * len(design.seeds):
+            raise InputError(
+                f"--again {row}: the journal has no such run; it is missing, or failed for its "
+                "machine; run the sweep again"
+            )
         if row not in found:
             raise InputError(
                 f"--again {row}: the table has no such row; it has {len(rows)} of "
@@ -467,6 +479,8 @@ def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str,
             raise InputError(f"--again {row}: that run left nothing: {before['failure']}")
         tree = journal.tree(before["key"])
     after = perform(Job(before["key"], tree, design.measures, design.program, str(out)))
+    if after.pop(OF_MACHINE, False):
+        raise Error(f"row {row} cannot be repeated: {after['failure']}")
     _refuse_otherwise(f"row {row}", before, after)
     return before | after
 

@@ -143,6 +143,38 @@ def test_a_run_that_raises_is_a_row(executor):
     assert [row["fails_at_02"] for row in rows] == [None, None, 1.0, None]
 
 
+def no_memory(_run):
+    raise MemoryError("none is left")
+
+
+def test_a_failure_of_the_machine_is_run_again_and_one_of_the_run_stays(executor, tmp_path):
+    given = {"seeds": 1, "executor": executor, "folder": tmp_path / "s", "records": True}
+    over = {"cell.friction": [0.2, 0.3]}
+    (tmp_path / "s").mkdir()
+    mdms.sweep(ROW, {"cell.friction": [0.4]}, **{**given, "records": False})
+    (tmp_path / "s" / "records").touch()
+    failed = mdms.sweep(ROW, over, measures=[fails_at_02], **given)
+    assert failed.failed == 2
+    assert "cannot be made: Not a directory" in failed.rows[1]["failure"]
+    assert "of_machine" not in failed.rows[1]
+    (tmp_path / "s" / "records").unlink()
+    seen = []
+    mended = mdms.sweep(ROW, over, measures=[fails_at_02], progress=seen.append, **given)
+    assert [row["failure"] for row in mended.rows] == ["ZeroDivisionError: on purpose", None]
+    assert (seen[0].kept, seen[-1].done) == (0, 2)
+    kept = mdms.sweep(ROW, over, measures=[fails_at_02], **given)
+    assert kept.rows == mended.rows
+
+
+def test_a_measure_without_memory_is_run_again(executor, tmp_path):
+    given = {"seeds": 1, "executor": executor, "folder": tmp_path, "measures": [no_memory]}
+    seen = []
+    for _ in range(2):
+        result = mdms.sweep(ROW, {"cell.friction": [0.2]}, progress=seen.append, **given)
+        assert result.rows[0]["failure"] == "MemoryError: none is left"
+    assert [state.kept for state in seen] == 4 * [0]
+
+
 def leaves(_run):
     raise SystemExit(0)
 
