@@ -6,11 +6,13 @@ it is known which run kills its worker.
 """
 
 import hashlib
+import multiprocessing
 import os
 import platform
 import socket
+import sys
 from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +21,7 @@ from functools import partial
 from importlib import import_module
 from importlib.metadata import version
 from multiprocessing.context import SpawnContext
+from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
@@ -43,6 +46,8 @@ CONNECT_S = 10.0
 #: Set in the outcome of a run that failed for its machine, not for itself: it is sent again when
 #: the same sweep is called again. No column of a table.
 OF_MACHINE = "of_machine"
+#: The exit code of a worker whose main module calls `sweep` as it is imported.
+UNGUARDED = 86
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +235,34 @@ class LocalPool(ProcessPoolExecutor):
 
     def __init__(self, workers: int) -> None:
         self.context = _RecordedContext()
-        super().__init__(workers, mp_context=self.context, initializer=prepare_worker)
+        self._ready = self.context.Event()
+        super().__init__(
+            workers,
+            mp_context=self.context,
+            initializer=prepare_worker,
+            initargs=(self._ready,),
+        )
+
+    def check_started(self) -> None:
+        """Raises `InputError` if no worker of a broken pool came as far as its first run.
+
+        One that was killed may have better luck the next time.
+        """
+        # The thread of the pool waits for the processes, and has their exit codes then.
+        self.shutdown(wait=True, cancel_futures=True)
+        codes = {process.exitcode for process in self.context.processes}
+        if UNGUARDED in codes:
+            raise InputError(
+                f"{_main_file()}: workers import this file, and each would call `sweep` again; put "
+                'the call under `if __name__ == "__main__":`'
+            )
+        if not self._ready.is_set() and any(code is not None and code >= 0 for code in codes):
+            main = _main_file()
+            raise InputError(
+                f"{'' if main is None else f'{main}: '}no worker could start: each ended as it "
+                "imported the main module or the simulator; put all calls of a script under "
+                '`if __name__ == "__main__":`'
+            )
 
     def end(self) -> None:
         """End all processes at once: runs that have not ended are lost."""
@@ -273,9 +305,14 @@ class Workers:
         return MOST_SENT if self._given is not None else self._count * (1 + AHEAD)
 
     def renew(self) -> None:
-        """Have new processes take the place of those that were lost. Raises `Error`."""
+        """Have new processes take the place of those that were lost.
+
+        Raises `Error`, also where they cannot start at all.
+        """
         if self._given is not None:
             raise Error("the executor has broken; the same sweep goes on from here with another")
+        if self._pool is not None:
+            self._pool.check_started()
         self.close()
 
     def close(self) -> None:
@@ -283,6 +320,37 @@ class Workers:
         if self._pool is not None:
             self._pool.end()
             self._pool = None
+
+    def check_main(self, functions: Iterable[Any]) -> None:
+        """Raises `InputError` where processes cannot import the main module, or functions of it."""
+        if self._given is not None or getattr(sys.modules["__main__"], "__spec__", None):
+            return
+        file = _main_file()
+        if file is not None and not Path(file).exists():
+            raise InputError(
+                f"{file}: workers cannot import it; put the call of `sweep` into a file, under "
+                '`if __name__ == "__main__":`'
+            )
+        for each in functions:
+            if file is None and getattr(each, "__module__", None) == "__main__":
+                raise InputError(
+                    f"{name_of(each)}: workers cannot import it, since the main module has no "
+                    "file; put it into a file"
+                )
+
+
+def _main_file() -> str | None:
+    """The file that workers import as their main module; None if there is none."""
+    return getattr(sys.modules["__main__"], "__file__", None)
+
+
+def refuse_import() -> None:
+    """End a worker that imports a script whose call of `sweep` has no guard.
+
+    The process that has started the worker tells it, see `LocalPool.check_started`.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise SystemExit(UNGUARDED)
 
 
 def processors() -> int:

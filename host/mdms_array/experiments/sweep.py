@@ -14,6 +14,7 @@ from mdms_array.experiments.execution import (
     failed_columns,
     perform,
     perform_all,
+    refuse_import,
 )
 from mdms_array.experiments.journal import (
     Journal,
@@ -246,6 +247,7 @@ def sweep(
     run that raises is a row of the result. One that failed for its machine (a lost worker, a full
     disk) is run again when the same sweep is called again.
     """
+    refuse_import()
     require(SWEEP, "mdms_array.sweep")
     design = design_of(
         scenario,
@@ -258,6 +260,7 @@ def sweep(
         program=program,
     )
     with closing(Workers(executor, workers)) as opened:
+        opened.check_main((*design.measures, design.program))
         return run_design(
             design,
             opened,

@@ -13,10 +13,10 @@ from typing import Any
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def prepare_worker() -> None:
+def prepare_worker(ready: Any) -> None:
     """Take one thread, leave Ctrl-C to the process that started this one, and end with it.
 
-    The simulator is imported once; compiled code is loaded with the first run.
+    The simulator is imported once; compiled code is loaded with the first run. `ready` is set then.
     """
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -24,6 +24,7 @@ def prepare_worker() -> None:
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     import_module("mdms_array.simulation")
+    ready.set()
 
 
 def _end_with(parent: Any) -> None:

@@ -1,6 +1,7 @@
 """Runs on real workers: processes of this machine, and a cluster with a scheduler of its own."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -89,6 +90,42 @@ def test_a_run_that_kills_every_worker_is_a_row_and_the_others_are_done(measure)
         None,
         None,
     ]
+
+
+SCRIPT = """
+import mdms_array as mdms
+def end_m(run): return 1.0
+mdms.sweep("paper-fig8", {"cell.friction": [0.2, 0.3]}, seeds=1, measures=[%s], workers=2)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("given", "measure", "told"),
+    [
+        ("file", "end_m", r"script.py: workers import this file.*; put the call under `if __na"),
+        ("stdin", "'reached'", r"<stdin>: workers cannot import it; put the call of `sweep` in"),
+        ("-c", "end_m", r"end_m: workers cannot import it, since the main module has no file; "),
+        ("main", "end_m", r"script.py: no worker could start: each ended as it imported the main"),
+    ],
+)
+def test_a_script_that_workers_cannot_import_is_refused_at_once(given, measure, told, tmp_path):
+    text, path = SCRIPT % measure, tmp_path / "script.py"
+    if given == "main":
+        text = f"if __name__ != '__main__': raise SystemExit(0)\n{text}"
+    path.write_text(text)
+    arguments = {"file": [path], "main": [path], "stdin": ["-"], "-c": ["-c", text]}[given]
+    ended = subprocess.run(
+        [sys.executable, *arguments],
+        input=text,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.count("Traceback") == 1
+    assert re.search(f"InputError: .*{told}", ended.stderr.splitlines()[-1])
 
 
 @contextmanager
