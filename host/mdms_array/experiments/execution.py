@@ -6,6 +6,7 @@ it is known which run kills its worker.
 """
 
 import hashlib
+import logging
 import multiprocessing
 import os
 import platform
@@ -14,7 +15,7 @@ import sys
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -33,6 +34,7 @@ from mdms_array.revision import code_revision
 from mdms_array.run import Run
 from mdms_host.clock import MonotonicClock
 from mdms_model.errors import Error, InputError
+from mdms_model.log import LOG
 from mdms_model.run.folder import RunFolderError
 from mdms_model.scenario.file import scenario_from
 
@@ -43,11 +45,17 @@ AHEAD = 2
 #: A run that was lost so often with its worker runs alone.
 MOST_LOST = 2
 CONNECT_S = 10.0
+#: A cluster that has no worker for so long is told of [s].
+WORKER_S = 5.0
 #: Set in the outcome of a run that failed for its machine, not for itself: it is sent again when
 #: the same sweep is called again. No column of a table.
 OF_MACHINE = "of_machine"
 #: The exit code of a worker whose main module calls `sweep` as it is imported.
 UNGUARDED = 86
+
+
+class ExecutorEndedError(Error):
+    """An executor has ended before its runs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +214,9 @@ def _columns(future: Future[dict[str, Any]]) -> dict[str, Any] | None:
     except BrokenExecutor:
         return None
     except CancelledError as error:
-        raise Error("the executor has ended; the same sweep goes on from here") from error
+        raise ExecutorEndedError(
+            "the executor has ended; the same sweep goes on from here"
+        ) from error
     except Exception as error:
         if type(error).__name__ == "KilledWorker":
             return _lost_columns("every worker that had it was killed, or ran out of memory")
@@ -380,7 +390,34 @@ def cluster(address: str) -> Iterator[Executor]:
             f"{address}: no scheduler of Dask answers within {CONNECT_S:g} s ({error}); "
             "`dask scheduler` starts one"
         ) from None
+    with _silenced("distributed.client"), closing(client):
+        try:
+            _await_worker(client, address)
+            yield client.get_executor(pure=False)
+        except ExecutorEndedError as error:
+            raise ExecutorEndedError(
+                f"{address}: the cluster has ended, or is out of reach; the same sweep goes on "
+                "from here once it is back"
+            ) from error
+
+
+@contextmanager
+def _silenced(name: str) -> Iterator[None]:
+    """Without the log of a library, which prints tracebacks of what we tell in a line."""
+    log = logging.getLogger(name)
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
     try:
-        yield client.get_executor(pure=False)
+        yield
     finally:
-        client.close()
+        log.setLevel(level)
+
+
+def _await_worker(client: Any, address: str) -> None:
+    """Tell of a cluster that has no worker for a while. Its runs wait for one."""
+    try:
+        client.wait_for_workers(1, timeout=WORKER_S)
+    except TimeoutError:
+        LOG.warning(
+            "%s: the cluster has no worker yet; `dask worker %s` starts one", address, address
+        )

@@ -175,6 +175,26 @@ def test_a_cluster_gives_the_same_table_though_a_worker_is_killed(measure, tmp_p
     assert lasting(result.rows) == lasting(swept(workers=1).rows)
 
 
+@pytest.mark.slow
+def test_a_cluster_without_workers_or_that_ends_is_named(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr("mdms_array.experiments.execution.WORKER_S", 0.5)
+    scheduler = "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"
+    with dask(*scheduler, shown="Scheduler at:") as (process, line):
+        address = line.split()[-1]
+
+        def end(_):
+            assert caplog.messages == [
+                f"{address}: the cluster has no worker yet; `dask worker {address}` starts one"
+            ]
+            process.kill()
+
+        with (
+            pytest.raises(mdms.Error, match=rf"{address}: the cluster has ended, or is out of"),
+            cluster(address) as executor,
+        ):
+            mdms.sweep(ROW, OVER, seeds=1, executor=executor, folder=tmp_path, progress=end)
+
+
 def test_an_address_at_which_nothing_answers_is_told(monkeypatch):
     monkeypatch.setattr("mdms_array.experiments.execution.CONNECT_S", 0.5)
     told = r"tcp://127.0.0.1:9: no scheduler of Dask answers"
