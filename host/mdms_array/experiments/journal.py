@@ -139,6 +139,14 @@ def open_folder(folder: Path) -> Path:
     return journal
 
 
+def found_journal(folder: Path) -> Path:
+    """The path of the journal in a folder. Raises `InputError` where there is none."""
+    journal = folder / JOURNAL
+    if not journal.is_file():
+        raise InputError(f"{folder}: no such sweep: it has no {JOURNAL}; see --out")
+    return journal
+
+
 def frame_of(rows: Sequence[Mapping[str, Any]]) -> Any:
     """The rows as a table of pandas; lists and mixed values are JSON texts."""
     # It is an extra.

@@ -18,6 +18,7 @@ from mdms_array.experiments.execution import (
 )
 from mdms_array.experiments.journal import (
     Journal,
+    found_journal,
     frame_of,
     key_digest,
     open_folder,
@@ -39,6 +40,7 @@ from mdms_array.source import Source, check_program, is_python, read_program
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
 from mdms_model.errors import Error, InputError
+from mdms_model.run.folder import RunFolderError, check_other_run
 from mdms_model.scenario.file import load_scenario, scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
@@ -462,9 +464,10 @@ class _Meter:
 def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str, Any]:
     """Repeat one run of a table with its full record; the columns of both runs agree.
 
-    Raises `InputError` for a row that is not there, and `Error` where the run comes out otherwise.
+    Raises `InputError` for a row that is not there, or if `out` has another run, and `Error` where
+    the run comes out otherwise.
     """
-    with closing(Journal(open_folder(folder))) as journal:
+    with closing(Journal(found_journal(folder))) as journal:
         rows = _Table(design, journal, code_revision(), "mark").rows()
         found = {each["row"]: each for each in rows}
         if row not in found and 1 <= row <= len(design.settings) * len(design.seeds):
@@ -481,11 +484,22 @@ def run_again(design: Design, folder: Path, row: int, out: Path) -> Mapping[str,
         if before["started"] is None:
             raise InputError(f"--again {row}: that run left nothing: {before['failure']}")
         tree = journal.tree(before["key"])
+    _refuse_other_run(out, scenario_from(tree))
     after = perform(Job(before["key"], tree, design.measures, design.program, str(out)))
     if after.pop(OF_MACHINE, False):
         raise Error(f"row {row} cannot be repeated: {after['failure']}")
     _refuse_otherwise(f"row {row}", before, after)
     return before | after
+
+
+def _refuse_other_run(out: Path, scenario: Scenario) -> None:
+    """Raises `InputError` where a folder has another run, of a row that had this number before."""
+    try:
+        check_other_run(out, scenario)
+    except RunFolderError:
+        raise InputError(
+            f"{out}: holds another run, from before the sweep was changed; rename or remove it"
+        ) from None
 
 
 def _refuse_otherwise(what: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> None:

@@ -79,6 +79,33 @@ def test_a_row_that_comes_out_otherwise_is_an_error(file, tmp_path, capsys):
     assert "row 1 comes out otherwise: record_sha256 was abcd" in capsys.readouterr().err
 
 
+def test_again_refuses_what_it_does_not_follow_and_makes_nothing(file, tmp_path, capsys):
+    again = ["sweep", "fig8.toml", "--again", "1"]
+    for more, told in (
+        (["--workers", "2"], "--workers: --again repeats one run here, with its record; leave"),
+        (["--cluster", "x"], "--cluster: --again repeats"),
+        (["--records"], "--records: --again repeats"),
+        (["--out", "fgi8"], "fgi8: no such sweep: it has no journal.sqlite; see --out"),
+    ):
+        assert main([*again, *more]) == Exit.USAGE
+        assert told in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"own.py", "fig8.toml"}
+
+
+def test_again_overwrites_no_other_run(file, tmp_path, capsys):
+    again = ["sweep", "fig8.toml", "--again", "1"]
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert main(again) == Exit.OK
+    assert main(again) == Exit.OK
+    kept = (tmp_path / "runs" / "fig8" / "again-1" / "run.mcap").read_bytes()
+    file.write_text(FILE.replace("from = 0.2", "from = 0.25"))
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert main(again) == Exit.USAGE
+    told = "again-1: holds another run, from before the sweep was changed; rename or remove it"
+    assert told in capsys.readouterr().err
+    assert (tmp_path / "runs" / "fig8" / "again-1" / "run.mcap").read_bytes() == kept
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -32,6 +32,8 @@ PICTURE = "picture.png"
 
 def run(arguments: Namespace) -> Exit:
     """Do the missing runs, write the tables and pictures, and print a summary."""
+    if arguments.again is not None:
+        _refuse_beside_again(arguments)
     design, plots = read_sweep(arguments.file)
     folder = arguments.out or Path("runs") / arguments.file.stem
     if arguments.again is not None:
@@ -177,6 +179,17 @@ def _figures(result: SweepResult, pictures: list[Path]) -> dict[str, object]:
         "folder": str(result.folder),
         "pictures": [str(path) for path in pictures],
     }
+
+
+def _refuse_beside_again(arguments: Namespace) -> None:
+    """Raises `CommandError` for options that a single run here does not follow."""
+    for name in ("workers", "cluster", "records"):
+        value = getattr(arguments, name)
+        if value is not None and value is not False:
+            raise CommandError(
+                f"--{name}: --again repeats one run here, with its record; leave one out",
+                Exit.USAGE,
+            )
 
 
 def _again(design: Design, folder: Path, row: int, *, as_json: bool) -> Exit:
