@@ -9,7 +9,8 @@ import hashlib
 import json
 import os
 import sqlite3
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -87,7 +88,10 @@ class Journal:
                 )
                 self._file.execute("INSERT OR IGNORE INTO runs VALUES (?, ?, ?, ?, ?, ?)", run)
         except sqlite3.Error as error:
-            raise Error(f"the journal cannot be written: {error}") from error
+            raise Error(
+                f"{self._path}: the journal cannot be written: {error}; "
+                "the same sweep goes on from here"
+            ) from error
 
     def found(self, works: Iterable[str]) -> dict[str, dict[str, dict[str, Any]]]:
         """The columns of the runs that are there, by work and by revision.
@@ -172,17 +176,38 @@ def _text(value: Any) -> str | None:
 
 
 def write_tables(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write the rows as CSV and Parquet; each file takes the place of the old one at once."""
+    """Write the rows as CSV and Parquet; each file takes the place of the old one at once.
+
+    Raises `Error` where the disk fails.
+    """
     frame = frame_of(rows)
-    _replace(folder / CSV, partial(frame.to_csv, index=False))
+    write_csv(folder / CSV, frame)
     _replace(folder / PARQUET, partial(frame.to_parquet, index=False))
+
+
+def write_csv(path: Path, frame: Any) -> None:
+    """Write a table of pandas. Raises `Error` where the disk fails."""
+    _replace(path, partial(frame.to_csv, index=False))
 
 
 def _replace(path: Path, write: Callable[[Path], object]) -> None:
     # Two sweeps may write into one folder at once.
     partial_path = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        write(partial_path)
-        partial_path.replace(path)
+        with writing(path):
+            write(partial_path)
+            partial_path.replace(path)
     finally:
         partial_path.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Names the file where the disk fails: raises `Error`. The journal has all of its content."""
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or error
+        raise Error(
+            f"{path}: cannot be written: {reason}; the same command goes on from the journal"
+        ) from error

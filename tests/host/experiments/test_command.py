@@ -92,6 +92,15 @@ def test_again_refuses_what_it_does_not_follow_and_makes_nothing(file, tmp_path,
     assert {path.name for path in tmp_path.iterdir()} == {"own.py", "fig8.toml"}
 
 
+@pytest.mark.parametrize("name", ["summary.csv", "end.png"])
+def test_a_file_that_the_disk_does_not_take_is_named(file, tmp_path, capsys, name):
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    (tmp_path / "runs" / "fig8" / name).unlink()
+    (tmp_path / "runs" / "fig8" / name).mkdir()
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.FAILURE
+    assert f"runs/fig8/{name}: cannot be written: Is a directory" in capsys.readouterr().err
+
+
 def test_again_overwrites_no_other_run(file, tmp_path, capsys):
     again = ["sweep", "fig8.toml", "--again", "1"]
     assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK

@@ -1,5 +1,6 @@
 """A sweep: one row for each run, kept as it ends, and the same again."""
 
+import errno
 import multiprocessing
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
@@ -400,6 +401,32 @@ def test_two_sweeps_write_their_tables_into_one_folder_at_once(tmp_path):
         each.join()
     assert [each.exitcode for each in writers] == [0, 0]
     assert {path.name for path in tmp_path.iterdir()} == {"table.csv", "table.parquet"}
+
+
+def full(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet"])
+def test_a_table_on_a_full_disk_is_named(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(pandas.DataFrame, f"to_{name}", full)
+    told = f"{tmp_path}/table.{name}: cannot be written: No space left on device; the same"
+    with pytest.raises(mdms.Error, match=told):
+        write_tables(tmp_path, [{"row": 1}])
+
+
+def test_a_journal_on_a_full_disk_is_named(executor, tmp_path, monkeypatch):
+    opened = Journal.__init__
+
+    def open_full(self, path):
+        opened(self, path)
+        pages = self._file.execute("PRAGMA page_count").fetchone()[0]
+        self._file.execute(f"PRAGMA max_page_count={pages}")
+
+    monkeypatch.setattr(Journal, "__init__", open_full)
+    told = f"{tmp_path}/journal.sqlite: the journal cannot be written: database or disk is full"
+    with pytest.raises(mdms.Error, match=told):
+        mdms.sweep(ROW, OVER, seeds=9, executor=executor, folder=tmp_path)
 
 
 def test_a_damaged_journal_is_named(executor, tmp_path):

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from mdms_array.experiments.execution import Workers, cluster
 from mdms_array.experiments.files import Plot, read_sweep
-from mdms_array.experiments.journal import CSV, frame_of
+from mdms_array.experiments.journal import CSV, frame_of, write_csv, writing
 from mdms_array.experiments.settings import meaning_of
 from mdms_array.experiments.summary import cells_of, summarised
 from mdms_array.experiments.sweep import Design, Progress, SweepResult, run_again, run_design
@@ -40,7 +40,7 @@ def run(arguments: Namespace) -> Exit:
         return _again(design, folder, arguments.again, as_json=arguments.json)
     with running(folder, arguments) as run_missing:
         result = run_missing(design)
-    frame_of(summarised(result)).to_csv(folder / SUMMARY, index=False)
+    write_csv(folder / SUMMARY, frame_of(summarised(result)))
     pictures = _draw(result, plots, folder)
     if arguments.json:
         print(json.dumps(_figures(result, pictures)))
@@ -135,7 +135,8 @@ def _draw(result: SweepResult, plots: tuple[Plot, ...], folder: Path) -> list[Pa
     for plot in plots or (Plot(PICTURE),):
         path = folder / Path(plot.file).name
         try:
-            result.plot(path, plot.measure, plot.over)
+            with writing(path):
+                result.plot(path, plot.measure, plot.over)
         except InputError as error:
             say(f"mdms: {plot.file}: {error}")
             continue

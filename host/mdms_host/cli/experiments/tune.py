@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mdms_array.experiments.files import read_tuning
+from mdms_array.experiments.journal import writing
 from mdms_array.experiments.pictures import draw_tuning
 from mdms_array.experiments.settings import TRUTH, numbered
 from mdms_array.experiments.sweep import Design, SweepResult
@@ -33,7 +34,8 @@ def run(arguments: Namespace) -> Exit:
 
     with running(folder, arguments) as run_missing:
         tuned = tune(task, run_noted)
-    save(draw_tuning(tuned, task.objective), folder / PICTURE)
+    with writing(folder / PICTURE):
+        save(draw_tuning(tuned, task.objective), folder / PICTURE)
     if arguments.json:
         print(json.dumps(_figures(task, tuned, folder)))
     else:
