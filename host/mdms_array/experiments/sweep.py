@@ -1,5 +1,6 @@
 """Sweeps: one scenario over all settings and seeds, kept run by run, so that they may go on."""
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -56,6 +57,8 @@ LAST = (
 #: The folder of the runs' own folders, each by so many digits of its row's `key`: the number of a
 #: row changes with the settings.
 RECORDS, RECORD_DIGITS = "records", 16
+#: Whole numbers of a table are below this.
+MOST_WHOLE = 1 << 63
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,12 +175,35 @@ def design_of(
         if name in taken:
             raise InputError(f"measures: {name} is the name of another column; take another")
     settings = settings_of(over, samples, sampling, seed)
+    _check_kept(settings)
     run_seeds = seeds_of(seeds, seed)
     check_count("over and seeds: the number of runs", len(settings) * len(run_seeds))
     sampled = tuple(key for key, each in over.items() if isinstance(each, Distribution))
     design = Design(plain(base), settings, run_seeds, listed, own, sampled)
     _check_some(design)
     return design
+
+
+def _check_kept(settings: Sequence[Mapping[str, Any]]) -> None:
+    """Raises `InputError` for a value that neither the journal nor a table can hold."""
+    for key in settings[0]:
+        # Settings share the values of a list.
+        for value in {id(setting[key]): setting[key] for setting in settings}.values():
+            if not _is_kept(value):
+                raise InputError(
+                    f"over: {key} has {value!r}, which no table holds; give numbers of at most 64 "
+                    "bits, texts, truths, or lists and tables of these"
+                )
+
+
+def _is_kept(value: Any) -> bool:
+    if isinstance(value, int):
+        return -MOST_WHOLE <= value < MOST_WHOLE
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def _opened(

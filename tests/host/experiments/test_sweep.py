@@ -4,6 +4,7 @@ import errno
 import multiprocessing
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
+from datetime import date
 from math import inf, nan
 
 import pandas
@@ -352,6 +353,10 @@ def test_a_run_that_was_kept_without_its_record_gets_one(executor, tmp_path):
     ("change", "told"),
     [
         ({"over": {"cell.fricton": [0.3]}}, "no setting can be run: cell.fricton is not a known"),
+        ({"over": {"cell.friction": [0.2, date(2024, 1, 1)]}}, r"friction has datetime.date\(2024"),
+        ({"over": {"cell.friction": [0.2, [date(2024, 1, 1)]]}}, r"friction has \[datetime.date"),
+        ({"over": {"parcel.box.name": ["a", "b\udc80"]}}, r"name has 'b\\udc80', which no table"),
+        ({"over": {"cell.friction": [0.2, 1 << 63]}}, "has 9223372036854775808, which no table"),
         ({"measures": ["speed"]}, "'speed' is unknown; there are reached, time_s"),
         ({"measures": [lambda run: 1.0]}, "cannot be sent to a worker"),
         ({"measures": [Scale().end_m]}, "cannot be sent to a worker"),
