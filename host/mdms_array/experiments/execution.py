@@ -9,6 +9,7 @@ import hashlib
 import logging
 import multiprocessing
 import os
+import pickle
 import platform
 import socket
 import sys
@@ -104,11 +105,29 @@ def perform(job: Job) -> dict[str, Any]:
     }
 
 
+def perform_packed(packed: bytes) -> dict[str, Any]:
+    """Do a run of a pool. Raises `InputError` where its functions cannot be imported here.
+
+    A pool that unpacks jobs itself loses the worker then.
+    """
+    try:
+        job = pickle.loads(packed)
+    except Exception as error:
+        raise InputError(
+            f"workers cannot import a measure or the program: {type(error).__name__}: {error}; "
+            'define it at the top of its file, not under `if __name__ == "__main__":`'
+        ) from None
+    return perform(job)
+
+
 def _is_of_machine(error: BaseException) -> bool:
     """Whether a disk, memory or an installation has failed, and not the run itself."""
     # An `Error` that is no other class tells of an extra that is not installed.
-    return type(error) is Error or isinstance(
-        error, OSError | MemoryError | ImportError | RunFolderError
+    return (
+        type(error) is Error
+        or isinstance(error, OSError | MemoryError | ImportError | RunFolderError)
+        # A file of measures that a machine of a cluster has not.
+        or (isinstance(error, InputError) and isinstance(error.__context__, OSError))
     )
 
 
@@ -162,7 +181,7 @@ def perform_all(
     waiting, alone = deque(jobs), deque[Job]()
     while waiting or alone:
         queue, most = (waiting, workers.most_sent) if waiting else (alone, 1)
-        for job, columns in _perform_on(workers.executor, queue, most):
+        for job, columns in _perform_on(workers.submit, queue, most):
             if columns is not None:
                 yield job, columns
                 continue
@@ -179,7 +198,7 @@ def perform_all(
 
 
 def _perform_on(
-    executor: Executor, queue: deque[Job], most_sent: int
+    submit: Callable[[Job], "Future[dict[str, Any]]"], queue: deque[Job], most_sent: int
 ) -> Iterator[tuple[Job, dict[str, Any] | None]]:
     """Do runs until none is left or the executor breaks; None for those that it has lost."""
     done: SimpleQueue[Ended] = SimpleQueue()
@@ -188,7 +207,7 @@ def _perform_on(
         while queue and not broken and sent < most_sent:
             job = queue.popleft()
             try:
-                future = executor.submit(perform, job)
+                future = submit(job)
             except BrokenExecutor:
                 queue.appendleft(job)
                 broken = True
@@ -213,6 +232,9 @@ def _columns(future: Future[dict[str, Any]]) -> dict[str, Any] | None:
         return future.result()
     except BrokenExecutor:
         return None
+    except InputError as error:
+        # Without the traceback of the worker.
+        raise InputError(str(error)) from None
     except CancelledError as error:
         raise ExecutorEndedError(
             "the executor has ended; the same sweep goes on from here"
@@ -300,14 +322,17 @@ class Workers:
 
     _pool: LocalPool | None
 
-    @property
-    def executor(self) -> Executor:
-        """The executor, opened if it is not open yet."""
+    def submit(self, job: Job) -> "Future[dict[str, Any]]":
+        """Send a run to the executor, opened if it is not open yet. Raises `InputError`."""
         if self._given is not None:
-            return self._given
+            return self._given.submit(perform, job)
+        try:
+            packed = pickle.dumps(job)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InputError(f"a run cannot be sent to a worker: {error}") from error
         if self._pool is None:
             self._pool = LocalPool(self._count)
-        return self._pool
+        return self._pool.submit(perform_packed, packed)
 
     @property
     def most_sent(self) -> int:

@@ -192,7 +192,7 @@ def tune(task: Task, run: Callable[[Design], SweepResult]) -> Tuned:
         trials += done
     best = _best(task, trials)
     base_unseen, best_unseen, gain = _compare(task, run, trials[0], best)
-    # All is in the journal by now; the last table is that of all trials.
+    # All but failures of a machine is in the journal by now; the last table is that of all trials.
     run(replace(task.design, settings=[dict(each.setting) for each in _once(trials)]))
     return Tuned(trials, best, _importance(study), base_unseen, best_unseen, gain)
 

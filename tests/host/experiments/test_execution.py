@@ -5,12 +5,14 @@ import re
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from textwrap import indent
 
 import pytest
 
 import mdms_array as mdms
-from mdms_array.experiments.execution import LocalPool, cluster
+from mdms_array.experiments.execution import OF_MACHINE, Job, LocalPool, cluster, perform
 from mdms_array.experiments.journal import WALL_CLOCK
 from mdms_array.experiments.measures import FileFunction
 from mdms_model.scenario.file import read_tree
@@ -82,14 +84,28 @@ def test_a_worker_that_is_killed_loses_no_run(measure):
 
 
 @pytest.mark.slow
-def test_a_run_that_kills_every_worker_is_a_row_and_the_others_are_done(measure):
-    result = mdms.sweep(ROW, OVER, seeds=1, measures=[measure("kills_always")], workers=2)
+def test_a_run_that_kills_every_worker_is_a_row_and_the_others_are_done(measure, tmp_path):
+    given = {"seeds": 1, "measures": [measure("kills_always")], "folder": tmp_path / "s"}
+    result = mdms.sweep(ROW, OVER, workers=2, **given)
     assert [row["failure"] for row in result.rows] == [
         None,
         "its worker ended without a word: killed, or out of memory",
         None,
         None,
     ]
+    # It is sent again by the same sweep, here to a worker that it cannot kill.
+    seen = []
+    with ThreadPoolExecutor(1) as executor, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("os.kill", lambda *_: None)
+        mended = mdms.sweep(ROW, OVER, executor=executor, progress=seen.append, **given)
+    assert (mended.failed, seen[0].kept) == (0, 3)
+
+
+def test_a_file_of_measures_that_a_worker_lacks_is_no_result(tmp_path):
+    missing = FileFunction(str(tmp_path / "none.py"), "end_m")
+    columns = perform(Job("key", ROW, (missing,)))
+    assert "none.py: cannot be read" in columns["failure"]
+    assert columns[OF_MACHINE]
 
 
 SCRIPT = """
@@ -106,6 +122,7 @@ mdms.sweep("paper-fig8", {"cell.friction": [0.2, 0.3]}, seeds=1, measures=[%s], 
         ("file", "end_m", r"script.py: workers import this file.*; put the call under `if __na"),
         ("stdin", "'reached'", r"<stdin>: workers cannot import it; put the call of `sweep` in"),
         ("-c", "end_m", r"end_m: workers cannot import it, since the main module has no file; "),
+        ("guard", "end_m", r"workers cannot import a measure or the program: .*'end_m'.*; define"),
         ("main", "end_m", r"script.py: no worker could start: each ended as it imported the main"),
     ],
 )
@@ -113,8 +130,16 @@ def test_a_script_that_workers_cannot_import_is_refused_at_once(given, measure, 
     text, path = SCRIPT % measure, tmp_path / "script.py"
     if given == "main":
         text = f"if __name__ != '__main__': raise SystemExit(0)\n{text}"
+    if given == "guard":
+        text = f"if __name__ == '__main__':\n{indent(text, '    ')}"
     path.write_text(text)
-    arguments = {"file": [path], "main": [path], "stdin": ["-"], "-c": ["-c", text]}[given]
+    arguments = {
+        "guard": [path],
+        "file": [path],
+        "main": [path],
+        "stdin": ["-"],
+        "-c": ["-c", text],
+    }[given]
     ended = subprocess.run(
         [sys.executable, *arguments],
         input=text,
