@@ -178,7 +178,14 @@ def _varied(tree: Mapping[str, Any], name: str) -> dict[str, Values]:
     table = tree.get(name)
     if not isinstance(table, Mapping):
         raise InputError(f"{name} is {table!r}, but must be a table of the keys that vary")
-    return {key: _values_of(f"{name}.{key}", each) for key, each in _flat(table, "")}
+    varied: dict[str, Values] = {}
+    for key, each in _flat(table, ""):
+        if key in varied:
+            raise InputError(
+                f"{name}: '{key}' in quotes and {key} without set the same value; give one"
+            )
+        varied[key] = _values_of(f"{name}.{key}", each)
+    return varied
 
 
 def _flat(table: Mapping[str, Any], prefix: str) -> list[tuple[str, Any]]:

@@ -8,10 +8,10 @@ belief, unless the scenario has a belief of its own. `belief.KEY` sets the belie
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from numbers import Real
 from typing import Any
 
@@ -104,7 +104,7 @@ def settings_of(
         for point in points:
             pairs = zip(drawn.items(), point, strict=True)
             sampled = {key: each.at(share) for (key, each), share in pairs}
-            # In the order in which they were given: a later key may lie within an earlier one.
+            # In the order in which they were given: that of the table's columns.
             settings.append({key: (listed | sampled)[key] for key in over})
     # Whole numbers are drawn again and again.
     return list({repr(setting): setting for setting in settings}.values())
@@ -199,16 +199,42 @@ def seeds_of(seeds: int | Sequence[int], seed: int) -> list[int]:
 def tree_of(base: Tree, setting: Setting, seed: int) -> dict[str, Any]:
     """The tables of a scenario with a setting and a seed; `base` has all defaults written out.
 
-    Raises `ScenarioError` for a key that leads nowhere. Values are checked with the scenario.
+    Raises `ScenarioError` for a key that leads nowhere, and for two keys of one value. Values are
+    checked with the scenario.
     """
+    check_apart(base, setting)
     tree = dict(deepcopy(base))
-    for key, value in setting.items():
+    # The truth comes last: then all that the host is told to believe is there.
+    for key in sorted(setting, key=lambda each: each.startswith(TRUTH)):
+        value = setting[key]
         path = numbered(tree, key.removeprefix(TRUTH))
         if key.startswith(TRUTH):
             _keep_belief(base, tree, path, setting)
         set_key(tree, path, value)
     set_key(tree, "run.seed", seed)
     return tree
+
+
+def check_apart(base: Tree, keys: Iterable[str]) -> None:
+    """Raises `ScenarioError` for two keys of which one sets the value of the other, or part of it.
+
+    `truth.cell.friction` and `belief.friction` are two values.
+    """
+    places: list[tuple[list[str], str]] = []
+    for key in keys:
+        try:
+            path = numbered(base, key.removeprefix(TRUTH))
+        except ScenarioError:
+            # Another key may give a parcel that name.
+            path = key.removeprefix(TRUTH)
+        # Without leading zeros.
+        parts = [str(int(part)) if part.isdecimal() else part for part in path.split(".")]
+        places.append((parts, key))
+    # A part of a value comes right after the whole.
+    places.sort()
+    for (whole, first), (part, second) in pairwise(places):
+        if part[: len(whole)] == whole:
+            raise ScenarioError(f"{first} and {second} set the same value; give one")
 
 
 def numbered(tree: Tree, key: str) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdms_array.experiments.settings import Distribution, tree_of
+from mdms_array.experiments.settings import Distribution, check_apart, tree_of
 from mdms_array.source import Source, open_source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import scenario_from
@@ -49,6 +49,7 @@ class Episodes:
                     f"randomise: {key} is {values!r}, but must be a list of values or a "
                     "distribution, such as mdms_array.uniform(0.1, 0.3)"
                 )
+        check_apart(self._tree, self._randomise)
         self._names = [parcel.name for parcel in self.base.parcel]
         for key, values in self._randomise.items():
             if (place := self._pose_key(key)) is not None:

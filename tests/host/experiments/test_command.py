@@ -133,6 +133,14 @@ def test_again_overwrites_no_other_run(file, tmp_path, capsys):
         (("own.py:end_m", "own.py:start_m"), "own.py: has no function 'start_m'"),
         (("own.py:end_m", "none.py:end_m"), "none.py: cannot be read: No such file"),
         (("cell.friction =", "cell.fricton ="), "cell.fricton is not a known key; did you mean"),
+        (
+            ("[over]", "[over]\n'cell.friction' = [0.1]"),
+            "over: 'cell.friction' in quotes and cell.friction without set the same value",
+        ),
+        (
+            ("[over]", "[over]\n'parcel.0.mass_kg' = [3.0]"),
+            "parcel.0.mass_kg and parcel.box.mass_kg set the same value; give one",
+        ),
         (("[over]", "[over"), "not valid TOML"),
         (('file = "end.png"', ""), "must have file"),
         (

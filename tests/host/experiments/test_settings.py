@@ -81,6 +81,36 @@ def test_parcels_are_named_or_numbered():
         assert believed(scenario).parcel[0].mass_kg == 2.0
 
 
+@pytest.mark.parametrize(
+    "keys",
+    [
+        ("cell.friction", "truth.cell.friction"),
+        ("parcel.0.mass_kg", "parcel.box.mass_kg"),
+        ("parcel.0.mass_kg", "truth.parcel.00.mass_kg"),
+        ("parcel.0", "parcel.0.mass_kg"),
+        ("parcel.0", "parcel.box.mass_kg"),
+        ("fault", "fault.0.start_s"),
+        ("belief", "belief.friction"),
+    ],
+)
+@pytest.mark.parametrize("turn", [1, -1])
+def test_two_keys_of_one_value_are_refused(keys, turn):
+    # Between them lies another key.
+    setting = {keys[::turn][0]: 1.0, "cell.friction_spread": 0.1, keys[::turn][1]: 2.0}
+    told = "^{} and {} set the same value; give one$"
+    with pytest.raises(mdms.InputError, match=told.format(*keys)):
+        tree_of(BASE, setting, 7)
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_the_order_of_truth_and_a_whole_belief_does_not_count(turn):
+    setting = {"belief": {"friction": 0.4}, "truth.cell.friction": 0.2, "truth.cell.pwm_steps": 99}
+    scenario = scenario_with(dict([*setting.items()][::turn]))
+    own = believed(scenario).cell
+    assert (scenario.cell.friction, own.friction) == (0.2, 0.4)
+    assert (scenario.cell.pwm_steps, own.pwm_steps) == (99, BASE["cell"]["pwm_steps"])
+
+
 def test_a_setting_leaves_the_base_as_it_was():
     scenario_with({"truth.cell.friction": 0.1, "parcel.box.mass_kg": 1.0})
     assert plain(load_scenario("array18")) == BASE
