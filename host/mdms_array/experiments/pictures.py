@@ -15,7 +15,6 @@ from matplotlib.ticker import (
     PercentFormatter,
 )
 
-from mdms_array.experiments.settings import meaning_of
 from mdms_array.experiments.summary import is_numeric, is_share, summarised
 from mdms_model.arrays import Floats
 from mdms_model.errors import InputError
@@ -93,7 +92,7 @@ def draw_lines(result: "SweepResult", measure: str, over: str, by: str | None = 
     _label_y(axes, result, measure)
     if by is not None:
         legend = figure.legend(
-            title=label_of(by).replace(" (", "\n("),
+            title=label_of(result, by).replace(" (", "\n("),
             loc="upper left",
             bbox_to_anchor=(0.75, 0.89),
             frameon=False,
@@ -178,7 +177,7 @@ def draw_map(result: "SweepResult", measure: str, x_name: str, y_name: str) -> F
     if key.endswith("_share"):
         bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     _label_x(axes, result, x_name)
-    axes.set_ylabel(label_of(y_name), color=INK)
+    axes.set_ylabel(label_of(result, y_name), color=INK)
     if _is_wide(y):
         _make_logarithmic(axes.yaxis)
     _title(figure, result, _of(result, measure))
@@ -224,7 +223,9 @@ def draw_matrix(
             if not column:
                 _label_y(axes, result, measure, size=7)
             if line == down - 1:
-                axes.set_xlabel(label_of(parameter).replace(" (", "\n("), color=INK, fontsize=7)
+                axes.set_xlabel(
+                    label_of(result, parameter).replace(" (", "\n("), color=INK, fontsize=7
+                )
                 if _is_wide([row[parameter] for row in rows]):
                     _make_logarithmic(axes.xaxis)
     _title(figure, result, "All measures over all parameters")
@@ -240,9 +241,9 @@ def _draw_points(axes: Axes, rows: Sequence[Any], measure: str, parameter: str) 
     axes.plot(x, values, ".", color=FAINT, ms=3, alpha=0.6, zorder=1)
 
 
-def label_of(name: str) -> str:
+def label_of(result: "SweepResult", name: str) -> str:
     """A parameter, and whether it is truth, belief or both."""
-    meaning = meaning_of(name)
+    meaning = result.meanings.get(name)
     return f"{name} ({meaning})" if meaning else name
 
 
@@ -308,7 +309,7 @@ def _make_logarithmic(axis: Axis) -> None:
 
 
 def _label_x(axes: Axes, result: "SweepResult", name: str) -> None:
-    axes.set_xlabel(label_of(name), color=INK)
+    axes.set_xlabel(label_of(result, name), color=INK)
     values = _values(result, name)
     if _is_wide(values):
         _make_logarithmic(axes.xaxis)

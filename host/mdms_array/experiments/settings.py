@@ -282,13 +282,40 @@ def _has(tree: Any, path: str) -> bool:
     return True
 
 
-def meaning_of(key: str) -> str:
-    """Whether a key is the truth, the host's belief, or both; empty where that is one."""
+def meanings_of(base: Tree, keys: Sequence[str]) -> dict[str, str]:
+    """Whether each key that varies is the truth, the host's belief, or both.
+
+    The meaning is empty where truth and belief are no two things: without a host, of other keys
+    than those of `cell` and of parcels, and beside a belief that varies as a whole table.
+    """
+    # Only firmware has a host.
+    if base["run"]["fidelity"] != "firmware" and not {"run", "run.fidelity"} & {*keys}:
+        return dict.fromkeys(keys, "")
+    return {key: _meaning(base, key, keys) for key in keys}
+
+
+def _meaning(base: Tree, key: str, keys: Sequence[str]) -> str:
     if key.startswith(TRUTH):
         return "truth alone"
     if key.startswith("belief."):
         return "belief alone"
-    return "truth and belief" if key.startswith(("cell.", "parcel.")) else ""
+    head, *inner = key.split(".")
+    told: Any = base.get("belief", {})
+    own = "belief"
+    if head == "parcel" and len(inner) > 1:
+        named = {str(number): each["name"] for number, each in enumerate(base.get("parcel", ()))}
+        name = named.get(inner[0], inner[0])
+        told, own, inner = told.get(name, {}), f"{own}.{name}", inner[1:]
+    elif head != "cell" or not inner:
+        return ""
+    if own in keys or "belief" in keys:
+        return ""
+    own = f"{own}.{inner[0]}"
+    # A host that does not know of a parcel believes nothing of it.
+    apart = inner[0] in told or not told.get("known", True)
+    if apart or any(each == own or each.startswith(f"{own}.") for each in keys):
+        return "truth alone"
+    return "truth and belief"
 
 
 def is_number(value: object) -> bool:

@@ -31,6 +31,7 @@ from mdms_array.experiments.settings import (
     Distribution,
     Values,
     check_count,
+    meanings_of,
     seeds_of,
     settings_of,
     tree_of,
@@ -81,7 +82,8 @@ class SweepResult:
     """The table of a sweep: a row for each run, in the order of settings and seeds.
 
     `parameters` and `measures` are names of columns, and `sampled` are the parameters that were
-    drawn from distributions. A run that raised has a `failure`, and no measures. `changed`
+    drawn from distributions. `meanings` says of a parameter whether it is the truth, the host's
+    belief, or both. A run that raised has a `failure`, and no measures. `changed`
     marks runs of another revision of the code.
     """
 
@@ -90,6 +92,7 @@ class SweepResult:
     measures: tuple[str, ...]
     sampled: tuple[str, ...] = ()
     folder: Path | None = None
+    meanings: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def frame(self) -> Any:
@@ -323,7 +326,8 @@ def run_design(
             if folder is not None:
                 write_tables(folder, table.rows())
         names = tuple(map(name_of, design.measures))
-        return SweepResult(table.rows(), design.parameters, names, design.sampled, folder)
+        meanings = meanings_of(design.base, design.parameters)
+        return SweepResult(table.rows(), design.parameters, names, design.sampled, folder, meanings)
 
 
 class _Table:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mdms_array as mdms
-from mdms_array.experiments.settings import seeds_of, settings_of, tree_of
+from mdms_array.experiments.settings import meanings_of, seeds_of, settings_of, tree_of
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.file import load_scenario, scenario_from
 from mdms_model.scenario.tree import plain
@@ -79,6 +79,38 @@ def test_parcels_are_named_or_numbered():
         scenario = scenario_with({key: 3.0})
         assert scenario.parcel[0].mass_kg == 3.0
         assert believed(scenario).parcel[0].mass_kg == 2.0
+
+
+def meaning(key, *others, base=BASE):
+    return meanings_of(base, [key, *others])[key]
+
+
+def test_a_key_is_named_for_what_it_sets():
+    assert meaning("cell.friction") == meaning("parcel.0.mass_kg") == "truth and belief"
+    assert meaning("truth.cell.friction") == "truth alone"
+    assert meaning("belief.friction") == "belief alone"
+    assert meaning("motion.speed_m_s") == meaning("cell") == ""
+
+
+def test_a_key_beside_a_belief_of_its_own_is_the_truth_alone():
+    assert meaning("cell.friction", "belief.friction") == "truth alone"
+    assert meaning("cell.friction", "belief.pwm_steps") == "truth and belief"
+    assert meaning("parcel.0.mass_kg", "belief.box.mass_kg") == "truth alone"
+    assert meaning("parcel.box.mass_kg", "belief.box.mass_kg") == "truth alone"
+    told = BASE | {"belief": {"friction": 0.4, "box": {"mass_kg": 1.0}}}
+    assert meaning("cell.friction", base=told) == "truth alone"
+    assert meaning("parcel.0.mass_kg", base=told) == "truth alone"
+    assert meaning("parcel.0.height_m", base=told) == "truth and belief"
+    unknown = BASE | {"belief": {"box": {"known": False}}}
+    assert meaning("parcel.0.mass_kg", base=unknown) == "truth alone"
+    # With a belief that varies as a whole it may be the one or the other.
+    assert meaning("cell.friction", "belief") == ""
+
+
+def test_without_a_host_there_is_no_belief():
+    row = plain(load_scenario("paper-fig8"))
+    assert meaning("cell.friction", base=row) == ""
+    assert meaning("cell.friction", "run.fidelity", base=row) == "truth and belief"
 
 
 @pytest.mark.parametrize(

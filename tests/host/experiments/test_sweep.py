@@ -96,6 +96,7 @@ def test_a_row_is_the_run_that_anybody_simulates(executor):
     result = mdms.sweep(
         tree, {"cell.friction": [0.25]}, seeds=[3], measures=sorted(NAMED), executor=executor
     )
+    assert result.meanings == {"cell.friction": "truth and belief"}
     (row,) = result.rows
     tree["cell"] |= {"friction": 0.25}
     tree["run"] |= {"seed": 3}

@@ -16,7 +16,6 @@ from rich.table import Table
 from mdms_array.experiments.execution import Workers, cluster
 from mdms_array.experiments.files import Plot, read_sweep
 from mdms_array.experiments.journal import CSV, frame_of, write_csv, writing
-from mdms_array.experiments.settings import meaning_of
 from mdms_array.experiments.summary import cells_of, summarised
 from mdms_array.experiments.sweep import Design, Progress, SweepResult, run_again, run_design
 from mdms_host.cli.console import show
@@ -152,7 +151,7 @@ def _print(result: SweepResult) -> None:
     else:
         tables = [((name,), summarised(result, [name])) for name in result.parameters]
     for parameters, rows in tables:
-        titles = [f"{name}\n{meaning_of(name)}".strip() for name in parameters]
+        titles = [f"{name}\n{result.meanings.get(name, '')}".strip() for name in parameters]
         table = Table(*titles, "runs", "failed", *result.measures)
         for row in sorted(rows, key=lambda row: _order(row, parameters)):
             table.add_row(*cells_of(row, parameters, result.measures))
