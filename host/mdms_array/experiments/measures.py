@@ -5,7 +5,8 @@ import inspect
 import math
 import runpy
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
 from functools import cache
 from math import pi
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from mdms_array.run import Run
+from mdms_host.motion.outcome import GoalOutcome
 from mdms_model.arrays import Floats
 from mdms_model.errors import InputError
 from mdms_model.scenario.scenario import Cell
@@ -24,6 +26,8 @@ MOST_WHOLE = 1 << 63
 #: Sums and squares of numbers within this have room in a float, and so has an axis.
 MOST = 1e100
 Measure = str | Callable[[Run], Any]
+#: In place of the names of a run's own: any name or number, and any number.
+ITEM, NUMBER = "NAME", "NUMBER"
 #: The measures of a sweep that names none.
 USUAL = ("reached", "time_s", "position_error_m", "slipping_share", "violations")
 
@@ -222,11 +226,8 @@ def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
         if isinstance(each, FileFunction):
             _ = each.function
         elif isinstance(each, str):
-            if each not in NAMED and "." not in each:
-                raise InputError(
-                    f"measures: {each!r} is unknown; there are {', '.join(NAMED)}, paths into the "
-                    "figures of `mdms simulate --json` such as parcels.0.x_m, and functions"
-                )
+            if each not in NAMED:
+                _check_path(each)
         elif not callable(each) or inspect.ismethod(each) or "<" in _path_of(each):
             raise InputError(
                 f"measures: {each!r} cannot be sent to a worker; define a function by `def` "
@@ -237,6 +238,63 @@ def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
     if twice:
         raise InputError(f"measures: {', '.join(sorted(twice))} stands there twice")
     return listed
+
+
+def _check_path(path: str) -> None:
+    """Raises `InputError` for text that is no path to a figure that a run may have."""
+    if "." not in path:
+        raise InputError(
+            f"measures: {path!r} is unknown; there are {', '.join(NAMED)}, paths into the "
+            "figures of `mdms simulate --json` such as parcels.0.x_m, and functions"
+        )
+    known: Any = known_figures()
+    above = "a run"
+    for place, part in enumerate(parts := path.split("."), 1):
+        if known is None:
+            raise InputError(f"measures: {path}: {above} is one figure, with no {part!r} inside")
+        inside = known
+        if part in known:
+            known = known[part]
+        elif (ITEM in known and part) or (NUMBER in known and part.isdecimal()):
+            known = next(iter(known.values()))
+        else:
+            names = get_close_matches(part, known, n=3) or [*inside]
+            raise InputError(
+                f"measures: {path}: {above} has no {part!r}; there are {', '.join(names)}"
+            )
+        above = ".".join(parts[:place])
+    if known is not None:
+        raise InputError(
+            f"measures: {path} has more than one figure; add one of {', '.join(known)}"
+        )
+
+
+@cache
+def known_figures() -> Mapping[str, Any]:
+    """The names of all figures that a simulated run may have, as tables; None is a figure."""
+    # They are of the simulator, which takes its time to import.
+    from mdms_array.figures import POSE, TWIST
+    from mdms_sim.referee.rules import Violation
+    from mdms_sim.simulation import BusFigures
+
+    def table(*names: str, **inner: Any) -> dict[str, Any]:
+        return dict.fromkeys(names) | inner
+
+    def members(kind: Any) -> dict[str, Any]:
+        return table(*(each.name for each in fields(kind)))
+
+    stream = "came", "left", "wrong", "touches", "lasts_s", "parcels_per_hour"
+    parcel = table("name", *POSE, *TWIST, "at_rest", "lifted", estimate=table(*POSE))
+    return table(
+        *("title", "fidelity", "nodes", "seed", "duration_s", "wall_s", "compile_s"),
+        *("real_time_factor", "status", "reason", "fault", "slipping_share", "pauses"),
+        parcels={ITEM: parcel},
+        goals={ITEM: members(GoalOutcome)},
+        stream=table(*stream, by_exit={ITEM: None}),
+        bus=members(BusFigures),
+        lost_cells={NUMBER: None},
+        violations={NUMBER: members(Violation)},
+    )
 
 
 def _path_of(function: Any) -> str:
@@ -344,12 +402,15 @@ def utf8(text: str) -> str:
 
 
 def _figure(figures: Any, path: str) -> Any:
-    """A figure by its path; None where the run has none."""
+    """A figure by its path, parcels by number or by name; None where the run has none."""
     for part in path.split("."):
         if isinstance(figures, Mapping):
             figures = figures.get(part)
-        elif isinstance(figures, list | tuple) and part.isdecimal() and int(part) < len(figures):
-            figures = figures[int(part)]
-        else:
+        elif not isinstance(figures, list | tuple):
             return None
+        elif part.isdecimal():
+            figures = figures[int(part)] if int(part) < len(figures) else None
+        else:
+            named = (each for each in figures if part in (each.get("name"), each.get("parcel")))
+            figures = next(named, None)
     return figures
