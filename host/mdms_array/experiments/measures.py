@@ -1,5 +1,7 @@
 """Measures: numbers that an experiment takes from a run, by name or by a function of the user."""
 
+import copyreg
+import dis
 import hashlib
 import inspect
 import math
@@ -7,10 +9,10 @@ import runpy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, cached_property
 from math import pi
 from pathlib import Path
-from types import CodeType
+from types import CodeType, MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -233,6 +235,8 @@ def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
                 f"measures: {each!r} cannot be sent to a worker; define a function by `def` "
                 "outside all others"
             )
+        else:
+            _ = identity_of(each)
     names = [name_of(each) for each in listed]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
@@ -306,59 +310,145 @@ def identity_of(function: Any) -> str:
     """The identity of a measure or a program: a name, and a digest of its source.
 
     That of a file is its whole text. That of a function is its own text and all that it uses of its
-    module: functions, classes, and values that are plain.
+    module: functions, classes and values, with those of defaults and closures. Raises `InputError`
+    for a value that nobody can compare with that of an earlier run.
     """
     if function is None or isinstance(function, str):
         return str(function)
     if isinstance(function, FileFunction):
         source = Path(function.path).read_text("utf-8")
     else:
-        used = sorted(_used_by(function).items())
-        source = _source(function) + "".join(f"\0{name}\0{text}" for name, text in used)
+        source = "\0".join(_Used(function).texts)
     return f"{name_of(function)}:{hashlib.sha256(source.encode()).hexdigest()}"
 
 
-def _source(function: Any) -> str:
-    try:
-        return inspect.getsource(function)
-    except (OSError, TypeError):
-        return ""
+class _Used:
+    """The texts of a function, and of all of its module that it uses, directly or not."""
+
+    def __init__(self, function: Any) -> None:
+        self.texts: list[str] = []
+        self._name, self._module = name_of(function), function.__module__
+        self._known: set[int] = set()
+        self._above: list[int] = []
+        self._waiting: list[Any] = []
+        self._add(self._name, function)
+        while self._waiting:
+            user = self._waiting.pop(0)
+            inside = _inside_class(user) if inspect.isclass(user) else _inside_function(user)
+            for name, value in inside.items():
+                self._add(f"{user.__qualname__}: {name}", value)
+
+    def _add(self, name: str, value: Any) -> None:
+        try:
+            self.texts.append(f"{name} = {self._text(value)}")
+        except (TypeError, ValueError, RecursionError) as error:
+            raise InputError(
+                f"{self._name} uses {name}, a value that cannot be compared with that of an "
+                f"earlier run ({error}); make it within the function"
+            ) from None
+
+    def _text(self, value: Any) -> str:
+        """A text that is equal for equal values, in all processes. Raises TypeError."""
+        if value is None or type(value) in (bool, int, float, complex, str, bytes):
+            return repr(value)
+        if inspect.ismodule(value):
+            return f"module {value.__name__}"
+        if id(value) in self._above:
+            return f"{len(self._above) - self._above.index(id(value))} above"
+        self._above.append(id(value))
+        try:
+            return self._text_of_object(value)
+        finally:
+            self._above.pop()
+
+    def _text_of_object(self, value: Any) -> str:
+        if callable(value):
+            value = inspect.unwrap(value, stop=self._is_own)
+        owner = getattr(value, "__self__", None)
+        if inspect.isroutine(value) and owner is not None and not inspect.ismodule(owner):
+            return self._text((value.__name__, owner))
+        if inspect.isroutine(value) or inspect.isclass(value):
+            return self._text_of_code(value)
+        kind = type(value)
+        if kind in (list, tuple, set, frozenset):
+            texts = [self._text(each) for each in value]
+            in_order = texts if kind in (list, tuple) else sorted(texts)
+            return f"{kind.__name__}({', '.join(in_order)})"
+        if kind in (dict, MappingProxyType):
+            return self._text(["dict", *value.items()])
+        if kind is np.ndarray and not value.dtype.hasobject:
+            digest = hashlib.sha256(value.tobytes()).hexdigest()
+            return f"array({value.dtype.descr}, {value.shape}, {digest})"
+        # Of any other object, all that pickle would keep.
+        reduced = copyreg.dispatch_table.get(kind)
+        parts = reduced(value) if reduced else value.__reduce_ex__(4)
+        listed = [parts] if isinstance(parts, str) else [*parts]
+        return self._text([list(each) if isinstance(each, Iterator) else each for each in listed])
+
+    def _text_of_code(self, value: Any) -> str:
+        """The name of a function or a class; those of the module wait to be looked into."""
+        name = f"{getattr(value, '__module__', None)}.{value.__qualname__}"
+        own_class = inspect.isclass(value) and value.__module__ == self._module
+        if (own_class or self._is_own(value)) and id(value) not in self._known:
+            self._known.add(id(value))
+            self.texts.append(_source(value))
+            self._waiting.append(value)
+        return name
+
+    def _is_own(self, value: Any) -> bool:
+        """Whether a function was written in the module: a decorator may be of another."""
+        return inspect.isfunction(value) and value.__globals__.get("__name__") == self._module
 
 
-def _used_by(function: Any) -> dict[str, str]:
-    """The texts of all names of its module that a function uses, directly or not, by name."""
-    used: dict[str, str] = {}
-    waiting = [inspect.unwrap(function)]
-    while waiting:
-        user = waiting.pop()
-        for name in _names_in(user.__code__) if inspect.isfunction(user) else ():
-            if name in used or name not in user.__globals__:
-                continue
-            value = user.__globals__[name]
-            value = inspect.unwrap(value) if callable(value) else value
-            if getattr(value, "__module__", None) == function.__module__ and callable(value):
-                used[name] = _source(value)
-                waiting += [value, *vars(value).values()] if inspect.isclass(value) else [value]
-            elif _is_plain(value):
-                used[name] = repr(value)
-    return used
+def _inside_function(function: Any) -> dict[str, Any]:
+    """What a function uses: defaults, its closure and globals."""
+    closure = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    names = sorted({*_globals_in(function.__code__)} & {*function.__globals__})
+    return {
+        "defaults": (function.__defaults__, function.__kwdefaults__),
+        **{name: cell.cell_contents for name, cell in closure},
+        **{name: function.__globals__[name] for name in names},
+    }
 
 
-def _names_in(code: CodeType) -> Iterator[str]:
-    """The names of globals that a function, or one within it, may use."""
-    yield from code.co_names
+def _inside_class(kind: Any) -> dict[str, Any]:
+    """What a class uses: its bases, its functions, and values but those that Python adds."""
+    inside: dict[str, Any] = {"bases": kind.__bases__}
+    for name, value in vars(kind).items():
+        if isinstance(value, property):
+            inside[name] = value.fget, value.fset
+        elif isinstance(value, cached_property):
+            inside[name] = value.func
+        elif inspect.isfunction(value) or not name.startswith(("__", "_abc_")):
+            inside[name] = value
+    return inside
+
+
+def _globals_in(code: CodeType) -> Iterator[str]:
+    """The names of globals that a function, or one within it, uses."""
+    for each in dis.get_instructions(code):
+        if each.opname in ("LOAD_GLOBAL", "LOAD_NAME"):
+            yield each.argval
     for each in code.co_consts:
         if isinstance(each, CodeType):
-            yield from _names_in(each)
+            yield from _globals_in(each)
 
 
-def _is_plain(value: Any) -> bool:
-    """Whether equal values have equal texts in all processes."""
-    if isinstance(value, dict):
-        return all(map(_is_plain, (*value, *value.values())))
-    if isinstance(value, list | tuple):
-        return all(map(_is_plain, value))
-    return value is None or isinstance(value, bool | int | float | complex | str | bytes)
+def _source(user: Any) -> str:
+    """The text of a function or a class; the code of a lambda, and of a function of no file."""
+    code = getattr(user, "__code__", None)
+    if code is not None and code.co_name == "<lambda>":
+        # Two may stand in a line.
+        return _code_text(code)
+    try:
+        return inspect.getsource(code or user)
+    except (OSError, TypeError):
+        return "" if code is None else _code_text(code)
+
+
+def _code_text(code: CodeType) -> str:
+    inner = [_code_text(each) if isinstance(each, CodeType) else each for each in code.co_consts]
+    return repr((code.co_code, code.co_names, inner))
 
 
 def measured(run: Run, measure: Measure) -> bool | int | float | str | None:

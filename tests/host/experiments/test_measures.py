@@ -1,6 +1,9 @@
 """Measures: beliefs of parcels that are alike and of discs, and paths to figures."""
 
+import threading
+from functools import wraps
 from math import nan
+from types import FunctionType
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from mdms_array.experiments.measures import (
     belief_position_error_m,
     belief_yaw_error_rad,
     check_measures,
+    identity_of,
     known_figures,
     measured,
 )
@@ -112,3 +116,99 @@ def test_a_parcel_of_a_path_has_a_number_or_a_name():
     run = Run(None, "reached", "", None, figures, {})
     paths = "parcels.1.x_m", "parcels.b.x_m", "goals.b.reached", "parcels.c.x_m", "parcels.2.x_m"
     assert [measured(run, path) for path in paths] == [2.0, 2.0, False, None, None]
+
+
+VALUE = 1.0
+
+
+def by_global(_run):
+    return VALUE
+
+
+def by_method(_run):
+    return Half().of()
+
+
+class Half:
+    @staticmethod
+    def of():
+        return Half.scale() / 2.0
+
+    @staticmethod
+    def scale():
+        return VALUE
+
+
+def doubled(measure):
+    @wraps(measure)
+    def wrapped(run):
+        return VALUE * measure(run)
+
+    return wrapped
+
+
+@doubled
+def by_decorator(_run):
+    return 1.0
+
+
+class Held:
+    def __init__(self, value):
+        self.value = value
+
+
+@pytest.mark.parametrize("measure", [by_global, by_method, by_decorator])
+@pytest.mark.parametrize(
+    ("value", "other"),
+    [
+        (1.0, 2.0),
+        (np.array([1.0]), np.array([2.0])),
+        (np.array([1, 2]), np.array([[1, 2]])),
+        ({"a", "b"}, {"a", "c"}),
+        ([{1.0}], [{2.0}]),
+        (Held(1.0), Held(2.0)),
+        (Held(np.zeros(2000)), Held(np.eye(1, 2000, 1000)[0])),
+        (lambda: 1.0, lambda: 2.0),
+        (Held(1.0).__init__, Held(2.0).__init__),
+    ],
+)
+def test_a_measure_is_another_if_a_value_that_it_uses_is(measure, value, other, monkeypatch):
+    monkeypatch.setitem(globals(), "VALUE", value)
+    before = identity_of(measure)
+    assert identity_of(measure) == before
+    monkeypatch.setitem(globals(), "VALUE", other)
+    assert identity_of(measure) != before
+
+
+def test_a_measure_is_another_with_other_defaults():
+    def with_defaults(defaults, keywords=None):
+        made = FunctionType(by_global.__code__, globals(), "by_global", defaults)
+        made.__kwdefaults__ = keywords
+        return identity_of(made)
+
+    assert with_defaults((1.0,)) == with_defaults((1.0,))
+    identities = {with_defaults((1.0,)), with_defaults((2.0,)), with_defaults(None, {"a": 1.0})}
+    assert len(identities) == 3
+
+
+def test_sets_have_one_text_in_all_orders(monkeypatch):
+    identities = set()
+    # Both have the same place in a table of eight.
+    for value in ({0, 8}, {8, 0}):
+        monkeypatch.setitem(globals(), "VALUE", value)
+        identities.add(identity_of(by_global))
+    assert len(identities) == 1
+
+
+def test_a_value_that_holds_itself_has_an_end(monkeypatch):
+    endless = [1.0]
+    endless.append(endless)
+    monkeypatch.setitem(globals(), "VALUE", endless)
+    assert identity_of(by_global) == identity_of(by_global)
+
+
+def test_a_value_that_nobody_can_compare_is_refused(monkeypatch):
+    monkeypatch.setitem(globals(), "VALUE", threading.Lock())
+    told = r"by_global uses by_global: VALUE, a value that cannot be compared .* \(cannot pickle"
+    with pytest.raises(mdms.InputError, match=told):
+        check_measures([by_global])
