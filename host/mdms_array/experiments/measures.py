@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import math
 import runpy
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
@@ -200,6 +201,10 @@ class FileFunction:
 
 @cache
 def _names_of(path: str) -> dict[str, Any]:
+    folder = str(Path(path).parent)
+    if folder not in sys.path:
+        # As for a script: it imports what lies beside it.
+        sys.path.insert(0, folder)
     try:
         return runpy.run_path(path, run_name="mdms measures")
     except OSError as error:

@@ -4,6 +4,7 @@ import json
 import signal
 import sqlite3
 import subprocess
+import sys
 import time
 
 import pandas
@@ -188,6 +189,18 @@ def test_a_file_of_measures_that_ends_its_process_is_refused(file, capsys):
     (file.parent / "own.py").write_text("raise SystemExit(0)\n")
     assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.USAGE
     assert "own.py: SystemExit: 0" in capsys.readouterr().err
+
+
+def test_a_file_of_measures_imports_what_lies_beside_it(file, monkeypatch, capsys):
+    # What it adds to the path is undone.
+    monkeypatch.setattr("sys.path", [*sys.path])
+    file.with_name("own_places.py").write_text("def x_m(run): return run.figures['parcels'][0]")
+    file.with_name("own.py").write_text(
+        "from own_places import x_m\n"
+        "def end_m(run):\n    import own_places\n    return own_places.x_m(run)['x_m']\n"
+    )
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert "8 runs, 0 failed" in capsys.readouterr().out
 
 
 @pytest.mark.slow
