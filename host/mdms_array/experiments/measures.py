@@ -228,6 +228,8 @@ def name_of(measure: Measure) -> str:
 
 def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
     """The measures. Raises `InputError` for an unknown name, two with one name, or a lambda."""
+    if not isinstance(measures, str | Sequence) and not callable(measures):
+        raise InputError(f"measures is {measures!r}, but must be a list of names and functions")
     listed = (measures,) if isinstance(measures, str) or callable(measures) else tuple(measures)
     for each in listed:
         if isinstance(each, FileFunction):

@@ -7,13 +7,14 @@ belief, unless the scenario has a belief of its own. `belief.KEY` sets the belie
 """
 
 import hashlib
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from itertools import pairwise, product
-from numbers import Real
-from typing import Any
+from numbers import Integral, Real
+from typing import Any, SupportsInt, TypeGuard
 
 import numpy as np
 
@@ -84,6 +85,20 @@ def integers(low: int, high: int) -> Distribution:
 Values = Sequence[Any] | Distribution
 
 
+def check_arguments(over: object, seed: object) -> None:
+    """Raises `InputError` for keys and a seed of another type than they must have."""
+    if not isinstance(over, Mapping):
+        raise InputError(
+            f"over is {over!r}, but must be a dict by keys of a scenario, such as "
+            '{"cell.friction": [0.2, 0.3]}'
+        )
+    for key in over:
+        if not isinstance(key, str):
+            raise InputError(f"over: {key!r} must be text, a key of a scenario")
+    if not _is_whole(seed):
+        raise InputError(f"seed is {seed!r}, but must be a whole number")
+
+
 def settings_of(
     over: Mapping[str, Values], samples: int, sampling: str, seed: int
 ) -> list[dict[str, Any]]:
@@ -115,7 +130,9 @@ def _listed(key: str, values: Values) -> list[Any] | None:
     check_no_seed("over", key)
     if isinstance(values, Distribution):
         return None
-    if isinstance(values, str | bytes | Mapping) or not hasattr(values, "__len__"):
+    # An array of no axis has a length, but it raises.
+    has_items = hasattr(values, "__len__") and getattr(values, "ndim", 1) != 0
+    if isinstance(values, str | bytes | Mapping) or not has_items:
         raise InputError(
             f"over: {key} is {values!r}, but must be a list of values or a distribution"
         )
@@ -126,6 +143,13 @@ def _listed(key: str, values: Values) -> list[Any] | None:
     for each in listed:
         if isinstance(each, float) and not math.isfinite(each):
             raise InputError(f"over: {key} has {each}, but must have finite numbers")
+        try:
+            json.dumps(each, ensure_ascii=False, allow_nan=False).encode()
+        except (TypeError, ValueError, RecursionError):
+            raise InputError(
+                f"over: {key} has {each!r}, but must have finite numbers, text, true or false, or "
+                "lists and tables of these"
+            ) from None
     return listed
 
 
@@ -141,7 +165,7 @@ def _points(keys: int, samples: int, sampling: str, seed: int) -> list[Sequence[
     """Samples in the unit cube of so many keys. Raises `InputError`."""
     if sampling not in SAMPLINGS:
         raise InputError(f"sampling is {sampling!r}, but must be one of {', '.join(SAMPLINGS)}")
-    check_count("samples", samples)
+    samples = check_count("samples", samples)
     if seed < 0:
         raise InputError(f"seed is {seed}, but must be 0 or more for samples to be drawn from it")
     if sampling == "sobol" and samples & (samples - 1):
@@ -168,11 +192,16 @@ def _sampler(keys: int, sampling: str, seed: int) -> Callable[[int], Any]:
 
 def check_count(name: str, count: object, least: int = 1) -> int:
     """A number of runs or samples. Raises `InputError` for any other."""
-    if not isinstance(count, int) or isinstance(count, bool) or not least <= count <= MOST_RUNS:
+    if not _is_whole(count) or not least <= int(count) <= MOST_RUNS:
         raise InputError(
             f"{name} is {count!r}, but must be a whole number, {least} to {MOST_RUNS:,}"
         )
-    return count
+    return int(count)
+
+
+def _is_whole(value: object) -> TypeGuard[SupportsInt]:
+    """Whether a value is a whole number of Python or numpy, and no truth."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def run_seed(seed: int, replication: int) -> int:
@@ -186,14 +215,14 @@ def run_seed(seed: int, replication: int) -> int:
 
 def seeds_of(seeds: int | Sequence[int], seed: int) -> list[int]:
     """The seeds of the runs of each setting: so many by the rule, or those given."""
-    if isinstance(seeds, int):
+    if isinstance(seeds, Integral):
         return [run_seed(seed, each) for each in range(check_count("seeds", seeds))]
-    listed = list(seeds)
-    if not listed or not all(isinstance(each, int) and each >= 0 for each in listed):
+    listed = [*seeds] if isinstance(seeds, Sequence | np.ndarray) and np.ndim(seeds) else []
+    if not listed or not all(_is_whole(each) and int(each) >= 0 for each in listed):
         raise InputError(f"seeds is {seeds!r}, but must be a number of runs, or a list of seeds")
     if len({*listed}) < len(listed):
         raise InputError(f"seeds is {seeds!r}: one stands there twice")
-    return listed
+    return [int(each) for each in listed]
 
 
 def tree_of(base: Tree, setting: Setting, seed: int) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from mdms_array.experiments.measures import USUAL, FileFunction, Measure, check_
 from mdms_array.experiments.settings import (
     Distribution,
     Values,
+    check_arguments,
     check_count,
     meanings_of,
     seeds_of,
@@ -171,6 +172,7 @@ def design_of(
     program: FileFunction | Main | None = None,
 ) -> Design:
     """A checked design. Raises `InputError`, also where no setting at all is a scenario."""
+    check_arguments(over, seed)
     base, own = _opened(scenario, program)
     listed = check_measures((measures,) if callable(measures) else measures)
     taken = {*FIRST, *LAST, *over}

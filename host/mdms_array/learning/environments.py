@@ -4,6 +4,7 @@ Table k of many does what one table does alone with the seed of the first plus k
 """
 
 from collections.abc import Callable, Mapping
+from inspect import Parameter, signature
 from typing import Any, ClassVar
 
 import gymnasium
@@ -166,6 +167,21 @@ SORT: Mapping[str, Any] = {
 }
 
 
+def checked_options(options: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The options of an environment. Raises `InputError` for one that there is not."""
+    known = [
+        name
+        for name, each in signature(Episode).parameters.items()
+        if each.kind is Parameter.KEYWORD_ONLY
+    ]
+    for name in options:
+        if name not in known:
+            raise InputError(
+                f"{name} is no option of the environment; there are {', '.join(known)}"
+            )
+    return options
+
+
 def own_option(options: Mapping[str, Any] | None, name: str) -> Any:
     """An option of a reset, None without. Raises `InputError` for one of other environments.
 
@@ -188,7 +204,7 @@ class _TableEnv(gymnasium.Env[Observation, Any]):
         if render_mode is not None:
             raise InputError(f"render_mode is {render_mode!r}, but nothing is drawn; leave it out")
         self.render_mode = None
-        self.episode = Episode(type(self).task, **{**self.defaults, **options})
+        self.episode = Episode(type(self).task, **{**self.defaults, **checked_options(options)})
         self.action_space = self.episode.action_space
         self.observation_space = self.episode.observation_space
 
@@ -230,7 +246,9 @@ class _TableVectorEnv(VectorEnv[Observation, Any, Any]):
         if not isinstance(num_envs, int) or num_envs < 1:
             raise InputError(f"num_envs is {num_envs!r}, but must be a whole number from 1")
         self.num_envs = num_envs
-        self.episode = Episode(type(self).task, num_envs, **{**self.defaults, **options})
+        self.episode = Episode(
+            type(self).task, num_envs, **{**self.defaults, **checked_options(options)}
+        )
         self.single_action_space = self.episode.action_space
         self.single_observation_space = self.episode.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -43,7 +43,9 @@ class Episodes:
             )
         self._randomise = dict(randomise)
         for key, values in self._randomise.items():
-            listed = isinstance(values, list | tuple | np.ndarray) and len(values)
+            listed = (
+                isinstance(values, list | tuple | np.ndarray) and np.ndim(values) and len(values)
+            )
             if not isinstance(values, Distribution) and not listed:
                 raise InputError(
                     f"randomise: {key} is {values!r}, but must be a list of values or a "

@@ -1,5 +1,7 @@
 """Settings: grids, samples, seeds, and keys that are the truth, the belief or both."""
 
+from decimal import Decimal
+
 import numpy as np
 import pytest
 
@@ -56,7 +58,8 @@ def test_all_settings_see_the_seeds_of_the_rule():
     assert seeds_of(2, 1) == [mdms.run_seed(1, 0), mdms.run_seed(1, 1)]
     assert mdms.run_seed(1, 0) == 27311190229672
     assert not {*seeds_of(100, 1)} & {*seeds_of(100, 2)}
-    assert seeds_of([3, 5], 1) == [3, 5]
+    assert seeds_of([3, 5], 1) == seeds_of(np.array([3, 5]), 1) == [3, 5]
+    assert seeds_of(np.int64(2), 1) == seeds_of(2, np.int64(1)) == seeds_of(2, 1)
 
 
 def test_a_key_of_the_cell_is_both_truth_and_belief():
@@ -168,6 +171,10 @@ def test_a_key_that_leads_nowhere_is_refused(key, told):
 @pytest.mark.parametrize(
     ("over", "samples", "sampling", "told"),
     [
+        ({"a": np.array(0.3)}, 4, "sobol", "a is array.0.3., but must be a list of values"),
+        ({"a": [0.3, Decimal(1)]}, 4, "sobol", "a has Decimal..1.., but must have finite numbers"),
+        ({"a": ["\ud800"]}, 4, "sobol", "but must have finite numbers, text, true"),
+        ({"a": [[float("inf")]]}, 4, "sobol", "a has .inf., but must have finite numbers"),
         ({"a": []}, 4, "sobol", "a has no values"),
         ({"a": 0.3}, 4, "sobol", "must be a list of values or a distribution"),
         ({"a": [0.3, float("nan")]}, 4, "sobol", "a has nan, but must have finite numbers"),
@@ -210,7 +217,35 @@ def test_bounds_of_logarithms_are_above_0():
         mdms.log_uniform(0.0, 1.0)
 
 
-@pytest.mark.parametrize("seeds", [0, -1, [], [1, 1], [1, -2], True])
+@pytest.mark.parametrize(
+    "seeds",
+    [0, -1, [], [1, 1], [1, -2], [True], True, 2.5, None, "12", {3, 5}, np.array(2.0)],
+)
 def test_seeds_that_are_none_are_refused(seeds):
     with pytest.raises(mdms.InputError, match="seeds is"):
         seeds_of(seeds, 1)
+
+
+@pytest.mark.parametrize("seed", ["x", None, 1.5, True])
+def test_a_seed_of_another_type_is_refused(seed):
+    with pytest.raises(mdms.InputError, match=r"^seed is .*, but must be a whole number$"):
+        mdms.sweep("array18", {"cell.friction": [0.2]}, seed=seed)
+
+
+@pytest.mark.parametrize(
+    ("over", "told"),
+    [
+        (None, "over is None, but must be a dict by keys of a scenario"),
+        (["cell.friction"], "over is ..cell.friction.., but must be a dict"),
+        ({5: [1]}, "over: 5 must be text, a key of a scenario"),
+    ],
+)
+def test_keys_of_another_type_are_refused(over, told):
+    with pytest.raises(mdms.InputError, match=told):
+        mdms.sweep("array18", over)
+
+
+@pytest.mark.parametrize("measures", [5, None, {"reached"}])
+def test_measures_of_another_type_are_refused(measures):
+    with pytest.raises(mdms.InputError, match=r"^measures is .*, but must be a list of names"):
+        mdms.sweep("array18", {"cell.friction": [0.2]}, measures=measures)

@@ -340,6 +340,8 @@ def test_sensors_are_late_and_noisy_as_the_scenario_says():
         ({"randomise": {"run.seed": [1.5]}}, "run.seed is .1.5., but must be whole numbers"),
         ({"randomise": {"run.seed": ["a"]}}, "run.seed is .'a'., but must be whole numbers"),
         ({"randomise": {"run.seed": mdms.uniform(0, 9)}}, "must be whole numbers; take mdms_arr"),
+        ({"foo": 1}, "foo is no option of the environment; there are scenario, fidelity"),
+        ({"randomise": {"cell.friction": np.array(0.2)}}, "friction is array.0.2., but must be a"),
         ({"threads": 0}, "threads is 0, but must be a whole number"),
         ({"randomise": {"cell.friction": 0.3}}, "a distribution, such as mdms_array.uniform"),
         ({"randomise": {"parcel.0.x_m": [nan]}}, "parcel.0.x_m is nan, but must be a finite"),
@@ -383,7 +385,7 @@ def test_scenarios_that_the_model_cannot_be_are_refused(options, message):
 
 
 def test_one_table_is_no_number_of_tables():
-    with pytest.raises(TypeError, match="tables"):
+    with pytest.raises(InputError, match="tables"):
         gymnasium.make(PARCEL, tables=3)
 
 
