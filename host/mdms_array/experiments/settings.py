@@ -28,6 +28,8 @@ SAMPLINGS = ("latin_hypercube", "sobol", "random")
 MOST_RUNS = 1_000_000
 #: `truth.KEY` is the truth alone.
 TRUTH = "truth."
+#: The keys of `cell` by which runs of a row differ from seed to seed.
+ROW_CHANCES = ("motor_spread", "friction_spread")
 _SCALES = ("uniform", "log_uniform", "integers")
 
 
@@ -106,6 +108,8 @@ def settings_of(
 
     A setting is there once, however often it is drawn. Raises `InputError`.
     """
+    if sampling not in SAMPLINGS:
+        raise InputError(f"sampling is {sampling!r}, but must be one of {', '.join(SAMPLINGS)}")
     grid = {key: _listed(key, values) for key, values in over.items()}
     drawn = {key: each for key, each in over.items() if isinstance(each, Distribution)}
     lists = {key: values for key, values in grid.items() if values is not None}
@@ -163,8 +167,6 @@ def check_no_seed(name: str, key: str) -> None:
 
 def _points(keys: int, samples: int, sampling: str, seed: int) -> list[Sequence[float]]:
     """Samples in the unit cube of so many keys. Raises `InputError`."""
-    if sampling not in SAMPLINGS:
-        raise InputError(f"sampling is {sampling!r}, but must be one of {', '.join(SAMPLINGS)}")
     samples = check_count("samples", samples)
     if seed < 0:
         raise InputError(f"seed is {seed}, but must be 0 or more for samples to be drawn from it")
@@ -223,6 +225,20 @@ def seeds_of(seeds: int | Sequence[int], seed: int) -> list[int]:
     if len({*listed}) < len(listed):
         raise InputError(f"seeds is {seeds!r}: one stands there twice")
     return [int(each) for each in listed]
+
+
+def check_chance(base: Tree, over: Iterable[str], seeds: Sequence[int]) -> None:
+    """Raises `InputError` for more than one seed of a `row` without chance: all runs are alike."""
+    # Keys that bring chance: a sweep may vary these, or a table with them.
+    chances = [f"cell.{name}" for name in ROW_CHANCES]
+    places = tuple(f"{key.removeprefix(TRUTH)}." for key in over)
+    varies = any(f"{each}.".startswith(places) for each in ("run.fidelity", *chances))
+    is_alike = base["run"]["fidelity"] == "row" and not any(map(base["cell"].get, ROW_CHANCES))
+    if len(seeds) > 1 and is_alike and not varies:
+        raise InputError(
+            f"seeds: {len(seeds)} are given, but run.fidelity is 'row', and this one has no "
+            f"chance: all its runs are alike; give seeds = 1, or {' or '.join(chances)}"
+        )
 
 
 def tree_of(base: Tree, setting: Setting, seed: int) -> dict[str, Any]:

@@ -31,6 +31,7 @@ from mdms_array.experiments.settings import (
     Distribution,
     Values,
     check_arguments,
+    check_chance,
     check_count,
     meanings_of,
     seeds_of,
@@ -185,6 +186,8 @@ def design_of(
     check_count("over and seeds: the number of runs", len(settings) * len(run_seeds))
     sampled = tuple(key for key, each in over.items() if isinstance(each, Distribution))
     design = Design(plain(base), settings, run_seeds, listed, own, sampled)
+    # Without keys it may be of a tuning, whose keys vary later.
+    check_chance(design.base, over, run_seeds if over else ())
     _check_some(design)
     return design
 

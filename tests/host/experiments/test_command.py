@@ -23,6 +23,7 @@ measures = ["slipping_share", "parcels.0.x_m", "own.py:end_m"]
 [scenario]
 scenario = "paper-fig8"
 run = { duration_s = 0.2, step_s = 0.01 }
+cell = { motor_spread = 0.01 }
 
 [over]
 cell.friction = { from = 0.2, to = 0.3, count = 2 }

@@ -18,6 +18,8 @@ from mdms_array.experiments.measures import FileFunction
 from mdms_model.scenario.file import read_tree
 
 ROW = read_tree("paper-fig7") | {"run": {"duration_s": 0.2, "fidelity": "row"}}
+# By this, runs of a row have seeds.
+ROW["cell"] = ROW.get("cell", {}) | {"motor_spread": 0.01}
 OVER = {"motion.speed_m_s": [0.02, 0.03, 0.04, 0.05]}
 MEASURES = '''
 import os, signal, time

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 import mdms_array as mdms
-from mdms_array.experiments.settings import meanings_of, seeds_of, settings_of, tree_of
+from mdms_array.experiments.settings import (
+    check_chance,
+    meanings_of,
+    seeds_of,
+    settings_of,
+    tree_of,
+)
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.file import load_scenario, scenario_from
 from mdms_model.scenario.tree import plain
@@ -181,6 +187,7 @@ def test_a_key_that_leads_nowhere_is_refused(key, told):
         ({"a": "low"}, 4, "sobol", "must be a list of values or a distribution"),
         ({"a": mdms.uniform(0, 1)}, 20, "sobol", "take 16 or 32"),
         ({"a": mdms.uniform(0, 1)}, 4, "halton", "must be one of latin_hypercube"),
+        ({"a": [1]}, 4, "halton", "must be one of latin_hypercube"),
         ({"a": mdms.uniform(0, 1)}, 0, "random", "must be a whole number, 1 to"),
         ({"run.seed": [1, 2]}, 4, "sobol", "`seeds` says which seeds"),
         ({"a": range(2000), "b": range(2000)}, 1, "sobol", "4,000,000 settings, but at most"),
@@ -249,3 +256,23 @@ def test_keys_of_another_type_are_refused(over, told):
 def test_measures_of_another_type_are_refused(measures):
     with pytest.raises(mdms.InputError, match=r"^measures is .*, but must be a list of names"):
         mdms.sweep("array18", {"cell.friction": [0.2]}, measures=measures)
+
+
+ROW = plain(load_scenario("paper-fig8"))
+
+
+def test_many_seeds_of_a_row_without_chance_are_refused():
+    with pytest.raises(mdms.InputError, match=r"seeds: 20 are given, but run.fidelity is 'row'"):
+        mdms.sweep("paper-fig8", {"cell.friction": [0.2, 0.3]})
+    check_chance(ROW, ["cell.friction"], [1])
+
+
+@pytest.mark.parametrize(
+    "key", ["run", "run.fidelity", "cell", "cell.motor_spread", "truth.cell.friction_spread"]
+)
+def test_a_row_whose_chance_varies_has_many_seeds(key):
+    check_chance(ROW, ["cell.friction", key], [1, 2])
+
+
+def test_a_row_with_a_spread_has_many_seeds():
+    check_chance(ROW | {"cell": ROW["cell"] | {"motor_spread": 0.1}}, ["cell.friction"], [1, 2])

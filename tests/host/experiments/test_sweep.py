@@ -19,6 +19,8 @@ from mdms_array.experiments.settings import uniform
 from mdms_model.scenario.file import read_tree
 
 ROW = read_tree("paper-fig7") | {"run": {"duration_s": 0.2, "fidelity": "row"}}
+# By this, runs of a row have seeds.
+ROW["cell"] = ROW.get("cell", {}) | {"motor_spread": 0.01}
 OVER = {"cell.friction": [0.2, 0.3], "motion.speed_m_s": [0.02, 0.04]}
 
 
@@ -82,8 +84,8 @@ def test_a_sweep_has_a_row_for_each_setting_and_seed(executor):
     assert [*frame["seed"]] == 4 * [mdms.run_seed(1, 0), mdms.run_seed(1, 1)]
     assert frame["key"].nunique() == 8
     # All wheels roll, so that friction changes nothing.
-    assert frame["record_sha256"].nunique() == 2
-    assert frame["end_m"].nunique() == 2
+    assert frame["record_sha256"].nunique() == 4
+    assert frame["end_m"].nunique() == 4
     assert frame["log_sha256"].isna().all()
     assert {"revision", "mdms_version", "numba_version", *WALL_CLOCK} <= {*frame.columns}
     assert [state.done for state in seen] == [*range(9)]
