@@ -1,7 +1,5 @@
 """Settings: grids, samples, seeds, and keys that are the truth, the belief or both."""
 
-from decimal import Decimal
-
 import numpy as np
 import pytest
 
@@ -178,9 +176,6 @@ def test_a_key_that_leads_nowhere_is_refused(key, told):
     ("over", "samples", "sampling", "told"),
     [
         ({"a": np.array(0.3)}, 4, "sobol", "a is array.0.3., but must be a list of values"),
-        ({"a": [0.3, Decimal(1)]}, 4, "sobol", "a has Decimal..1.., but must have finite numbers"),
-        ({"a": ["\ud800"]}, 4, "sobol", "but must have finite numbers, text, true"),
-        ({"a": [[float("inf")]]}, 4, "sobol", "a has .inf., but must have finite numbers"),
         ({"a": []}, 4, "sobol", "a has no values"),
         ({"a": 0.3}, 4, "sobol", "must be a list of values or a distribution"),
         ({"a": [0.3, float("nan")]}, 4, "sobol", "a has nan, but must have finite numbers"),
