@@ -89,9 +89,13 @@ _TEXTS = {
     BeliefEvent.CLEARED: "{name} is not there any more",
     BeliefEvent.EXPLAINED: "{name} is {other}",
     BeliefEvent.WITHDRAWN: "{name} has not come: something else was taken for it",
+    BeliefEvent.GUESSED: (
+        "{name} and {other} look alike, and both lie elsewhere than told: which is which is a "
+        "guess; tell where they lie"
+    ),
     BeliefEvent.MISFIT: "{name} is not {other}: sensors contradict its outline",
 }
-_TROUBLES = (BeliefEvent.LOST, BeliefEvent.MISFIT)
+_TROUBLES = (BeliefEvent.LOST, BeliefEvent.GUESSED, BeliefEvent.MISFIT)
 
 
 class Standings:

@@ -136,6 +136,8 @@ class BeliefEvent(StrEnum):
     EXPLAINED = "explained"
     #: Another thing was taken for a parcel that was to come.
     WITHDRAWN = "withdrawn"
+    #: Two that look alike both lay elsewhere than told: which is which is a guess.
+    GUESSED = "guessed"
     #: A thing that was named as a parcel does not have its outline.
     MISFIT = "misfit"
 
@@ -145,7 +147,7 @@ class BeliefChange:
     """One event of one name; `pose` (x, y, yaw) where there is one [table frame].
 
     `size_m` is how far something unknown reaches at most, along x and y. `other` is the parcel that
-    something unknown has turned out to be, or is not.
+    something unknown has turned out to be, or is not, or that looks like this one.
     """
 
     name: str

@@ -22,6 +22,8 @@ _DEVIATIONS = 3.0
 _OUT_M = 0.02
 #: A parcel that came and is lost so soon after it was found was another thing [s].
 _PROVEN_S = 2.0
+#: A parcel lies elsewhere than told if it is first found so far from there [m].
+_ELSEWHERE_M = 0.1
 #: The outline of a parcel that came is judged again for so long after it was found, by sensors up
 #: to so far beside it [s, m].
 _REOPENED_S = 0.4
@@ -51,6 +53,8 @@ class TrackedParcel:
         #: Sensors (S,) that contradicted where it was found, and are not believed.
         self.disbelieved: Bools | None = None
         self._found_s: float | None = None
+        #: Whether it was first found elsewhere than told; None before.
+        self.elsewhere: bool | None = None
         #: Where it was found last; None while it is not.
         self._found_m: Floats | None = None
         self.unknown = unknown
@@ -146,6 +150,9 @@ class TrackedParcel:
         if self.standing is Standing.FOUND:
             self._found_m = self.last[:2] if self._found_m is None else self._found_m
             self._found_s = now_s if self._found_s is None else self._found_s
+            if self.elsewhere is None:
+                told_m = self.last[:2] if self.parcel.near_m is None else self.parcel.near_m
+                self.elsewhere = bool(np.hypot(*(self.last[:2] - told_m)) > _ELSEWHERE_M)
             self.place, self.region, self.expected = self.last, None, False
 
     def was_none(self, now_s: float) -> bool:

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from math import inf
 
 import numpy as np
@@ -185,9 +186,11 @@ class Tracker:
         views = self._views(now_s)
         coverage = self._coverage(views)
         groups = self._groups(now_s, valid, coverage)
+        sought = [name for name, each in self._known.items() if each.elsewhere is None]
         found = self._parcel_search.step(now_s, valid, self._known, groups, coverage.taken)
         for name in found:
             self._note_coming(now_s, name)
+        self._note_guesses([name for name in found if name in sought])
         if found:
             # Sensors that contradict them are not believed any more.
             valid = self._presence.valid(now_s)
@@ -328,6 +331,15 @@ class Tracker:
         before = self._presence.changed_s[under] <= self._complete_s
         lay_there = 2 * before.sum() > len(under)
         (self._lay_there.add if lay_there else self._lay_there.discard)(name)
+
+    def _note_guesses(self, names: list[str]) -> None:
+        """Parcels have been found for the first time: each may be another that looks like it."""
+        moved = {name: each for name, each in self._known.items() if each.elsewhere}
+        for name, other in combinations(moved, 2):
+            one, two = moved[name], moved[other]
+            if {name, other} & {*names} and one.estimator.footprint == two.estimator.footprint:
+                change = BeliefChange(name, BeliefEvent.GUESSED, one.place, other=other)
+                self._changes.append(change)
 
     def _views(self, now_s: float) -> dict[str, View]:
         """The sensors around each parcel that has a pose, by its name."""

@@ -19,6 +19,7 @@ _ADVICE = (
     ("does not follow", "See whether the wheel is held or its encoder unplugged."),
     ("contradict all others", "Clean the cell's sensors, and look whether something lies on them."),
     ("has not been found", "Put the parcel where the program expects it, flat on the wheels."),
+    ("look alike", "See which is which; stop the run, or give their places, if it is wrong."),
     ("has no way", "Clear the way by hand, or give the parcel another goal."),
     ("does not move as its cells", "See what holds the parcel; a new goal has it steered again."),
     ("does not get on", "See what holds the parcel; a new goal has it steered again."),

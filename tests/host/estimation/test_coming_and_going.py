@@ -351,6 +351,30 @@ def test_an_unknown_thing_over_cells_that_fall_silent_lies_there_still(table, co
     assert [*table.tracker.unknown] == []
 
 
+@pytest.mark.parametrize(
+    ("two_m", "length_m", "guessed"),
+    [((0.3, 0.2), 0.36, True), ((0.3, 0.0), 0.36, False), ((0.3, 0.2), 0.42, False)],
+    ids=["both elsewhere", "one where it was told", "of two sizes"],
+)
+def test_which_of_two_alike_is_which_is_a_guess_where_both_lie_elsewhere(
+    two_m, length_m, guessed
+) -> None:
+    one = Parcel("one", 0.36, 0.30, near_m=(-0.3, 0.0))
+    two = Parcel("two", length_m, 0.30, near_m=(0.3, 0.0))
+    table = Lying(LAYOUT, (one, two))
+    table.put("one", one.footprint, -0.3, -0.2, 0.0)
+    table.put("two", two.footprint, *two_m, 0.0)
+    table.run(1.0)
+    assert [event for event in table.events() if event[1] is BeliefEvent.GUESSED] == (
+        [("one", BeliefEvent.GUESSED)] if guessed else []
+    )
+    table.take("one")
+    table.run(1.5)
+    table.put("one", one.footprint, -0.3, 0.2, 0.0)
+    table.run(1.0)
+    assert len([1 for _, event in table.events() if event is BeliefEvent.GUESSED]) == guessed
+
+
 def test_two_that_touch_are_told_apart_where_one_way_explains_them(table) -> None:
     one, two = Parcel("one", 0.36, 0.30), Parcel("two", 0.34, 0.31)
     for parcel in (one, two):
