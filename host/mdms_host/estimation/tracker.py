@@ -316,10 +316,8 @@ class Tracker:
             nearest.estimator.edge(now_s, point_m, covered)
 
     def _note_complete(self, now_s: float) -> None:
-        """What every cell has reported at first lay there before: nothing may drive into it."""
         if self._complete_s == inf and self._presence.complete:
             self._complete_s = now_s
-            self._unknowns.expect(np.flatnonzero(self._presence.covered))
 
     def _note_coming(self, now_s: float, name: str) -> None:
         """A parcel has been found: it lay there if most of its sensors have shown it all along."""

@@ -138,8 +138,7 @@ class Unknowns:
         self._most_m = _MOST_LINKS * link_m
         self._since_s: Floats = np.full(len(self._sensors_m), inf)
         self._all: dict[str, Unknown] = {}
-        #: The highest number in a name that has been reported.
-        self._reported = 0
+        self._count = 0
         self._changes: list[BeliefChange] = []
 
     @property
@@ -194,7 +193,8 @@ class Unknowns:
         self._age(now_s, left)
         for group in left:
             if self._is_something(now_s, group):
-                name = f"unknown-{max([self._reported, *map(_number_of, self._all)]) + 1}"
+                self._count += 1
+                name = f"unknown-{self._count}"
                 self._all[name] = self._drawn(name, now_s, now_s, group, free)
         for name, one in list(self._all.items()):
             if one.seen_s < now_s - _GONE_S:
@@ -283,7 +283,6 @@ class Unknowns:
     def _report(self, one: Unknown) -> None:
         if one.reported is not one.kind:
             one.reported = one.kind
-            self._reported = max(self._reported, _number_of(one.name))
             event = BeliefEvent.APPEARED if one.kind is BeliefKind.UNKNOWN else BeliefEvent.HEAPED
             self._changes.append(one.change(event))
 
@@ -291,7 +290,3 @@ class Unknowns:
         one = self._all.pop(name)
         if one.reported is not None:
             self._changes.append(one.change(event, other))
-
-
-def _number_of(name: str) -> int:
-    return int(name.rpartition("-")[2])

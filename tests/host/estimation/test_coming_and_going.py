@@ -316,22 +316,6 @@ def test_sensors_of_a_thing_that_stays_at_an_exit_are_believed_beside_another_pa
     assert list(table.tracker.unknown) == ["unknown-1"]
 
 
-def test_an_unknown_thing_that_lay_there_at_first_is_known_when_a_parcel_is_found() -> None:
-    table = Lying(LAYOUT, (BOX,))
-    table.put("box", BOTTOM, -0.2, 0.0, 0.1)
-    table.put("thing", BOTTOM, 0.254, 0.0, 0.0)
-    known = []
-    table.run(0.2, each=lambda: known.append((*table.tracker.unknown, *table.tracker.poses(0.2))))
-    found = next(names for names in known if "box" in names)
-    assert any(name.startswith("unknown") for name in found)
-    table.run(1.0)
-    assert [*table.tracker.unknown] == [found[0]]
-    assert set(table.events()) == {
-        ("box", BeliefEvent.FOUND),
-        (found[0], BeliefEvent.APPEARED),
-    }
-
-
 @pytest.mark.parametrize("columns", [range(5, 9), range(6, 9)], ids=["all of it", "a part"])
 def test_an_unknown_thing_over_cells_that_fall_silent_lies_there_still(table, columns) -> None:
     table.put("thing", BOTTOM, 0.254, 0.0, 0.0)
