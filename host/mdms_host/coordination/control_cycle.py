@@ -21,6 +21,8 @@ from mdms_protocol.codecs.frame import Frame
 #: References shrink to 0 when parcels are to be held, in proportion, so that each keeps its line:
 #: the largest by so much [m/s2], which a friction of 0.3 gives (mu g / 2 = 1.47).
 _BRAKING_M_S2 = 1.2
+#: A program that steers brakes its parcels for so many times as long at most.
+_LONGEST = 2.0
 
 
 class ControlCycle:
@@ -85,8 +87,11 @@ class ControlCycle:
         if phase not in UP or program is None:
             return np.zeros(self.references_m_s.shape)
         if phase in HELD:
-            self._rest(program, now_s, sync_s)
-            references_m_s = self._braked_m_s(speed_m_s, now_s)
+            resting_m_s = self._rest(program, now_s, sync_s)
+            braked_m_s, over = self._braked_m_s(speed_m_s, now_s)
+            # A program that steers brakes each parcel with what friction gives; not for ever.
+            steered = bool(program.controllers)
+            references_m_s = resting_m_s if steered and not over else braked_m_s
         else:
             self._braking = None
             references_m_s = self._steered_m_s(program, now_s, sync_s)
@@ -108,19 +113,21 @@ class ControlCycle:
         self._report(beliefs, now_s)
         return references_m_s
 
-    def _rest(self, program: Program, now_s: float, sync_s: float) -> None:
-        """Bring the program's parcels to rest: it gets no belief that it may steer by."""
+    def _rest(self, program: Program, now_s: float, sync_s: float) -> Floats:
+        """The references that bring parcels to rest: the program gets no belief to steer by."""
         beliefs = self._tracker.beliefs(sync_s, now_s)
         doubtful = {
             name: replace(belief, standing=Standing.DOUBTFUL) for name, belief in beliefs.items()
         }
-        program.references_m_s(doubtful, self._step_s)
+        references_m_s = program.references_m_s(doubtful, self._step_s)
         self._report(beliefs, now_s)
+        return references_m_s
 
-    def _braked_m_s(self, speed_m_s: Floats, now_s: float) -> Floats:
+    def _braked_m_s(self, speed_m_s: Floats, now_s: float) -> tuple[Floats, bool]:
         """The speeds that wheels had when parcels were to be held, as far as they have shrunk.
 
-        What a reference has beyond the speed is a push: that would go on to turn the parcel.
+        What a reference has beyond the speed is a push: that would go on to turn the parcel. The
+        second is whether all parcels must stand by now.
         """
         if self._braking is None:
             self._braking = now_s, speed_m_s
@@ -129,7 +136,7 @@ class ControlCycle:
         speed_m_s[self._roster.wheels_out] = 0.0
         braked_s = max(abs(speed_m_s).max() / _BRAKING_M_S2, self._step_s)
         left: Floats = speed_m_s * max(0.0, 1.0 - (now_s - since_s) / braked_s)
-        return left
+        return left, now_s > since_s + _LONGEST * braked_s
 
     def _pages(
         self, by_cells: CellsControl, phase: Phase, now_s: float, sync_s: float

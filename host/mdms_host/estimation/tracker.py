@@ -405,18 +405,21 @@ class Tracker:
                 self._unknowns.expect(beside[self._presence.covered[beside]])
 
     def _is_anything_at(self, known: TrackedParcel, view: View | None, coverage: Coverage) -> bool:
-        """Whether a sensor is covered under a parcel, or where a lost one was believed last.
+        """Whether sensors are covered under a parcel, or where a lost one was believed last.
 
-        What another parcel covers there shows no lost one.
+        They are of two cells or more: one alone may be broken, and no parcel lies on one. What
+        another parcel covers there shows no lost one.
         """
         covered = self._presence.covered
         if view is not None:
-            return bool(covered[view.near.sensors[view.distance_m < 0.0]].any())
+            under = view.near.sensors[view.distance_m < 0.0]
+            return len(np.unique(self._layout.sensor_cells[under[covered[under]]])) > 1
         if known.last is None:
             return False
         near, footprint = known.estimator.near(known.last), known.estimator.footprint
         under = near.sensors[footprint.distance_m(near.sensors_m, known.last) < 0.0]
-        return bool((covered[under] & ~coverage.explained[under]).any())
+        shown = under[covered[under] & ~coverage.explained[under]]
+        return len(np.unique(self._layout.sensor_cells[shown])) > 1
 
     def _is_misjudged(
         self, now_s: float, name: str, views: Mapping[str, View], coverage: Coverage

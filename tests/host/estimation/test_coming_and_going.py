@@ -305,6 +305,18 @@ def test_a_parcel_that_is_found_past_its_exit_has_not_departed_while_sensors_sho
     assert table.events()[-1] == ("box", BeliefEvent.DEPARTED)
 
 
+def test_a_stuck_sensor_at_an_exit_does_not_keep_a_parcel_there() -> None:
+    stuck = int(np.hypot(*(SENSORS_M - (0.508, 0.0635)).T).argmin())
+    table = Lying(LAYOUT, (BOX,), stuck=(stuck,))
+    table.put("box", BOTTOM, 0.30, 0.0, 0.0)
+    table.run(0.2)
+    table.tracker.depart("box", ExitLine(0.55, 0.0, 0.0))
+    table.run(1.0, {"box": (0.2, 0.0, 0.0)})
+    table.take("box")
+    table.run(1.5)
+    assert table.events()[-1] == ("box", BeliefEvent.DEPARTED)
+
+
 def test_sensors_of_a_thing_that_stays_at_an_exit_are_believed_beside_another_parcel() -> None:
     table = Lying(LAYOUT, (BOX, Parcel("other", 0.26, 0.22)))
     table.put("box", BOTTOM, -0.2, 0.0, 0.1)

@@ -116,9 +116,7 @@ _SAME_M = 1e-9
 _ONWARD_M = 0.4
 #: Less than this share of the usual acceleration is for want of wheels at the edge.
 _WEAK_SHARE = 0.5
-#: A parcel that is believed so far beyond the last support has left. A parcel that is believed
-#: nowhere any more has left from so far before it on [m].
-_OUT_M = 0.02
+#: A parcel that is believed nowhere any more has left from so far before the last support on [m].
 _NEARLY_OUT_M = -0.08
 #: The last part of a way, which is one motion with settling at a goal that is kept [m].
 _LAST_M = 0.01
@@ -215,7 +213,7 @@ class Ride:
         if not isinstance(gate, Gate):
             return False
         out_m = gate.out_m(*last[:2].tolist())
-        return out_m > (_NEARLY_OUT_M if belief is None else _OUT_M)
+        return belief is None and out_m > _NEARLY_OUT_M
 
     def step(
         self, belief: Belief, step_s: float, limit_m: float, moves: Sequence[Floats]
