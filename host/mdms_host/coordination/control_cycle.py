@@ -15,7 +15,7 @@ from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, Odometry, Velocity
 from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.program import ByCells, Program
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Bools, Floats
 from mdms_protocol.codecs.frame import Frame
 
 #: References shrink to 0 when parcels are to be held, in proportion, so that each keeps its line:
@@ -61,8 +61,8 @@ class ControlCycle:
         #: How fast each wheel is to run under its reference, as far as that is known.
         self._commanded_m_s: Floats = np.zeros(wheels)
         self._noisy = False
-        #: Since when parcels are held, and the speeds of the wheels by then.
-        self._braking: tuple[float, Floats] | None = None
+        #: Since when parcels are held, the speeds of the wheels by then, and wheels out since.
+        self._braking: tuple[float, Floats, Bools] | None = None
 
     def frames(
         self, phase: Phase, now_s: float, sync_s: float
@@ -88,10 +88,8 @@ class ControlCycle:
             return np.zeros(self.references_m_s.shape)
         if phase in HELD:
             resting_m_s = self._rest(program, now_s, sync_s)
-            braked_m_s, over = self._braked_m_s(speed_m_s, now_s)
-            # A program that steers brakes each parcel with what friction gives; not for ever.
-            steered = bool(program.controllers)
-            references_m_s = resting_m_s if steered and not over else braked_m_s
+            steered_m_s = resting_m_s if program.controllers else None
+            references_m_s = self._braked_m_s(speed_m_s, steered_m_s, now_s)
         else:
             self._braking = None
             references_m_s = self._steered_m_s(program, now_s, sync_s)
@@ -123,20 +121,24 @@ class ControlCycle:
         self._report(beliefs, now_s)
         return references_m_s
 
-    def _braked_m_s(self, speed_m_s: Floats, now_s: float) -> tuple[Floats, bool]:
-        """The speeds that wheels had when parcels were to be held, as far as they have shrunk.
+    def _braked_m_s(self, speed_m_s: Floats, steered_m_s: Floats | None, now_s: float) -> Floats:
+        """The references of a hold: those of a program that steers, while its parcels may move.
 
-        What a reference has beyond the speed is a push: that would go on to turn the parcel. The
-        second is whether all parcels must stand by now.
+        After that, and without such a program, the speeds that wheels had shrink to 0. What a
+        reference has beyond the speed is a push: that would go on to turn the parcel.
         """
         if self._braking is None:
-            self._braking = now_s, speed_m_s
-        since_s, speed_m_s = self._braking
+            self._braking = now_s, speed_m_s, np.zeros(speed_m_s.shape, dtype=bool)
+        since_s, speed_m_s, out = self._braking
         # A cell that has been out since is not to be braked when it is back: it stands.
-        speed_m_s[self._roster.wheels_out] = 0.0
+        out |= self._roster.wheels_out
+        speed_m_s[out] = 0.0
+        passed_s = now_s - since_s
         braked_s = max(abs(speed_m_s).max() / _BRAKING_M_S2, self._step_s)
-        left: Floats = speed_m_s * max(0.0, 1.0 - (now_s - since_s) / braked_s)
-        return left, now_s > since_s + _LONGEST * braked_s
+        if steered_m_s is not None and passed_s <= _LONGEST * braked_s:
+            return np.where(out, 0.0, steered_m_s)
+        left_m_s: Floats = speed_m_s * max(0.0, 1.0 - passed_s / braked_s)
+        return left_m_s
 
     def _pages(
         self, by_cells: CellsControl, phase: Phase, now_s: float, sync_s: float

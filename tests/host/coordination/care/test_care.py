@@ -1,6 +1,7 @@
 """Cells of real firmware that fall out of action while a field runs on them, and come back."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from mdms_host.can_link.link import drive
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.coordination.run_state import HELD, Phase
+from mdms_host.coordination.watch import Watch
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_model.arrays import Floats
@@ -39,6 +41,22 @@ class Pushing(Minding):
     @property
     def speeds_m_s(self) -> Floats:
         return 0.4 * super().speeds_m_s
+
+
+class Steering(Minding):
+    """A program that steers a box, and goes on driving it though it is to rest."""
+
+    def __init__(self, speed_m_s: float) -> None:
+        super().__init__()
+        self.speed_m_s = speed_m_s
+
+    @property
+    def controllers(self):
+        return {"box": SimpleNamespace(goal=None, arrived=False)}
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        return np.full(6, self.speed_m_s)
 
 
 class Run:
@@ -198,6 +216,35 @@ def test_a_hold_brakes_from_the_speed_and_ends_the_push_at_once() -> None:
     assert not left_m_s[2:4].any()
     run.pass_s(0.03)
     assert not run.coordinator.references_m_s.any()
+
+
+def test_a_hold_lets_a_program_brake_its_parcels_but_not_for_ever() -> None:
+    run = Run(program=Steering(0.06))
+    run.link.power_off(1)
+    run.until_held()
+    assert run.coordinator.references_m_s[[0, 1, 4, 5]] == pytest.approx(REFERENCE_UM_S / 1e6)
+    assert not run.coordinator.references_m_s[2:4].any()
+    run.pass_s(2 * 0.06 / 1.2 + 0.03)
+    assert run.coordinator.phase in HELD
+    assert not run.coordinator.references_m_s.any()
+
+
+def test_a_cell_that_is_back_within_a_hold_is_not_driven_in_it(monkeypatch) -> None:
+    # The wheels of this link never turn, and those that stand are not driven either.
+    monkeypatch.setattr(Watch, "standing", np.zeros(6, dtype=bool))
+    run = Run(program=Steering(2.0))
+    restart(run)
+    run.until_held()
+    driven = {"others": 0, "back": 0}
+
+    def running() -> bool:
+        if run.coordinator.phase == Phase.RECOVERING and "cell 2 (node 2) is back" in run.texts():
+            driven["others"] += int(run.coordinator.references_m_s[:2].any())
+            driven["back"] += int(run.coordinator.references_m_s[2:4].any())
+        return run.coordinator.phase == Phase.RUNNING
+
+    run.until(running)
+    assert driven["back"] == 0 < driven["others"]
 
 
 def test_go_on_does_without_a_dead_cell_and_takes_it_back_while_the_others_run() -> None:
