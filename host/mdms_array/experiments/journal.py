@@ -32,10 +32,14 @@ CREATE INDEX IF NOT EXISTS runs_of_work ON runs (work);
 """
 
 
-def work_digest(tree: Mapping[str, Any], measures: Sequence[Measure], program: Any) -> str:
-    """The digest of a scenario with its seed, of measures and a program."""
-    identities = [f"{name_of(each)}={identity_of(each)}" for each in measures]
-    return _digest([tree, identities, identity_of(program)])
+def identities_of(measures: Sequence[Measure], program: Any) -> list[Any]:
+    """The identities of measures and a program: the same for all runs of a sweep."""
+    return [[f"{name_of(each)}={identity_of(each)}" for each in measures], identity_of(program)]
+
+
+def work_digest(tree: Mapping[str, Any], identities: Sequence[Any]) -> str:
+    """The digest of a scenario with its seed, and of measures and a program."""
+    return _digest([tree, *identities])
 
 
 def key_digest(work: str, revision: str) -> str:

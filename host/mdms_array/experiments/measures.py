@@ -263,13 +263,12 @@ def _check_path(path: str) -> None:
     for place, part in enumerate(parts := path.split("."), 1):
         if known is None:
             raise InputError(f"measures: {path}: {above} is one figure, with no {part!r} inside")
-        inside = known
         if part in known:
             known = known[part]
         elif (ITEM in known and part) or (NUMBER in known and part.isdecimal()):
             known = next(iter(known.values()))
         else:
-            names = get_close_matches(part, known, n=3) or [*inside]
+            names = get_close_matches(part, known, n=3) or [*known]
             raise InputError(
                 f"measures: {path}: {above} has no {part!r}; there are {', '.join(names)}"
             )

@@ -21,6 +21,7 @@ from mdms_array.experiments.journal import (
     Journal,
     found_journal,
     frame_of,
+    identities_of,
     key_digest,
     open_folder,
     work_digest,
@@ -343,9 +344,10 @@ class _Table:
         self._revision, self._on_changed = revision, on_changed
         self._git_revision = git_revision()
         self._names: list[tuple[Mapping[str, Any], int, str]] = []
+        identities = identities_of(design.measures, design.program)
         for setting, replication, tree in design.trees():
             told = [str(tree), replication] if isinstance(tree, ScenarioError) else tree
-            work = work_digest({"scenario": told}, design.measures, design.program)
+            work = work_digest({"scenario": told}, identities)
             self._names.append((setting, replication, work))
         self._found = journal.found(work for _, _, work in self._names)
 
