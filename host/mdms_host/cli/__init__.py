@@ -13,6 +13,7 @@ from mdms_host.cli.exits import (
     ended_by_signals,
     ending_behind,
     exit_of,
+    has_arrived,
     text_of,
 )
 from mdms_host.cli.streams import flushed, open_streams, say
@@ -46,6 +47,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _ended_by(interrupt: KeyboardInterrupt) -> int:
+    has_arrived()
     if isinstance(interrupt, Terminated):
         say("mdms: terminated")
         return Exit.FAILURE

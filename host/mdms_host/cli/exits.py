@@ -126,10 +126,15 @@ def ended_by_signals() -> Iterator[None]:
     try:
         yield
     finally:
-        if alarm:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        has_arrived()
         for number, handler in {**taken, **alarm}.items():
             signal.signal(number, handler)
+
+
+def has_arrived() -> None:
+    """End the repeats of an interruption: the command ends, so another one would be told twice."""
+    if hasattr(signal, "SIGALRM"):
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 @contextmanager

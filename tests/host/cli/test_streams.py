@@ -202,6 +202,29 @@ def test_signal_whose_exception_is_dropped_ends_the_command_all_the_same(name, e
     assert (done.returncode, done.stderr) == (1, error + "\n")
 
 
+#: What a command still does after it has told of its end may take long.
+SLOW = """
+import gc, os, signal, sys, time
+from mdms_host import cli
+class Parser:
+    def parse_args(self, argv): return self
+    def run(self, arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(60)
+def slow(code):
+    gc.collect()
+    time.sleep(1.5)
+    return code
+cli.build_parser, cli.flushed = Parser, slow
+sys.exit(cli.main([]))
+"""
+
+
+def test_an_interruption_is_told_once_however_long_the_end_takes():
+    done = subprocess.run([sys.executable, "-c", SLOW], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (130, "mdms: interrupted\n")
+
+
 def test_emergencies_of_many_cells_are_one_line_and_a_count():
     told = []
     lines = EventLines(told.append)
