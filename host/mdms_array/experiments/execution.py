@@ -82,18 +82,21 @@ def perform(job: Job) -> dict[str, Any]:
     columns: dict[str, Any] = dict.fromkeys(("status", "reason", "failure"))
     values: dict[str, Any] = dict.fromkeys(name_of(each) for each in job.measures)
     digests: dict[str, str | None] = {"log_sha256": None, "record_sha256": None}
+    in_measure = False
     try:
+        _read_measures(job.measures)
         run = _run(job)
         columns |= {"status": run.status, "reason": run.reason}
         digests["log_sha256"] = run.log_sha256
         if run.log_sha256 is None:
             digests["record_sha256"] = record_sha256(run)
+        in_measure = True
         for each in job.measures:
             values[name_of(each)] = measured(run, each)
     except (Exception, SystemExit) as error:
         # A function of a user that ends its process must not end the sweep, least of all with 0.
         columns["failure"] = utf8(f"{type(error).__name__}: {error}")
-        columns[OF_MACHINE] = _is_of_machine(error)
+        columns[OF_MACHINE] = _is_of_machine(error, in_measure=in_measure)
     return {
         **columns,
         **values,
@@ -120,15 +123,24 @@ def perform_packed(packed: bytes) -> dict[str, Any]:
     return perform(job)
 
 
-def _is_of_machine(error: BaseException) -> bool:
-    """Whether a disk, memory or an installation has failed, and not the run itself."""
+def _is_of_machine(error: BaseException, *, in_measure: bool) -> bool:
+    """Whether a disk, memory or an installation has failed, and not the run or a measure itself."""
     # An `Error` that is no other class tells of an extra that is not installed.
-    return (
-        type(error) is Error
-        or isinstance(error, OSError | MemoryError | ImportError | RunFolderError)
+    if type(error) is Error or isinstance(error, MemoryError | ImportError):
+        return True
+    # The files that a measure opens are its own.
+    return not in_measure and (
+        isinstance(error, OSError | RunFolderError)
         # A file of measures that a machine of a cluster has not.
         or (isinstance(error, InputError) and isinstance(error.__context__, OSError))
     )
+
+
+def _read_measures(measures: Iterable[Measure]) -> None:
+    """Read the files of measures. Raises `InputError` for one that this machine has not."""
+    for each in measures:
+        if isinstance(each, FileFunction):
+            _ = each.function
 
 
 def _run(job: Job) -> Run:

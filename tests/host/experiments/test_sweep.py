@@ -6,6 +6,7 @@ import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from math import inf, nan
+from pathlib import Path
 
 import pandas
 import pytest
@@ -178,6 +179,28 @@ def test_a_measure_without_memory_is_run_again(executor, tmp_path):
         result = mdms.sweep(ROW, {"cell.friction": [0.2]}, progress=seen.append, **given)
         assert result.rows[0]["failure"] == "MemoryError: none is left"
     assert [state.kept for state in seen] == 4 * [0]
+
+
+def no_file(_run):
+    return float(Path("/nowhere/reference.csv").read_text())
+
+
+def no_file_told(run):
+    try:
+        return no_file(run)
+    except OSError as error:
+        raise mdms.InputError("the measure needs /nowhere/reference.csv") from error
+
+
+@pytest.mark.parametrize("measure", [no_file, no_file_told])
+def test_a_measure_whose_own_file_is_missing_is_not_run_again(measure, executor, tmp_path):
+    given = {"seeds": 1, "executor": executor, "folder": tmp_path, "measures": [measure]}
+    failed = mdms.sweep(ROW, {"cell.friction": [0.2]}, **given)
+    assert "/nowhere/reference.csv" in failed.rows[0]["failure"]
+    seen = []
+    again = mdms.sweep(ROW, {"cell.friction": [0.2]}, progress=seen.append, **given)
+    assert again.rows == failed.rows
+    assert [state.kept for state in seen] == [1]
 
 
 def leaves(_run):
