@@ -96,6 +96,7 @@ def read_tuning(path: Path) -> Task:
             seed=seed,
             measures=list(measures),
             program=_program_of(path, tree),
+            tuned=distributions,
         )
         return task_of(
             design,

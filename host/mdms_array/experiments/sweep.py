@@ -1,7 +1,7 @@
 """Sweeps: one scenario over all settings and seeds, kept run by run, so that they may go on."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -172,8 +172,12 @@ def design_of(
     sampling: str = "latin_hypercube",
     measures: Sequence[Measure] | Measure = USUAL,
     program: FileFunction | Main | None = None,
+    tuned: Iterable[str] = (),
 ) -> Design:
-    """A checked design. Raises `InputError`, also where no setting at all is a scenario."""
+    """A checked design. Raises `InputError`, also where no setting at all is a scenario.
+
+    `tuned` are the keys that a tuning varies later.
+    """
     check_arguments(over, seed)
     base, own = _opened(scenario, program)
     listed = check_measures((measures,) if callable(measures) else measures)
@@ -187,8 +191,7 @@ def design_of(
     check_count("over and seeds: the number of runs", len(settings) * len(run_seeds))
     sampled = tuple(key for key, each in over.items() if isinstance(each, Distribution))
     design = Design(plain(base), settings, run_seeds, listed, own, sampled)
-    # Without keys it may be of a tuning, whose keys vary later.
-    check_chance(design.base, over, run_seeds if over else ())
+    check_chance(design.base, [*over, *tuned], run_seeds)
     _check_some(design)
     return design
 

@@ -259,6 +259,8 @@ ROW = plain(load_scenario("paper-fig8"))
 def test_many_seeds_of_a_row_without_chance_are_refused():
     with pytest.raises(mdms.InputError, match=r"seeds: 20 are given, but run.fidelity is 'row'"):
         mdms.sweep("paper-fig8", {"cell.friction": [0.2, 0.3]})
+    with pytest.raises(mdms.InputError, match=r"seeds: 2 are given, but run.fidelity is 'row'"):
+        mdms.sweep("paper-fig8", {}, seeds=2)
     check_chance(ROW, ["cell.friction"], [1])
 
 

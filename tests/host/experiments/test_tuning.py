@@ -7,6 +7,7 @@ from contextlib import closing
 import pandas
 import pytest
 
+from mdms_array.experiments.files import read_tuning
 from mdms_array.experiments.sweep import run_design
 from mdms_host.cli import main
 from mdms_host.cli.exits import Exit
@@ -126,6 +127,15 @@ cell.pwm_steps = { integers = [100, 1_000_000] }
     load_scenario("paper-fig8", options)
 
 
+def test_a_row_whose_chance_is_tuned_has_many_seeds(file):
+    file.write_text(
+        FILE.replace("seeds = 1", "seeds = 2")
+        .replace('"cell.friction"', '"cell.motor_spread"', 1)
+        .replace("[0.1, 0.6]", "[0.0, 0.1]")
+    )
+    assert len(read_tuning(file).design.seeds) == 2
+
+
 def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, monkeypatch):
     designs = []
 
@@ -163,6 +173,7 @@ def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, m
             ('"cell.friction" = { uniform = [0.1, 0.6] }', "run.seed = { integers = [0, 9] }"),
             "vary: run.seed cannot vary by itself; `seeds` says which seeds are run",
         ),
+        (("seeds = 1", "seeds = 2"), "seeds: 2 are given, but run.fidelity is 'row', and this one"),
         (("reached =", "speed ="), "'speed' is unknown"),
         (("[vary]", "[varied]"), "varied is not a known key; there are scenario, vary"),
     ],
