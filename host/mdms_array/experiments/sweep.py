@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -289,6 +290,7 @@ def sweep(
     """
     refuse_import()
     require(SWEEP, "mdms_array.sweep")
+    _check_types(executor, folder, progress)
     design = design_of(
         scenario,
         over,
@@ -308,6 +310,21 @@ def sweep(
             records=records,
             on_changed=on_changed,
             progress=progress,
+        )
+
+
+def _check_types(executor: object, folder: object, progress: object) -> None:
+    """Raises `InputError` for an executor, a folder or a progress of another type."""
+    if not isinstance(executor, Executor | None):
+        raise InputError(
+            f"executor is {executor!r}, but must be an executor of `concurrent.futures`, such as "
+            "ProcessPoolExecutor(); leave it out for processes of this machine"
+        )
+    if not isinstance(folder, str | PathLike | None):
+        raise InputError(f"folder is {folder!r}, but must be a path, as text or a Path")
+    if progress is not None and not callable(progress):
+        raise InputError(
+            f"progress is {progress!r}, but must be a function of a Progress, or be left out"
         )
 
 
