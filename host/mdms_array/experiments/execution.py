@@ -191,10 +191,12 @@ def perform_all(
     """Do all runs, and yield each with its columns as it ends, once. Raises `Error`."""
     lost: Counter[str] = Counter()
     waiting, alone = deque(jobs), deque[Job]()
+    has_ended = False
     while waiting or alone:
         queue, most = (waiting, workers.most_sent) if waiting else (alone, 1)
         for job, columns in _perform_on(workers.submit, queue, most):
             if columns is not None:
+                has_ended = True
                 yield job, columns
                 continue
             lost[job.key] += 1
@@ -206,7 +208,7 @@ def perform_all(
                     _lost_columns("its worker ended without a word: killed, or out of memory"),
                 )
         if waiting or alone:
-            workers.renew()
+            workers.renew(has_ended=has_ended)
 
 
 def _perform_on(
@@ -351,13 +353,21 @@ class Workers:
         """How many runs may be sent before the first has come back."""
         return MOST_SENT if self._given is not None else self._count * (1 + AHEAD)
 
-    def renew(self) -> None:
+    def renew(self, *, has_ended: bool) -> None:
         """Have new processes take the place of those that were lost.
 
-        Raises `Error`, also where they cannot start at all.
+        `has_ended` is whether a run has come back. Raises `Error`, also where processes cannot
+        start at all.
         """
         if self._given is not None:
-            raise Error("the executor has broken; the same sweep goes on from here with another")
+            cause = (
+                "; no run has come back: a likely cause is a script that calls `sweep` outside "
+                '`if __name__ == "__main__":`, or has its measures within'
+            )
+            raise Error(
+                "the executor has broken; the same sweep goes on from here with another"
+                f"{'' if has_ended else cause}"
+            )
         if self._pool is not None:
             self._pool.check_started()
         self.close()

@@ -5,8 +5,9 @@ import re
 import signal
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import get_context
 from textwrap import indent
 
 import pytest
@@ -153,6 +154,38 @@ def test_a_script_that_workers_cannot_import_is_refused_at_once(given, measure, 
     assert ended.returncode == 1
     assert ended.stderr.count("Traceback") == 1
     assert re.search(f"InputError: .*{told}", ended.stderr.splitlines()[-1])
+
+
+POOL_SCRIPT = """
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+import mdms_array as mdms
+with ProcessPoolExecutor(1, get_context("spawn")) as executor:
+    mdms.sweep("paper-fig8", {"cell.friction": [0.2]}, seeds=1, executor=executor)
+"""
+
+
+@pytest.mark.slow
+def test_a_pool_of_the_caller_in_a_script_without_a_guard_names_the_guard(tmp_path):
+    path = tmp_path / "script.py"
+    path.write_text(POOL_SCRIPT)
+    ended = subprocess.run(
+        [sys.executable, path], stderr=subprocess.PIPE, text=True, check=False, timeout=100
+    )
+    assert ended.returncode == 1
+    told = 'a likely cause is a script that calls `sweep` outside `if __name__ == "__main__":`'
+    assert told in ended.stderr.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_a_pool_of_the_caller_that_breaks_later_names_no_guard(measure):
+    given = {"seeds": 1, "measures": [measure("kills_always")]}
+    told = "^the executor has broken; the same sweep goes on from here with another$"
+    with (
+        ProcessPoolExecutor(1, get_context("spawn")) as executor,
+        pytest.raises(mdms.Error, match=told),
+    ):
+        mdms.sweep(ROW, OVER, executor=executor, **given)
 
 
 @contextmanager
