@@ -20,6 +20,8 @@ PLACE_SOURCE = 10
 
 #: The code of a motors' supply below its limit: an emergency stop, a fuse, a battery.
 LOW_SUPPLY = 0x3220
+#: The bit of the error register (0x1001) for any of voltage, by CiA 301; no other code sets it.
+VOLTAGE_ERROR = 0x04
 
 #: The meaning of each code.
 CODES: Mapping[int, str] = {

@@ -1,8 +1,9 @@
 """One wheel of one cell turned slowly, for the first sign of life: a participant on the bus.
 
 The wheel turns while setpoints come. Should the host end in the middle, the cell misses them and
-brakes by itself within its setpoint timeout (0x3000, 50 ms). A stop by another host, a fault and a
-restart of the cell end a jog for good: it starts the node once, and resets no fault on the way.
+brakes by itself within its setpoint timeout (0x3000, 50 ms). A stop by another host, an emergency
+stop, a fault and a restart of the cell end a jog for good: it starts the node once, and resets no
+fault on the way.
 """
 
 from collections.abc import Iterator
@@ -145,9 +146,10 @@ class Jog:
         self._enter(JogPhase.STOPPING)
 
     def _look_for_stops(self) -> None:
-        """End at another host's command, and at a cell that has been operational and is not now."""
-        state = self.cell.nmt_state
-        reason = self.foreign_stops.reason(self.cell.node_id)
+        """End at a stop, and at a cell that has been operational and is not now."""
+        node_id, state = self.cell.node_id, self.cell.nmt_state
+        stops = self.foreign_stops
+        reason = stops.reason(node_id) or stops.emergency_stop(node_id)
         if reason is None and self._started and state != nmt.OPERATIONAL:
             reason = f"it {_NMT_NAMES.get(state, 'is in no known state')}, not by this host"
         self._started = self._started or state == nmt.OPERATIONAL

@@ -21,6 +21,7 @@ from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
+from mdms_protocol.emergencies import LOW_SUPPLY, VOLTAGE_ERROR, code_text
 from mdms_protocol.entry import Entry
 
 _NAMES = {
@@ -32,15 +33,44 @@ _NAMES = {
 
 
 class ForeignStops:
-    """Notes them as they come in, by the node that they are for."""
+    """Notes them as they come in, by the node that they are for.
+
+    An emergency stop is one of them: most cells lack their supply.
+    """
 
     def __init__(self) -> None:
         self._codes: dict[int, int] = {}
+        self._has_supply: dict[int, bool] = {}
 
     def on_frame(self, frame: Frame) -> None:
-        """Note a command; any other frame is left alone."""
+        """Note a command, a heartbeat, and an emergency; any other frame is left alone."""
         if frame.can_id == cob.NMT and len(frame.data) == 2 and frame.data[0] in _NAMES:
             self._codes[frame.data[1]] = frame.data[0]
+        node = frame.can_id & cob.NODE_MAX
+        is_cell = node not in (0, cob.HOST_NODE)
+        if is_cell and frame.can_id == cob.HEARTBEAT_BASE + node:
+            self._has_supply.setdefault(node, True)
+        elif is_cell and frame.can_id == cob.EMCY_BASE + node and len(frame.data) == _WHOLE:
+            self.note_supply(node, frame.data[2])
+
+    def note_supply(self, node_id: int, error_register: int) -> None:
+        """Note whether a cell has its supply, by its error register (0x1001)."""
+        self._has_supply[node_id] = not error_register & VOLTAGE_ERROR
+
+    @property
+    def heard(self) -> list[int]:
+        """The nodes that have sent anything of this kind."""
+        return sorted(self._has_supply)
+
+    def emergency_stop(self, node_id: int) -> str | None:
+        """What the other cells say of it; None without one. A cell itself may measure wrongly."""
+        # Frames come in by another thread.
+        others = dict(self._has_supply)
+        others.pop(node_id, None)
+        low = [node for node, has in others.items() if not has]
+        if 2 * len(low) <= len(others):
+            return None
+        return f"an emergency stop: {code_text(LOW_SUPPLY)}, at node {ranges(low)}"
 
     def reason(self, node_id: int | None = None) -> str | None:
         """Which command another host has sent to a node, or to all; None if it has sent none.

@@ -7,6 +7,7 @@ however this ends.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
@@ -39,7 +40,10 @@ class WheelError(CommissioningError):
 
 
 class StoppedError(CommissioningError):
-    """Another host has stopped the cell, or it has restarted: nothing is to be turned any more."""
+    """Another host or an emergency stop has stopped the cell, or it has restarted.
+
+    Nothing is to be turned any more.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +99,7 @@ def turn_wheel(
     jog.resets = jog.resets or _fell_silent(commissioning, node_id, axis)
 
     jog.foreign_stops = commissioning.foreign_stops
+    _ask_supplies(commissioning, node_id)
 
     def looked() -> bool:
         over()
@@ -111,6 +116,16 @@ def turn_wheel(
         raise WheelError(f"node {node_id}, axis {axis}: {jog.failure}")
     after = _rest_m(commissioning, node_id, axis)
     return Turn(after - before, max(map(abs, jog.speeds_m_s), default=0.0))
+
+
+def _ask_supplies(commissioning: Commissioning, node_id: int) -> None:
+    """Have all other cells that were heard tell whether an emergency stop is pressed by now."""
+    for other in commissioning.foreign_stops.heard:
+        # One that has gone, or is no cell, tells nothing.
+        with suppress(CommissioningError):
+            if other != node_id:
+                register = commissioning.read(other, indices.ERROR_REGISTER)
+                commissioning.foreign_stops.note_supply(other, register)
 
 
 def _fell_silent(commissioning: Commissioning, node_id: int, axis: int) -> bool:

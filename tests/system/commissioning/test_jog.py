@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import time
+from contextlib import closing
 
 import can
 import numpy as np
@@ -23,7 +24,7 @@ from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.sdo import NO_SUCH_OBJECT, AbortError
 from mdms_sim.nodes.python_bank import PythonBank
-from mdms_sim.simulation import simulate
+from mdms_sim.simulation import Simulation, simulate
 
 #: The wheel of the jog: nothing lies on cell 5.
 CELL, AXIS = 5, 2
@@ -171,6 +172,50 @@ def test_a_stop_by_another_host_ends_the_jog_for_good(command, node_id, at_s):
     assert not [frame for frame in stopper.later if frame == nmt.command(nmt.START, CELL)]
     later = record.time_s > at_s + 0.3
     assert np.abs(wheel(record.speed_m_s)[later]).max() < 5e-3
+
+
+def without_supply(start_s, cells=None, duration_s=9.0):
+    """An emergency stop, or cells whose fuses blow."""
+    whose = "" if cells is None else f", cells={cells}"
+    fault = f"kind='supply', start_s={start_s}, duration_s={duration_s}, supply_v=0.0{whose}"
+    return f"fault=[{{{fault}}}]"
+
+
+def stuck(bank, cell):
+    """The cell measures 24 V, whatever its supply is."""
+    measure = bank.set_supply
+
+    def measured(index, supply_uv):
+        if index != cell - 1:
+            measure(index, supply_uv)
+
+    bank.set_supply = measured
+
+
+def test_an_emergency_stop_ends_the_jog_of_a_cell_that_does_not_measure_it():
+    jog = Jog(CELL, AXIS, 0.1, 10.0)
+    scenario = load_scenario("array18", ["run.duration_s=1.2", without_supply(0.5)])
+    with closing(PythonBank(range(1, 19))) as bank:
+        stuck(bank, CELL)
+        simulation = Simulation(scenario, bank, [jog])
+        simulation.run_until(1.2)
+    assert jog.over
+    assert jog.stopped
+    assert "an emergency stop: 0x3220" in jog.failure
+
+
+@pytest.mark.parametrize("pressed", [True, False])
+def test_no_wheel_is_turned_while_an_emergency_stop_is_pressed(pressed, capsys):
+    bank = PythonBank(range(1, 19))
+    stuck(bank, CELL)
+    # One cell alone has a fuse that has blown: that is no emergency stop.
+    fault = without_supply(0.0) if pressed else without_supply(0.0, [CELL + 1])
+    with virtual_time(SimulatedArray(bank, fault)) as time:
+        time.sleep(0.5)
+        assert main(JOG) == (Exit.NODE_FAULT if pressed else Exit.OK)
+        told = capsys.readouterr().err
+        assert ("an emergency stop: 0x3220" in told) == pressed
+        assert ("at node 1-4, 6-18" in told) == pressed
 
 
 def test_a_stop_for_another_cell_ends_nothing():
