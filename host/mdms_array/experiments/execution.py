@@ -337,9 +337,17 @@ class Workers:
     _pool: LocalPool | None
 
     def submit(self, job: Job) -> "Future[dict[str, Any]]":
-        """Send a run to the executor, opened if it is not open yet. Raises `InputError`."""
+        """Send a run to the executor, opened if it is not open yet.
+
+        Raises `InputError`, and `ExecutorEndedError` for one that was shut down.
+        """
         if self._given is not None:
-            return self._given.submit(perform, job)
+            try:
+                return self._given.submit(perform, job)
+            except BrokenExecutor:
+                raise
+            except RuntimeError as error:
+                raise ExecutorEndedError(f"executor: {error}; give one that is open") from error
         try:
             packed = pickle.dumps(job)
         except (pickle.PicklingError, AttributeError, TypeError) as error:

@@ -118,6 +118,13 @@ mdms.sweep("paper-fig8", {"cell.friction": [0.2, 0.3]}, seeds=1, measures=[%s], 
 """
 
 
+def test_an_executor_that_was_shut_down_is_refused():
+    with ThreadPoolExecutor(1) as executor:
+        pass
+    with pytest.raises(mdms.Error, match="executor: cannot schedule new futures after shutdown"):
+        mdms.sweep(ROW, OVER, seeds=1, executor=executor)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "measure", "told"),
