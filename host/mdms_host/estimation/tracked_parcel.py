@@ -140,6 +140,15 @@ class TrackedParcel:
             feel,
         )
 
+    def look_again(self, deviation_m: float) -> None:
+        """Sensors count again. Its wheels have carried it on meanwhile, perhaps out of its gate.
+
+        It may have moved by so much besides, as a deviation.
+        """
+        if self.estimator.pose is not None:
+            self.last = self.estimator.pose.copy()
+        self.estimator.blur(deviation_m)
+
     def keep_place(self, now_s: float) -> None:
         """Remember where it is, as long as that is sure; once found, it may be anywhere later."""
         if self.standing is not Standing.FOUND:

@@ -92,6 +92,13 @@ class Tracker:
         else:
             self._known[name].gate = gate
 
+    def stay(self, name: str) -> None:
+        """Have a parcel not leave any more, whatever gate it was to leave through.
+
+        Raises KeyError for a name that there is not.
+        """
+        self._known[name].gate = None
+
     def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
         """Parcels that have not come after all, with the regions where they were announced.
 
@@ -157,7 +164,7 @@ class Tracker:
         """Sensors count again; parcels may have moved by so much unseen, as a deviation."""
         if not self._watching:
             for known in self._known.values():
-                known.estimator.blur(deviation_m)
+                known.look_again(deviation_m)
         self._watching = True
 
     def ignore_cells(self, cells: Collection[int]) -> None:
@@ -182,6 +189,9 @@ class Tracker:
         roll_on(estimators, now_s, Speeds(speed_m_s, known, standing))
         if not self._watching:
             return []
+        covered, changed_s = self._presence.covered, self._presence.changed_s
+        for standing_there in self._unexplained.left_standing(now_s, covered, changed_s):
+            self._unknowns.expect(standing_there)
         valid = self._presence.valid(now_s)
         views = self._views(now_s)
         coverage = self._coverage(views)

@@ -1,6 +1,6 @@
 """Covered sensors that no parcel explains: in groups, and since when they have stood still."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from math import hypot, inf
 
 import numpy as np
@@ -52,8 +52,10 @@ class Coverage:
 
 #: Covered sensors must stay the same this long before parcels are searched for there [s].
 _STILL_S = 0.05
-#: Sensors behind a parcel that has left them are taken to show that parcel for so long [s].
+#: Sensors behind a parcel that has left them are taken to show that parcel for so long [s], but no
+#: longer once those that are covered have stayed the same for so long: what leaves goes on [s].
 _WAKE_S = 1.0
+_STANDS_S = 0.3
 #: A sensor so far inside a parcel is under nothing else [m].
 _INSIDE_M = 0.02
 #: A group within one cell may be a broken cell.
@@ -72,6 +74,8 @@ class UnexplainedSensors:
         self._surroundings = surroundings
         self._grouping = SensorGroups(layout)
         self._wake_s: Floats = np.full(len(self._sensors_m), -inf)
+        #: When parcels have left of late, and the sensors behind each.
+        self._wakes: list[tuple[float, Ints]] = []
         #: When each sensor was under a parcel last, as was believed.
         self._under_s: Floats = np.full(len(self._sensors_m), -inf)
         self._last: tuple[bytes, tuple[Ints, ...]] = (b"", ())
@@ -83,6 +87,22 @@ class UnexplainedSensors:
     def leave(self, now_s: float, sensors: Ints) -> None:
         """A parcel over these sensors has left, or is about to fall off."""
         self._wake_s[sensors] = now_s + _WAKE_S
+        self._wakes.append((now_s, sensors))
+
+    def left_standing(self, now_s: float, covered: Bools, changed_s: Floats) -> Iterator[Ints]:
+        """Sensors behind a parcel that has left, by what was believed, and that stands there yet.
+
+        They show it no more: something lies there.
+        """
+        for wake in list(self._wakes):
+            left_s, sensors = wake
+            shown = sensors[covered[sensors]]
+            if not len(shown) or now_s > left_s + _WAKE_S:
+                self._wakes.remove(wake)
+            elif now_s >= max(left_s, changed_s[sensors].max()) + _STANDS_S:
+                self._wakes.remove(wake)
+                self._wake_s[sensors] = -inf
+                yield shown
 
     def just_left(self, now_s: float) -> Bools:
         """Sensors (S,) that a parcel has left so lately that they may show it still."""

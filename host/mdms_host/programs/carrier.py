@@ -60,8 +60,11 @@ class Traffic(Orders, Protocol):
         """There is to be another parcel."""
         ...
 
-    def take_leaving(self) -> list[tuple[str, Gate]]:
-        """Parcels that have set out to leave since the last call, and through which gate."""
+    def take_leaving(self) -> list[tuple[str, Gate | None]]:
+        """Parcels that have set out to leave since the last call, and through which gate.
+
+        Without one, a parcel that was to leave has set out for another place.
+        """
         ...
 
     @property

@@ -35,6 +35,10 @@ class Register(Protocol):
         """Have a parcel leave."""
         ...
 
+    def stay(self, name: str) -> None:
+        """Have a parcel not leave any more."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Infeed:

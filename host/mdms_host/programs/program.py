@@ -244,8 +244,12 @@ class TableProgram:
         self._rested_s = self._rested_s + step_s if self._traffic.at_rest else 0.0
         if self._register is not None:
             for name, gate in self._traffic.take_leaving():
-                self._exits[name] = gate.name
-                self._register.depart(name, tracker_gate(gate))
+                if gate is None:
+                    self._exits.pop(name, None)
+                    self._register.stay(name)
+                else:
+                    self._exits[name] = gate.name
+                    self._register.depart(name, tracker_gate(gate))
             if self._comings is not None:
                 there = {*beliefs, *(parcel.name for parcel in self.table.parcels)}
                 self._comings.step(self._register, there)

@@ -305,6 +305,42 @@ def test_a_parcel_that_is_found_past_its_exit_has_not_departed_while_sensors_sho
     assert table.events()[-1] == ("box", BeliefEvent.DEPARTED)
 
 
+def test_a_parcel_that_counts_as_departed_and_stands_there_yet_is_an_obstacle_soon() -> None:
+    """Wrong sensors may have pulled its belief past its exit."""
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, 0.30, 0.0, 0.0)
+    table.run(0.2)
+    table.tracker.depart("box", ExitLine(0.36, 0.0, 0.0))
+    table.run(0.5, {"box": (0.2, 0.0, 0.0)})
+    assert table.events() == [("box", BeliefEvent.FOUND), ("box", BeliefEvent.DEPARTED)]
+    assert not table.tracker.unknown
+    table.run(0.4)
+    assert list(table.tracker.unknown) == ["unknown-1"]
+
+
+def test_a_parcel_that_leaves_while_nobody_watches_has_departed() -> None:
+    table = boxed()
+    table.tracker.depart("box", ExitLine(0.55, 0.0, 0.0))
+    table.run(2.0, {"box": (0.2, 0.0, 0.0)})
+    table.tracker.look_away()
+    table.run(1.6, {"box": (0.2, 0.0, 0.0)})
+    table.take("box")
+    table.run(1.0)
+    table.tracker.look_again(0.008)
+    table.run(0.1)
+    assert table.events() == [("box", BeliefEvent.FOUND), ("box", BeliefEvent.DEPARTED)]
+
+
+def test_a_parcel_that_is_to_stay_after_all_is_lost_and_has_not_departed() -> None:
+    table = boxed()
+    table.tracker.depart("box", ExitLine(0.0, 0.0, 0.0))
+    table.tracker.stay("box")
+    table.run(2.0, {"box": (0.2, 0.0, 0.0)})
+    table.take("box")
+    table.run(1.5)
+    assert table.events()[-1] == ("box", BeliefEvent.LOST)
+
+
 def test_a_stuck_sensor_at_an_exit_does_not_keep_a_parcel_there() -> None:
     stuck = int(np.hypot(*(SENSORS_M - (0.508, 0.0635)).T).argmin())
     table = Lying(LAYOUT, (BOX,), stuck=(stuck,))

@@ -112,7 +112,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._gone_out: set[str] = set()
         #: Parcels that have left, and are believed to be there a moment longer.
         self._lingering: set[str] = set()
-        self._leaving: list[tuple[str, Gate]] = []
+        self._leaving: list[tuple[str, Gate | None]] = []
         self._notices: list[str] = []
 
     @abstractmethod
@@ -181,8 +181,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
         left, self._left = self._left, []
         return left
 
-    def take_leaving(self) -> list[tuple[str, Gate]]:
-        """Parcels that have set out to leave since the last call, and through which gate."""
+    def take_leaving(self) -> list[tuple[str, Gate | None]]:
+        """See `Traffic`."""
         leaving, self._leaving = self._leaving, []
         return leaving
 
@@ -341,6 +341,9 @@ class OrderedTraffic(ABC, Generic[Ride]):
             if isinstance(order.goal, Gate):
                 self._leaving.append((order.parcel, order.goal))
                 self._gone_out.add(order.parcel)
+            elif order.parcel in self._gone_out:
+                self._leaving.append((order.parcel, None))
+                self._gone_out.discard(order.parcel)
         if self.plan is not before:
             self._again_s = self._now_s + _AGAIN_S
 

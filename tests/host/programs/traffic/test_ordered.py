@@ -405,11 +405,30 @@ class Everywhere:
 
     def depart(self, name, gate=None): ...
 
+    def stay(self, name): ...
+
     def lay_there(self, name):
         return True
 
     def take_withdrawn(self):
         return []
+
+
+def test_a_parcel_that_sets_out_for_another_place_is_not_to_leave_any_more():
+    async def main(table):
+        first = await table.arrival()
+        table.start(first.leave("north"))
+        await until(lambda: first.pose[1] > 0.1)
+        await first.move(0.0, 0.0)
+
+    table = Rolling("sort54", "stream.0.start_s=0.1", main=main)
+    told = []
+    tracker = Everywhere(())
+    tracker.depart = lambda name, _gate: told.append((name, "leaves"))
+    tracker.stay = lambda name: told.append((name, "stays"))
+    table.program.attend(tracker)
+    table.run_until(8.0, lambda: table.program.finished)
+    assert told == [("small 1", "leaves"), ("small 1", "stays")]
 
 
 def test_a_parcel_that_is_doubtful_has_not_left_wherever_it_is_believed():
