@@ -25,6 +25,9 @@ __all__ = ["Estimate", "ExitLine", "Parcel", "Region", "Tracker"]
 
 #: No parcel is so many times as large as the outline of the unknown thing that it is.
 _FAR_LARGER = 2.0
+#: A parcel that sets out goes less than half as far until an unknown thing counts, braking
+#: included. The rest is how far a thing may reach beyond its sensors [m].
+_AT_ONCE_M = 0.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +210,7 @@ class Tracker:
             views = self._views(now_s)
             coverage = self._coverage(views)
             groups = self._groups(now_s, valid, coverage)
+            self._expect_obstacles(groups, coverage)
         self._agree(now_s, valid, views, coverage)
         self._watch_unknown(now_s, valid, coverage, groups)
         self._judge(now_s, coverage, groups)
@@ -403,6 +407,16 @@ class Tracker:
             if each.region is not None:
                 other |= each.region.holds(self._sensors_m)
         self._faulty += self._presence.judge(now_s, coverage.distance_m, other)
+
+    def _expect_obstacles(self, groups: tuple[Ints, ...], coverage: Coverage) -> None:
+        """What lay just beside a parcel before every cell had reported is an obstacle at once.
+
+        The parcel would be there before the thing has been steady long enough.
+        """
+        for group in groups:
+            lay_there = self._presence.changed_s[group].max() <= self._complete_s
+            if lay_there and coverage.distance_m[group].min() < _AT_ONCE_M:
+                self._unknowns.expect(group)
 
     def _leave_obstacles(self, views: Mapping[str, View]) -> None:
         """Where a parcel was lost just now, the sensors that are still covered show an obstacle.

@@ -305,6 +305,18 @@ def test_a_parcel_that_is_found_past_its_exit_has_not_departed_while_sensors_sho
     assert table.events()[-1] == ("box", BeliefEvent.DEPARTED)
 
 
+@pytest.mark.parametrize(("x_m", "at_once"), [(0.25, True), (0.35, False)])
+def test_what_lay_beside_a_parcel_at_first_is_an_obstacle_when_that_is_found(x_m, at_once) -> None:
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, -0.2, 0.0, 0.0)
+    table.put("thing", BOTTOM, x_m, 0.0, 0.0)
+    known = []
+    table.run(0.2, each=lambda: known.append({*table.tracker.unknown, *table.tracker.poses(0.2)}))
+    found = next(names for names in known if "box" in names)
+    assert ("unknown-1" in found) == at_once
+    assert known[-1] == {"box", "unknown-1"}
+
+
 def test_a_parcel_that_counts_as_departed_and_stands_there_yet_is_an_obstacle_soon() -> None:
     """Wrong sensors may have pulled its belief past its exit."""
     table = Lying(LAYOUT, (BOX,))
