@@ -499,14 +499,16 @@ def _setting(index: int, meaning: str, value: float) -> Setting:
 
 
 def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
-    """The parcels as the host gets them: size, and where each was put if there are several."""
-    several = len(scenario.parcel) > 1
+    """The parcels as the host gets them: size, and where each was put.
+
+    One that lies elsewhere is found there. Where it was put counts if something else looks alike.
+    """
     return tuple(
         Parcel(
             name=parcel.name,
             length_m=parcel.length_m,
             width_m=parcel.width_m,
-            near_m=(parcel.x_m, parcel.y_m) if several else None,
+            near_m=(parcel.x_m, parcel.y_m),
             yaw_hint_rad=parcel.yaw_rad,
             shape=parcel.shape,
             corners_m=parcel.corners_m,

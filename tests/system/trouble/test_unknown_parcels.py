@@ -7,7 +7,7 @@ import mdms_array as mdms
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.motion.contact import gap_m
 from mdms_host.programs.script import until
-from mdms_model.scenario.file import scenario_from
+from mdms_model.scenario.file import load_scenario, scenario_from
 
 TABLE = {
     "title": "A box on its way, and a crate in it that nobody spoke of",
@@ -88,6 +88,22 @@ def test_wheels_under_it_stand(blocked):
 def test_a_run_that_waits_to_its_end_has_not_reached_its_goal(blocked):
     (goal,) = blocked.figures["goals"]
     assert not goal["reached"]
+
+
+def test_a_crate_that_looks_like_the_box_is_not_taken_for_it():
+    """It covers more sensors than the box, but lies elsewhere than the host was told."""
+    alike = {"length_m": 0.30, "width_m": 0.28, "yaw_rad": 0.0, "x_m": 0.25, "y_m": 0.0}
+    ended = run(2.0, alike)
+    (found,) = [event.detail for event in ended.events if event.detail.startswith("box found")]
+    assert "x = -0.3" in found
+    assert not ended.violations
+
+
+@pytest.mark.parametrize("told", [{"x_m": 0.2}, {"x_m": 0.3, "y_m": 0.05}, {"yaw_rad": 0.3}])
+def test_a_lone_box_is_found_wherever_it_lies(told):
+    over = [f"belief.box.{key}={value}" for key, value in told.items()]
+    ended = mdms.simulate(load_scenario("array18", over))
+    assert ended.status == "reached"
 
 
 def test_a_box_goes_on_once_the_crate_is_lifted_away():
