@@ -57,9 +57,13 @@ class ForeignStops:
         """Note whether a cell has its supply, by its error register (0x1001)."""
         self._has_supply[node_id] = not error_register & VOLTAGE_ERROR
 
+    def forget(self, node_id: int) -> None:
+        """A node answers no more; its next heartbeat brings it back."""
+        self._has_supply.pop(node_id, None)
+
     @property
     def heard(self) -> list[int]:
-        """The nodes that have sent anything of this kind."""
+        """The nodes that have sent a heartbeat or an emergency."""
         return sorted(self._has_supply)
 
     def emergency_stop(self, node_id: int) -> str | None:

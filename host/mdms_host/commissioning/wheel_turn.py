@@ -7,7 +7,6 @@ however this ends.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 
@@ -120,12 +119,15 @@ def turn_wheel(
 
 def _ask_supplies(commissioning: Commissioning, node_id: int) -> None:
     """Have all other cells that were heard tell whether an emergency stop is pressed by now."""
-    for other in commissioning.foreign_stops.heard:
-        # One that has gone, or is no cell, tells nothing.
-        with suppress(CommissioningError):
-            if other != node_id:
-                register = commissioning.read(other, indices.ERROR_REGISTER)
-                commissioning.foreign_stops.note_supply(other, register)
+    stops = commissioning.foreign_stops
+    for other in stops.heard:
+        if other == node_id:
+            continue
+        try:
+            stops.note_supply(other, commissioning.read(other, indices.ERROR_REGISTER))
+        except CommissioningError:
+            # It has gone, or is no cell. The next push is not to wait for it again.
+            stops.forget(other)
 
 
 def _fell_silent(commissioning: Commissioning, node_id: int, axis: int) -> bool:

@@ -19,6 +19,7 @@ from mdms_host.cli.exits import Exit
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.jog import SPEED_MAX_M_S, Jog
 from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.wheel_turn import Direction, nudge
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cob, nmt
@@ -216,6 +217,21 @@ def test_no_wheel_is_turned_while_an_emergency_stop_is_pressed(pressed, capsys):
         told = capsys.readouterr().err
         assert ("an emergency stop: 0x3220" in told) == pressed
         assert ("at node 1-4, 6-18" in told) == pressed
+
+
+def test_a_cell_that_has_gone_is_waited_for_once():
+    fault = f"fault=[{{kind='off', cells=[{CELL + 1}], start_s=0.5}}]"
+    with (
+        virtual_time(SimulatedArray(PythonBank(range(1, 19)), fault)) as time,
+        Commissioning(None, MonotonicClock()) as commissioning,
+    ):
+        time.sleep(1.0)
+        assert commissioning.foreign_stops.heard == [*range(1, 19)]
+        for waits in (True, False):
+            before_ns = time.array.now_ns
+            assert nudge(commissioning, CELL, AXIS) is Direction.AGREES
+            assert (time.array.now_ns - before_ns > 1_000_000_000) == waits
+        assert CELL + 1 not in commissioning.foreign_stops.heard
 
 
 def test_a_stop_for_another_cell_ends_nothing():
