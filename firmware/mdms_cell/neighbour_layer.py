@@ -17,7 +17,7 @@ from mdms_cell.perception.outline import Outline
 from mdms_cell.perception.place import DIRECTIONS, OWN, Place
 from mdms_cell.perception.suspicion import CODE, SOURCE, Suspicion
 from mdms_cell.perception.tracking import LOST_BEATS, Tracking
-from mdms_cell.rights.right_of_way import NONE, UNDER, UNPLACED, RightOfWay
+from mdms_cell.rights.right_of_way import BY_ANOTHER, NONE, UNDER, UNPLACED, RightOfWay
 
 # isort: split
 from mdms_cell.canopen.objects import find
@@ -347,10 +347,12 @@ class Layer:
         """Have the right of way decide for the next beat; DESIGN.md, 'Right of way'."""
         tracking, rights = self._tracking, self._rights
         over = tracking.identity if tracking.is_over() else 0
-        if over and rights.state != UNDER and tracking.is_of_another():
-            # A parcel that stands before an unknown thing would come over it mm by mm.
-            over = 0
-        self._over, self._occupied = over, presence != 0
+        occupied = presence != 0
+        if occupied and rights.state != UNDER and tracking.is_of_another():
+            # A parcel that stands before an unknown thing would come over it mm by mm. One that has
+            # been let come stops for what is set down on its way.
+            over, occupied = 0, BY_ANOTHER
+        self._over, self._occupied = over, occupied
         rights.on_beat(over, self._needs, self._occupied)
 
     @micropython.native

@@ -25,7 +25,7 @@ class Rules(NamedTuple):
     """The times that the cells are set up with [beats].
 
     Where a parcel is not `placed`, a restarted cell hears which parcel lies over a neighbour, and
-    not whether it reaches the cell's own square.
+    not whether it reaches the cell's own square. Things are `set_down` on cells at any time.
     """
 
     lease: int = 3
@@ -35,6 +35,7 @@ class Rules(NamedTuple):
     patience: int = 8
     disturbed: int | None = None  # links on which estimates may be lost or late within a beat
     placed: bool = True
+    set_down: bool = False
 
 
 class Delivery:
@@ -222,6 +223,9 @@ class Cell:
             )
             memory = self._decide(local.memory, delivered, given, bool(given.over))
             yield self._number(self._after(local, memory))
+            if self._rules.set_down and not given.over:
+                memory = self._decide(local.memory, delivered, given, right_of_way.BY_ANOTHER)
+                yield self._number(self._after(local, memory))
             if lags:
                 memory = self._decide(local.memory, delivered, NOTHING, True)
                 yield self._number(self._after(local, memory))
@@ -246,7 +250,7 @@ class Cell:
         memory: Memory,
         delivered: tuple[tuple[int, Message], ...],
         given: Input,
-        occupied: bool,
+        occupied: int,
     ) -> Memory:
         """Run the module for one beat."""
         key = (memory, delivered, given, occupied)
@@ -272,7 +276,7 @@ class Cell:
             return identity | right_of_way.UNPLACED
         return identity if over else 0
 
-    def _beat(self, memory: Memory, heard: set[int], given: Input, occupied: bool) -> Memory:
+    def _beat(self, memory: Memory, heard: set[int], given: Input, occupied: int) -> Memory:
         """Let a beat pass after the estimates of some directions were handed over."""
         self._decider.on_beat(given.over, given.wants, occupied)
         return self._snapshot(given)

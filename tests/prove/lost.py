@@ -83,7 +83,7 @@ class Beside(Cell):
             prompt = tuple(arrivals[:1] for arrivals in inbox)
             yield from super()._follow(number, prompt, given._replace(page=missed))
 
-    def _beat(self, memory: Memory, heard: set[int], given: Input, occupied: bool) -> Memory:
+    def _beat(self, memory: Memory, heard: set[int], given: Input, occupied: int) -> Memory:
         silent = 0 if self._direction in heard else memory.lost[0] + 1
         silent = min(silent, self._times.lost_beats)
         agrees, bump = self._take_page(given.page, silent)
@@ -162,7 +162,7 @@ class Lost(Cell):
         memory: Memory,
         delivered: tuple[tuple[int, Message], ...],
         given: Input,
-        occupied: bool,
+        occupied: int,
     ) -> Memory:
         found = super()._decide(memory, delivered, given, occupied)
         return found._replace(cut_off=memory.cut_off)

@@ -64,6 +64,7 @@ _TWO_STEPS = Rules(lease=2, late=0, hops=2, disturbed=1)
 _SHORT = Rules(lease=2, late=0, disturbed=1)
 _SHORTEST = Rules(lease=1, late=0, disturbed=1)
 _UNPLACED = Rules(lease=1, late=0, placed=False)
+_SET_DOWN = Rules(lease=1, late=0, set_down=True)
 _UNDISTURBED = Rules(lease=3, late=0, disturbed=0)
 
 #: Explored with the tests, within seconds. Parcels are of one cell, a lease is of three beats, an
@@ -83,6 +84,9 @@ QUICK: dict[str, Table] = {
     "3 x 1, parcels of two cells and one, lease 1, any lost, no place told, a crash": Table(
         3, 1, ((0, 1), (2,)), _UNPLACED
     ),
+    "3 x 1, two parcels, lease 1, any lost, none late, things set down, a crash": Table(
+        3, 1, ((0,), (2,)), _SET_DOWN
+    ),
 }
 
 #: Explored by `python -m tests.prove` as well, within minutes.
@@ -95,6 +99,9 @@ LONG: dict[str, Table | LostTable] = {
     "3 x 1, two parcels, any lost or late, a crash": Table(3, 1, ((0,), (2,)), _ANY),
     "2 x 2, two parcels, lease 1, any lost, none late, a crash": Table(
         2, 2, ((0,), (3,)), _ANY_SHORT
+    ),
+    "2 x 2, two parcels, lease 1, any lost, none late, things set down, a crash": Table(
+        2, 2, ((0,), (3,)), _SET_DOWN
     ),
     "2 x 2, a parcel, two beats late, a crash": Table(2, 2, ((0,),), _LATEST),
     "2 x 2, two parcels, none lost or late, a crash": Table(2, 2, ((0,), (3,)), _UNDISTURBED),

@@ -127,7 +127,7 @@ class Tracking:
 
     def is_of_another(self):
         """Whether something else covers a sensor of the cell: one far from the parcel."""
-        return self.sensors.show_another()
+        return self.belief.known and self.sensors.show_another()
 
     @micropython.native
     def is_sure(self):

@@ -70,6 +70,8 @@ LEFT = const(24)
 _COLUMNS = const(32)
 
 
+#: A sensor of the cell is covered by something else than the parcel that is to come.
+BY_ANOTHER = const(2)
 #: In the place of an identity: neighbours differ, or may live and have not been heard.
 UNKNOWN = const(255)
 #: Added to an identity: a neighbour reports that parcel, and not whether it lies here.
@@ -259,7 +261,7 @@ class RightOfWay:
 
         `over`: identity of the parcel whose outline is over this cell by its own belief, or 0;
         `wants`: mask of the neighbours which that parcel covers or needs next, as seen from here;
-        `occupied`: a presence sensor of this cell is covered.
+        `occupied`: whether a presence sensor of this cell is covered, or BY_ANOTHER.
         """
         registers, said = self.registers, self.said
         here = 0
@@ -331,7 +333,7 @@ class RightOfWay:
         before = registers[STATE]
         if over:
             self._be_under(over)
-        elif before >= PROMISED and self._keeps():
+        elif before >= PROMISED and occupied != BY_ANOTHER and self._keeps():
             registers[IDENTITY] = registers[PROMISED_TO]
             registers[STATE] = PROMISED
         else:
@@ -381,18 +383,20 @@ class RightOfWay:
         """Promise the cell to the best request: no parcel stands here, and no promise is kept.
 
         The parcel that had the promise before goes last. A covered sensor that belongs to no parcel
-        keeps all others away. So does a parcel that is `here` by report. If it is UNPLACED, a
-        covered sensor keeps it away as well, since another thing may lie there.
+        keeps all others away, and one that is covered BY_ANOTHER keeps that one away too. So does a
+        parcel that is `here` by report. If it is UNPLACED, a covered sensor keeps it away as well,
+        since another thing may lie there.
         """
         registers = self.registers
         registers[WAITING] = 0
+        keeps = occupied != BY_ANOTHER
         asker = self._asker(registers[_PREVIOUS]) or self._asker(0)
         bound = registers[BOUND]
         if here:
             identity = here & ~UNPLACED
             asker = identity if self._asks(identity) else 0
             occupied = occupied and identity != here
-        if asker and (asker == registers[PROMISED_TO] or not (bound or occupied)):
+        if asker and ((keeps and asker == registers[PROMISED_TO]) or not (bound or occupied)):
             self._promise(asker)
             registers[IDENTITY] = asker
             registers[STATE] = PROMISED

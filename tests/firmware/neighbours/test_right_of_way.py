@@ -3,7 +3,15 @@
 import pytest
 from tests.prove.cells import Delivery
 
-from mdms_cell.rights.right_of_way import CLEAR, NEAR, NONE, PROMISED, UNDER, RightOfWay
+from mdms_cell.rights.right_of_way import (
+    BY_ANOTHER,
+    CLEAR,
+    NEAR,
+    NONE,
+    PROMISED,
+    UNDER,
+    RightOfWay,
+)
 
 EAST, NORTH, WEST = 0, 2, 4
 TO_EAST = 1 << EAST
@@ -61,6 +69,29 @@ def test_cell_does_not_promise_a_square_that_a_sensor_sees_covered():
     cell = ready()
     beat(cell, asks(7), occupied=True)
     assert cell.state == NEAR
+
+
+def test_a_promise_is_broken_off_for_what_is_set_down_there():
+    cell = ready()
+    beat(cell, asks(7))
+    beat(cell, asks(7), occupied=True)
+    assert cell.state == PROMISED
+    for _ in range(2):
+        beat(cell, asks(7), occupied=BY_ANOTHER)
+        assert cell.state == NEAR
+    # The thing is gone again.
+    beat(cell, asks(7))
+    assert (cell.identity, cell.state) == (7, PROMISED)
+
+
+def test_another_waits_after_a_promise_was_broken_off_until_all_wheels_stand():
+    cell = ready()
+    beat(cell, asks(7))
+    beat(cell, (WEST, 7, UNDER, False, CLEAR), asks(3, NORTH), occupied=BY_ANOTHER)
+    for _ in range(BOUND):
+        assert cell.state < PROMISED
+        beat(cell, asks(3, NORTH))
+    assert (cell.identity, cell.state) == (3, PROMISED)
 
 
 def test_promise_ends_when_the_wish_does_and_another_waits_until_all_wheels_stand():
