@@ -25,7 +25,8 @@ class Rules(NamedTuple):
     """The times that the cells are set up with [beats].
 
     Where a parcel is not `placed`, a restarted cell hears which parcel lies over a neighbour, and
-    not whether it reaches the cell's own square. Things are `set_down` on cells at any time.
+    not whether it reaches the cell's own square. Things are `set_down` on cells at any time, and
+    `upon` cells that a parcel has come over and that do not know it yet.
     """
 
     lease: int = 3
@@ -36,6 +37,7 @@ class Rules(NamedTuple):
     disturbed: int | None = None  # links on which estimates may be lost or late within a beat
     placed: bool = True
     set_down: bool = False
+    upon: bool = False
 
 
 class Delivery:
@@ -225,6 +227,9 @@ class Cell:
             yield self._number(self._after(local, memory))
             if self._rules.set_down and not given.over:
                 memory = self._decide(local.memory, delivered, given, right_of_way.BY_ANOTHER)
+                yield self._number(self._after(local, memory))
+            if self._rules.upon and given.over and local.memory.state != right_of_way.UNDER:
+                memory = self._decide(local.memory, delivered, NOTHING, right_of_way.BY_ANOTHER)
                 yield self._number(self._after(local, memory))
             if lags:
                 memory = self._decide(local.memory, delivered, NOTHING, True)

@@ -65,6 +65,7 @@ _SHORT = Rules(lease=2, late=0, disturbed=1)
 _SHORTEST = Rules(lease=1, late=0, disturbed=1)
 _UNPLACED = Rules(lease=1, late=0, placed=False)
 _SET_DOWN = Rules(lease=1, late=0, set_down=True)
+_UPON = Rules(lease=1, late=0, set_down=True, upon=True)
 _UNDISTURBED = Rules(lease=3, late=0, disturbed=0)
 
 #: Explored with the tests, within seconds. Parcels are of one cell, a lease is of three beats, an
@@ -86,6 +87,9 @@ QUICK: dict[str, Table] = {
     ),
     "3 x 1, two parcels, lease 1, any lost, none late, things set down, a crash": Table(
         3, 1, ((0,), (2,)), _SET_DOWN
+    ),
+    "2 x 2, two parcels, lease 1, any lost, none late, things set down anywhere": Table(
+        2, 2, ((0,), (3,)), _UPON, crash=False
     ),
 }
 

@@ -383,8 +383,8 @@ class RightOfWay:
         """Promise the cell to the best request: no parcel stands here, and no promise is kept.
 
         The parcel that had the promise before goes last. A covered sensor that belongs to no parcel
-        keeps all others away, and one that is covered BY_ANOTHER keeps that one away too. So does a
-        parcel that is `here` by report. If it is UNPLACED, a covered sensor keeps it away as well,
+        keeps all others away. BY_ANOTHER keeps the promised one away too. A parcel that is `here`
+        by report keeps all others away. If it is UNPLACED, a covered sensor keeps it away as well,
         since another thing may lie there.
         """
         registers = self.registers
