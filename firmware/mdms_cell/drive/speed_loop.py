@@ -73,7 +73,8 @@ REACTION = const(48)  # 1: a stale target has the wheel braked as in BRAKE; 0: v
 BRAKE_GAIN = const(49)  # * G in BRAKE [V s/m / 16], 0..2**20
 BRAKE_LIMIT = const(50)  # * ERROR_LIMIT in BRAKE [um/s]
 # State again:
-IDLE_COUNT = const(51)  # ticks since COUNT has changed, up to IDLE_TICKS
+IDLE_COUNT = const(51)  # ticks since COUNT has followed RATE, up to IDLE_TICKS ...
+# ... and IDLE_TICKS once it has changed against it
 
 AXIS = const(52)  # registers of an axis
 AXES = const(2)
@@ -128,7 +129,8 @@ REVERSAL_DROP_UM_S = const(20_000)
 HOLD_TICKS = const(800)
 #: Ticks for which a wheel that stands is held in BRAKE.
 STILL_TICKS = const(300)
-#: Ticks without a count after which BRAKE shorts a wheel. Its encoder may be stuck, and the speed
+#: Ticks without a count after which BRAKE shorts a wheel, for its encoder may be stuck. A count
+#: against the tracked velocity shorts it at once, for it has turned round. In both cases the speed
 #: that the law expects of it may push it on.
 IDLE_TICKS = const(16)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
@@ -182,19 +184,22 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         position = registers[base + POSITION] + rate
         position = ((position & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
         count = registers[base + COUNT] & 0xFFFF
-        ticks = registers[base + LAST_COUNT]
-        if count != ticks:
-            registers[base + IDLE_COUNT] = 0
-        elif registers[base + IDLE_COUNT] < IDLE_TICKS:
-            registers[base + IDLE_COUNT] += 1
-        if count - ticks > 0x8000:
+        moved = count - registers[base + LAST_COUNT]
+        if moved > 0x8000:
             registers[base + TURNS] = registers[base + TURNS] - 1 & 0xFFFF
-        elif ticks - count > 0x8000:
+            moved -= 0x10000
+        elif moved < 0 - 0x8000:
             registers[base + TURNS] = registers[base + TURNS] + 1 & 0xFFFF
+            moved += 0x10000
         registers[base + LAST_COUNT] = count
         inverted = registers[base + INVERTED]
         if inverted:
             count = 0 - count
+            moved = 0 - moved
+        if moved != 0:
+            registers[base + IDLE_COUNT] = IDLE_TICKS if moved ^ rate < 0 else 0
+        elif registers[base + IDLE_COUNT] < IDLE_TICKS:
+            registers[base + IDLE_COUNT] += 1
         count = ((count & 0xFFFF) ^ 0x8000) - 0x8000
         innovation = (count << 14) - position
         innovation = ((innovation & 0x3FFFFFFF) ^ 0x20000000) - 0x20000000
