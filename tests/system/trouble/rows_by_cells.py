@@ -89,7 +89,7 @@ ROWS = (
         more=(GO_ON,),
         always=True,
     ),
-    Row("cell rebooted", "kind='off', cells=[6], duration_s=0.05", pauses=(1,), always=True),
+    Row("cell rebooted", "kind='off', cells=[6], duration_s=0.05", 8.0, pauses=(1,), always=True),
     Row("2 % of frames lost", "kind='loss', probability=0.02"),
     Row("10 % for a second", "kind='loss', probability=0.1, duration_s=1.0", 5.0, pauses=(0, 1)),
     Row("bus-off of one cell", "kind='corruption', cells=[6], duration_s=0.05", pauses=(1,)),
