@@ -413,18 +413,25 @@ class Layer:
             if sent >> direction & 1:
                 rights.hear(direction, self._reported_over(direction))
             elif heard.speeds_age(direction) <= 1 and (
-                heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.STATE] != wire.UNDER
-                or heard.age(direction) > _LEFT_BEATS
+                not self._has_reported(direction) or heard.age(direction) > _LEFT_BEATS
             ):
                 rights.hear(direction, 0)
         if self._pages.asked:
             rights.approach(self._pages.asked)
 
+    def _has_reported(self, direction):
+        """Whether a neighbour's last estimate tells of a parcel: it is under it, or has its pose.
+
+        A neighbour that has restarted too has a pose before it is under the parcel.
+        """
+        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
+        return estimates[at + wire.STATE] == wire.UNDER or estimates[at + wire.CERTAINTY] != 0
+
     def _reported_over(self, direction):
         """The parcel that a neighbour reports over this cell's square, as in `hear`."""
         estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
         identity = estimates[at + wire.IDENTITY]
-        if not identity or estimates[at + wire.STATE] != wire.UNDER:
+        if not identity or not self._has_reported(direction):
             return 0
         program = self._pages.programs.find(identity)
         if program is None or not program.has_parcel:

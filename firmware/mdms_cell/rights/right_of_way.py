@@ -268,7 +268,7 @@ class RightOfWay:
         if self.unsure:
             here = self._by_report(over)
             if over != here:
-                if over and not registers[_NEAR]:
+                if over and (not registers[_NEAR] or registers[_NEAR] == over):
                     self.approach(over)
                 over = 0
         if not _stays_under(registers, said, over):

@@ -79,13 +79,16 @@ class Restarted(Middle):
         identity, x_um, asks = self.reports[direction]
         fields = array("i", [0] * wire.ESTIMATE_FIELDS)
         fields[wire.X] = (x_um - STEPS[direction][0] * PITCH_UM) // wire.STEP_UM
-        fields[wire.IDENTITY], fields[wire.STATE] = identity, wire.UNDER
+        fields[wire.IDENTITY], fields[wire.STATE] = identity, self._state(identity)
         fields[wire.CERTAINTY] = self.certainty
         fields[wire.WANTS] = 1 << (direction ^ 4) if asks else 0
         fields[wire.SEQUENCE] = 1
         frame = bytearray(8)
         wire.pack_estimate(fields, 0, frame, 0)
         return bytes(frame)
+
+    def _state(self, _identity):
+        return wire.UNDER
 
     def promised(self, beats):
         """The parcel that the cell is promised to after this many beats, 0 for none."""
@@ -116,6 +119,17 @@ class Planned(Unseen):
     """Somebody plans their ways."""
 
     parcel_flags = 0
+
+
+class AllRestarted(Restarted):
+    """Those around the lying parcel are up as late: near it, and without a word now and then."""
+
+    def _state(self, identity):
+        return wire.NEAR if identity == LYING else wire.UNDER
+
+    def _estimate(self, direction):
+        without = direction in self.reports and self.reports[direction][0] == LYING
+        return None if without and self.now_ms // 10 % 8 == 0 else super()._estimate(direction)
 
 
 class CutOff(Restarted):
@@ -167,6 +181,12 @@ def test_square_that_two_parcels_lie_over_is_promised_to_none():
     middle = Restarted({EAST: overhangs(LYING, EAST), WEST: overhangs(WAITING, WEST)})
     assert middle.promised(PLENTY) == 0
     assert not middle.promises()
+
+
+def test_square_belongs_to_the_parcel_that_lies_over_it_though_the_cells_around_it_restarted_too():
+    middle = AllRestarted({EAST: overhangs(LYING, EAST), WEST: waits(WAITING, WEST)})
+    assert middle.promised(PLENTY) == 0
+    assert middle.promises() == set()
 
 
 def test_free_square_is_promised_to_the_one_that_asks():
