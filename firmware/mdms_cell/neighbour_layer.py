@@ -437,13 +437,10 @@ class Layer:
         if program is None or not program.has_parcel:
             self._pages.asked = identity
             return identity | UNPLACED
-        certainty = estimates[at + wire.CERTAINTY]
-        if not certainty:
+        if not estimates[at + wire.CERTAINTY]:
             return 0 if self._has_pose(identity) else identity | UNPLACED
         self._place_reported(direction, program)
-        unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
-        room = UNSEEN_ROOM if unseen else 0
-        return identity if self._footprint.reaches(self._outline, room) else 0
+        return identity if self._footprint.reaches(self._outline, self._outline.room) else 0
 
     def _reported_outline(self, direction):
         """Return the outline of the parcel over a neighbour, None where it is not known."""
@@ -464,6 +461,8 @@ class Layer:
         y_um += estimates[at + wire.Y] * wire.STEP_UM
         self._outline.set(*program.size())
         self._outline.place(x_um, y_um, turn_um(estimates[at + wire.YAW]))
+        unseen = program.unplanned and estimates[at + wire.CERTAINTY] <= UNSEEN_CERTAINTY
+        self._outline.room = UNSEEN_ROOM if unseen else 0
 
     def _has_pose(self, identity):
         """Whether any neighbour has said lately where this parcel is."""

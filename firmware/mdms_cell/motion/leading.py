@@ -167,7 +167,8 @@ class Leading:
     def _meets(self, asked):
         """The mask of those of the cells asked for whose parcel is too near to where this will be.
 
-        Two parcels that share a square, as they were set down, may part, but come no nearer.
+        Two parcels that share a square, as they were set down, may part, but come no nearer. Each
+        may be farther on than it is believed as long as none of its edges has been seen.
         """
         room = _APART + (UNSEEN_ROOM if self._tracking.may_be_elsewhere() else 0)
         here, there, mask = self._parcel.registers, self._there.registers, 0
@@ -177,7 +178,7 @@ class Leading:
                 if other is not None:
                     left = gap(there, other.registers)
                     nearer = left < gap(here, other.registers) - _PARTING
-                    mask |= (nearer and left < room) << direction
+                    mask |= (nearer and left < room + other.room) << direction
         return mask
 
     def _look_nearer(self, asked, room):
