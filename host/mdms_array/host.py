@@ -10,6 +10,7 @@ import numpy as np
 from mdms_array.checks import goal_of, motor_of, timing_of
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.commissioning.parameters import BY_NAME
+from mdms_host.coordination.bring_up import ExpectedCells
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.estimation.parcel import Parcel
@@ -351,10 +352,9 @@ def coordinator_of(
         program,
         # A parcel in stock is announced when it may come.
         parcels=tuple(parcel for parcel in parcels if parcel.name not in stock),
-        settings=settings_of(scenario.cell),
-        own_settings=cells.settings,
-        serials=cells.serials,
-        asks_boards=asks_boards,
+        expected=ExpectedCells(
+            settings_of(scenario.cell), cells.settings, cells.serials, asks_boards
+        ),
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
         centres_of_mass_m=centres_of_mass_m(scenario),

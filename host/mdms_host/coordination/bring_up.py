@@ -1,11 +1,11 @@
 """The cells of a layout on their way through the phases: their next commands, and their faults."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import PATIENT, SdoClient, Setting
 from mdms_host.coordination.cell_setup import (
-    NOTHING,
     Configuration,
     Identification,
     SetUp,
@@ -31,38 +31,60 @@ REFUSED_S = 0.2
 _LED = frozenset((cia402.SWITCHED_ON, cia402.OPERATION_ENABLED))
 
 
+@dataclass(frozen=True, slots=True)
+class ExpectedCells:
+    """What a run writes to the cells of its layout, and asks them for.
+
+    `settings` are written to every cell, `own_settings` to the cell of that number besides. All
+    other stored settings must be at their defaults. The cell of a number in `serials` must have
+    that serial number. With `asks_boards` the boards of cells that steer must be able to.
+    """
+
+    settings: tuple[Setting, ...] = ()
+    own_settings: Mapping[int, tuple[Setting, ...]] = field(default_factory=dict)
+    serials: Mapping[int, int] = field(default_factory=dict)
+    asks_boards: bool = True
+
+
 class BringUpCell(RemoteCell):
-    """A cell that gets these settings when it comes up, and whose first `axes` are used.
+    """The cell of a number, from 1, that gets its settings when it comes up.
 
     Then all of its stored settings must be as the run expects: the table's defaults, and these. Any
     difference is a trouble: a stored polarity turns a wheel the wrong way, and a stored time-out
-    lets it drive on alone. Only those of `spare` do not matter (`Configuration`), and those of
-    `steering_settings` are set back where a run has left them behind. With `steers` the cell
-    enables its drives by itself, and these settings are taken back at the end. With `asks_board`
-    its board must be one that can steer.
+    lets it drive on alone. Only those of its place do not matter where it does not steer
+    (`Configuration`), and those of `steering_settings` are set back where a run has left them
+    behind. With `steers` the cell enables its drives by itself, and these settings are taken back
+    at the end. Raises `OutOfRangeError` for a place that does not fit the wire, where it steers.
     """
 
     def __init__(
         self,
         number: int,
-        node_id: int,
-        axes: int,
-        settings: Iterable[Setting],
+        layout: Layout,
+        expected: ExpectedCells,
         *,
-        spare: Mapping[Place, int] = NOTHING,
-        serial: int | None = None,
-        bus: int | None = None,
-        steers: bool = False,
-        asks_board: bool = False,
+        status_period_s: float,
+        steers: bool,
     ) -> None:
-        super().__init__(number, node_id, bus)
-        self._axes = axes
+        node_id, bus = layout.node_ids[number - 1], layout.buses[number - 1]
+        super().__init__(number, node_id, bus if layout.bus_count > 1 else None)
+        self._axes = axes = len(layout.wheels)
         self.steers = steers
         self._ready = _LED if steers else _ENABLED
         self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
         self._set_back = SdoClient(node_id, taken_back() if steers else (), attempts=PATIENT)
-        self._settings = tuple(settings)
+        self._settings = (
+            # Cells report their state on change, and repeat it, which makes up for a lost frame.
+            Setting(indices.TPDO_PARAMETERS + 1, 5, round(status_period_s * 1e3)),
+            *expected.settings,
+            *(_placing(layout, number) if steers else ()),
+            *expected.own_settings.get(number, ()),
+            # Last, so that a cell steers with its place only.
+            *(steering_settings() if steers else ()),
+        )
+        spare = {} if steers else _spare(layout, number)
         self._configuration = Configuration(node_id, self._settings, spare)
+        serial, asks_board = expected.serials.get(number), steers and expected.asks_boards
         self._identification = Identification(node_id, axes, serial, asks_board=asks_board)
         self._set_up = SetUp(node_id, self._settings, self._configuration)
         self.restarted = False
@@ -212,51 +234,6 @@ class BringUpCell(RemoteCell):
         """The same controlword for all axes."""
         words = (word,) * len(pdo.CONTROLWORD.entries)
         return Frame(pdo.CONTROLWORD.can_id(self.node_id), pdo.CONTROLWORD.encode(words))
-
-
-def cells_of(
-    layout: Layout,
-    settings: tuple[Setting, ...],
-    own_settings: Mapping[int, tuple[Setting, ...]],
-    serials: Mapping[int, int],
-    *,
-    status_period_s: float,
-    steered_beside: int | None,
-    asks_boards: bool,
-) -> tuple[BringUpCell, ...]:
-    """All cells, cell 1 first; they steer beside the host of a node id, if that is given.
-
-    `settings` are written to every cell, `own_settings` to the cell of that number besides;
-    `serials` are those that cells must have, by number. With `asks_boards`, cells that steer are
-    asked whether their board can. Raises `OutOfRangeError` for a place that
-    does not fit the wire, where cells steer.
-    """
-    # Cells report their state on change, and repeat it, which makes up for a lost frame.
-    repeat = Setting(indices.TPDO_PARAMETERS + 1, 5, round(status_period_s * 1e3))
-    steers = steered_beside is not None
-    # Last, so that a cell steers with its place only.
-    steering = () if steered_beside is None else steering_settings(steered_beside)
-    addresses = zip(layout.buses, layout.node_ids, strict=True)
-    return tuple(
-        BringUpCell(
-            number,
-            node_id,
-            len(layout.wheels),
-            (
-                repeat,
-                *settings,
-                *(_placing(layout, number) if steers else ()),
-                *own_settings.get(number, ()),
-                *steering,
-            ),
-            spare={} if steers else _spare(layout, number),
-            serial=serials.get(number),
-            bus=bus if layout.bus_count > 1 else None,
-            steers=steers,
-            asks_board=steers and asks_boards,
-        )
-        for number, (bus, node_id) in enumerate(addresses, 1)
-    )
 
 
 def _placing(layout: Layout, number: int) -> Iterator[Setting]:

@@ -14,6 +14,7 @@ from mdms_host.can_link.sdo_client import PATIENT, Read, SdoClient, Setting
 from mdms_host.places import Place
 from mdms_model.buses import WATCHED_HEARTBEAT_S
 from mdms_protocol import indices
+from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
 from mdms_protocol.emergencies import error_text
@@ -125,10 +126,10 @@ _CONTROL = (indices.CONTROL, 0)
 PLACES = (_CONSUMED, _CONTROL, _TAKEOVER)
 
 
-def steering_settings(host_node_id: int) -> tuple[Setting, ...]:
+def steering_settings() -> tuple[Setting, ...]:
     """Settings of a cell that has its place; after the last one the cell steers."""
     return (
-        Setting(*_CONSUMED, host_node_id << 16 | HEARTBEAT_LIMIT_MS),
+        Setting(*_CONSUMED, cob.HOST_NODE << 16 | HEARTBEAT_LIMIT_MS),
         Setting(*_TAKEOVER, 1),
         Setting(*_CONTROL, 1),
     )

@@ -9,8 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mdms_host.can_link.sdo_client import Setting
-from mdms_host.coordination.bring_up import cells_of
+from mdms_host.coordination.bring_up import BringUpCell, ExpectedCells
 from mdms_host.coordination.commands import CellsControl, Commands
 from mdms_host.coordination.control_cycle import ControlCycle
 from mdms_host.coordination.frame_router import FrameRouter
@@ -47,12 +46,9 @@ class Coordinator:
     """A participant of the buses that runs a program on all cells of a layout.
 
     `fault` is the cause of the run's end, None as long as it goes on. `events` are pairs of time
-    [s] and text; `troubles` are the events that need a person, though the run goes on. `settings`
-    are written to every cell, `own_settings` to the cell of that number besides. All other stored
-    settings must be at their defaults. The cell of a number in `serials` must have that serial
-    number, or the run ends before any wheel is driven. Cells that steer (the program is a
-    `ByCells`) are written their places, too; others may have any. The run also ends if the board
-    of one of them cannot steer, unless `asks_boards` is false. `policy` is the reaction to cells
+    [s] and text; `troubles` are the events that need a person, though the run goes on. Cells that
+    are not as `expected` end the run before any wheel is driven. Cells that steer (the program is a
+    `ByCells`) are written their places, too; others may have any. `policy` is the reaction to cells
     that fall out of action. `centres_of_mass_m` are those of parcels that have them beside their
     origins, in their frames. Raises ValueError for cells of more wheels than the wire has axes.
     """
@@ -63,12 +59,8 @@ class Coordinator:
         program: Program | ByCells,
         *,
         parcels: tuple[Parcel, ...] = (),
-        settings: tuple[Setting, ...] = (),
-        own_settings: Mapping[int, tuple[Setting, ...]] = MappingProxyType({}),
-        serials: Mapping[int, int] = MappingProxyType({}),
-        asks_boards: bool = True,
+        expected: ExpectedCells | None = None,
         timing: Timing | None = None,
-        host_node_id: int = cob.NODE_MAX,
         policy: Policy | None = None,
         centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
@@ -80,14 +72,10 @@ class Coordinator:
         self._journal = journal = EventJournal()
         self._velocities = VelocityFrames(layout.node_ids, axes)
         by_cells = isinstance(program, ByCells)
-        self.cells = cells_of(
-            layout,
-            settings,
-            own_settings,
-            serials,
-            status_period_s=timing.status_period_s,
-            steered_beside=host_node_id if by_cells else None,
-            asks_boards=asks_boards,
+        expected, period_s = expected or ExpectedCells(), timing.status_period_s
+        self.cells = tuple(
+            BringUpCell(number, layout, expected, status_period_s=period_s, steers=by_cells)
+            for number in range(1, layout.cells + 1)
         )
         debounce_s = tuple(cell.debounce_s for cell in self.cells)
         self.tracker = Tracker(layout, parcels, timing.status_period_s, debounce_s)
@@ -110,7 +98,6 @@ class Coordinator:
         self._frame_router = FrameRouter(
             self.cells,
             layout.bus_count,
-            host_node_id,
             supervision=supervision,
             tracker=self.tracker,
             odometry=self._odometry,
@@ -140,7 +127,7 @@ class Coordinator:
             timing=timing,
         )
         self._buses = range(layout.bus_count)
-        self._alive = nmt.heartbeat(host_node_id, nmt.OPERATIONAL)
+        self._alive = nmt.heartbeat(cob.HOST_NODE, nmt.OPERATIONAL)
         self._heartbeat_period_s = WATCHED_HEARTBEAT_S if by_cells else timing.heartbeat_period_s
         self._now_s = 0.0
         self._schedule.set("heartbeat", 0.0)

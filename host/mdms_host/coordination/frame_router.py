@@ -30,7 +30,6 @@ class FrameRouter:
         self,
         cells: Sequence[BringUpCell],
         buses: int,
-        host_node_id: int,
         *,
         supervision: Supervision,
         tracker: Tracker,
@@ -51,7 +50,7 @@ class FrameRouter:
             self._register(cell, by_cells)
         for handlers in self._handlers:
             # Two hosts that began at the same instant meet here.
-            handlers[cob.HEARTBEAT_BASE + host_node_id] = self._on_other_host
+            handlers[cob.HEARTBEAT_BASE + cob.HOST_NODE] = self._on_other_host
             handlers[cob.NMT] = self._on_other_command
 
     def on_frame(self, frame: Frame, now_s: float, bus: int) -> None:

@@ -19,6 +19,7 @@ from time import process_time
 import numpy as np
 
 from mdms_array.host import layout_of, settings_of
+from mdms_host.coordination.bring_up import ExpectedCells
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Rectangle
@@ -98,7 +99,7 @@ def learned(seed: int) -> tuple[list[float], list[float], list[float]]:
     scenario = load_scenario("array18", keys)
     layout = layout_of(scenario)
     program = Learning(layout, drive_of(scenario.cell).droop)
-    coordinator = Coordinator(layout, program, settings=settings_of(scenario.cell))
+    coordinator = Coordinator(layout, program, expected=ExpectedCells(settings_of(scenario.cell)))
     program.tracker = coordinator.tracker
     simulate(scenario, [coordinator])
     size = coordinator.tracker.size("box")

@@ -6,6 +6,7 @@ from tests.host.coordination.arrays import BOTTOM, LAYOUT, running, still
 
 from mdms_cell.canopen.objects import Objects
 from mdms_host.can_link.sdo_client import Setting
+from mdms_host.coordination.bring_up import ExpectedCells
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import Phase, Timing
 from mdms_host.layout import Layout
@@ -172,7 +173,8 @@ def test_a_drive_that_cannot_be_enabled_is_named_with_its_state(
 
 def test_settings_are_written_to_every_cell(rolling_array) -> None:
     gain = Setting(0x2000, 0, 8_000)
-    coordinator = Coordinator(LAYOUT, still(), settings=(gain, Setting(0x3000, 0, 80)))
+    expected = ExpectedCells((gain, Setting(0x3000, 0, 80)))
+    coordinator = Coordinator(LAYOUT, still(), expected=expected)
     array = running(rolling_array, coordinator)
     expected = [bytes.fromhex("23002000401f0000"), bytes.fromhex("2b00300050000000")]
     assert [cell.writes[-2:] for cell in array.cells] == [expected] * 18
@@ -193,7 +195,8 @@ def test_a_cell_with_another_stored_setting_is_refused_by_name(rolling_array) ->
 
 def test_a_setting_of_one_cell_is_written_to_it_alone(rolling_array) -> None:
     reversed_ = Setting(0x607E, 0, 0x40)
-    coordinator = Coordinator(LAYOUT, still(), own_settings={5: (reversed_,)})
+    expected = ExpectedCells(own_settings={5: (reversed_,)})
+    coordinator = Coordinator(LAYOUT, still(), expected=expected)
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
     array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
     assert coordinator.phase == Phase.RUNNING

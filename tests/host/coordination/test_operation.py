@@ -5,6 +5,7 @@ import pytest
 from tests.host.cells_link import CellsLink
 
 from mdms_host.can_link.link import DeviceGoneError
+from mdms_host.coordination.bring_up import ExpectedCells
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import Ending, operate
 from mdms_host.coordination.run_state import Phase, Timing
@@ -134,7 +135,9 @@ def test_a_missing_cell_is_a_fault(link) -> None:
 
 def test_a_board_that_is_not_the_one_that_is_listed_is_a_fault_before_any_drive_is_on(link) -> None:
     listed = {1: 1, 2: 0xC0FFEE, 3: 3}
-    one = Coordinator(LAYOUT, FieldProgram(np.full(6, 0.05)), serials=listed)
+    one = Coordinator(
+        LAYOUT, FieldProgram(np.full(6, 0.05)), expected=ExpectedCells(serials=listed)
+    )
     done = operate(one, link, link, 10.0)
     assert done.ending == Ending.FAULT
     assert done.fault.startswith(
@@ -144,7 +147,10 @@ def test_a_board_that_is_not_the_one_that_is_listed_is_a_fault_before_any_drive_
     assert not {Phase.STARTING, Phase.ENABLING} & {text for _, text in one.events}
     assert (
         operate(
-            Coordinator(LAYOUT, FieldProgram(np.zeros(6)), serials={2: 2}), link, link, 1.0
+            Coordinator(LAYOUT, FieldProgram(np.zeros(6)), expected=ExpectedCells(serials={2: 2})),
+            link,
+            link,
+            1.0,
         ).ending
         == Ending.DONE
     )
