@@ -1,17 +1,16 @@
 """Joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.commands import CellsControl
-from mdms_host.coordination.recovery import Roster
-from mdms_host.coordination.run_state import HELD, UP, EventJournal, Phase, Timing
+from mdms_host.coordination.recovery import ArrayState
+from mdms_host.coordination.run_state import HELD, UP, Phase
 from mdms_host.coordination.supervision import names
 from mdms_host.coordination.watch import Standings, Watch
-from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, Odometry, VelocityFrames
+from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, VelocityFrames
 from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.program import ByCells, Program
@@ -33,31 +32,26 @@ class ControlCycle:
 
     def __init__(
         self,
-        cells: Sequence[BringUpCell],
+        array: ArrayState,
         program: Program | ByCells,
-        *,
-        roster: Roster,
         tracker: Tracker,
-        odometry: Odometry,
         velocities: VelocityFrames,
         by_cells: CellsControl | None,
-        journal: EventJournal,
-        timing: Timing,
     ) -> None:
-        wheels = len(roster.wheels_out)
+        cells, wheels = array.roster.cells, len(array.roster.wheels_out)
         self.references_m_s: Floats = np.zeros(wheels)
         self.standings = Standings()
         self.watch = Watch(cells, wheels // len(cells), program.controllers)
         self._cells = cells
         self._program = program
         self._of_wheels = None if isinstance(program, ByCells) else program
-        self._roster = roster
+        self._roster = array.roster
+        self._odometry = array.odometry
+        self._journal = array.journal
+        self._step_s = array.timing.sync_period_s
         self._tracker = tracker
-        self._odometry = odometry
         self._velocities = velocities
         self._by_cells = by_cells
-        self._journal = journal
-        self._step_s = timing.sync_period_s
         #: How fast each wheel is to run under its reference, as far as that is known.
         self._commanded_m_s: Floats = np.zeros(wheels)
         self._noisy = False

@@ -13,7 +13,7 @@ from mdms_host.coordination.bring_up import BringUpCell, ExpectedCells
 from mdms_host.coordination.commands import CellsControl, Commands
 from mdms_host.coordination.control_cycle import ControlCycle
 from mdms_host.coordination.frame_router import FrameRouter
-from mdms_host.coordination.recovery import Policy, Recovery, Roster
+from mdms_host.coordination.recovery import ArrayState, Policy, Recovery, Roster
 from mdms_host.coordination.run_state import (
     HELD,
     STOPPED,
@@ -69,7 +69,7 @@ class Coordinator:
         self._timing = timing = timing or Timing()
         self._program = program
         self._safe_goals = SafeGoals(layout, centres_of_mass_m)
-        self._journal = journal = EventJournal()
+        self._journal = EventJournal()
         self._velocities = VelocityFrames(layout.node_ids, axes)
         by_cells = isinstance(program, ByCells)
         expected, period_s = expected or ExpectedCells(), timing.status_period_s
@@ -80,52 +80,29 @@ class Coordinator:
         debounce_s = tuple(cell.debounce_s for cell in self.cells)
         self.tracker = Tracker(layout, parcels, timing.status_period_s, debounce_s)
         self._odometry = Odometry(self.cells, axes, self._velocities, timing)
-        supervision = Supervision(self.cells, timing)
-        self._roster = Roster(self.cells, axes)
+        roster, supervision = Roster(self.cells, axes), Supervision(self.cells, timing)
+        array = ArrayState(timing, self._journal, roster, supervision, self._odometry)
         self._recovery = Recovery(
-            self._roster,
+            array,
             policy or Policy(),
-            supervision=supervision,
-            odometry=self._odometry,
-            journal=journal,
             on_lost=self._on_lost_cells,
             on_back=lambda: self.tracker.look_again(_UNSEEN_M),
         )
         self._schedule = Schedule()
         steering = CellsControl(self.cells, program) if isinstance(program, ByCells) else None
         self._steering = steering
-        self._commands = Commands(self._roster, self._schedule, timing.command_period_s, steering)
+        self._commands = Commands(roster, self._schedule, timing.command_period_s, steering)
         self._frame_router = FrameRouter(
-            self.cells,
-            layout.bus_count,
-            supervision=supervision,
-            tracker=self.tracker,
-            odometry=self._odometry,
-            commands=self._commands,
-            by_cells=steering,
-            journal=journal,
+            array, layout.bus_count, self.tracker, self._commands, steering
         )
         self._machine = RunStateMachine(
-            self._roster,
-            timing,
-            supervision=supervision,
-            recovery=self._recovery,
-            frame_router=self._frame_router,
-            journal=journal,
+            array,
+            self._recovery,
+            self._frame_router,
             on_phase=self._on_phase,
             unsure=lambda: bool(self.tracker.doubtful),
         )
-        self._cycle = ControlCycle(
-            self.cells,
-            program,
-            roster=self._roster,
-            tracker=self.tracker,
-            odometry=self._odometry,
-            velocities=self._velocities,
-            by_cells=steering,
-            journal=journal,
-            timing=timing,
-        )
+        self._cycle = ControlCycle(array, program, self.tracker, self._velocities, steering)
         self._buses = range(layout.bus_count)
         self._alive = nmt.heartbeat(cob.HOST_NODE, nmt.OPERATIONAL)
         self._heartbeat_period_s = WATCHED_HEARTBEAT_S if by_cells else timing.heartbeat_period_s

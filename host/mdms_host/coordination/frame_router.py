@@ -1,14 +1,11 @@
 """Incoming frames of each bus, by their identifiers: for cells and for other receivers."""
 
-from collections.abc import Sequence
 from functools import partial
 
 from mdms_host.can_link.remote_cell import Handler
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.commands import CellsControl, Commands
-from mdms_host.coordination.run_state import EventJournal
-from mdms_host.coordination.supervision import Supervision
-from mdms_host.coordination.wheel_speeds import Odometry
+from mdms_host.coordination.recovery import ArrayState
 from mdms_host.estimation.tracker import Tracker
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob, nmt
@@ -28,25 +25,21 @@ class FrameRouter:
 
     def __init__(
         self,
-        cells: Sequence[BringUpCell],
+        array: ArrayState,
         buses: int,
-        *,
-        supervision: Supervision,
         tracker: Tracker,
-        odometry: Odometry,
         commands: Commands,
         by_cells: CellsControl | None,
-        journal: EventJournal,
     ) -> None:
         self.other_host = False
         self.switched_off = False
-        self._supervision = supervision
+        self._supervision = array.supervision
+        self._odometry = array.odometry
+        self._journal = array.journal
         self._tracker = tracker
-        self._odometry = odometry
         self._commands = commands
-        self._journal = journal
         self._handlers: list[dict[int, Handler]] = [{} for _ in range(buses)]
-        for cell in cells:
+        for cell in array.roster.cells:
             self._register(cell, by_cells)
         for handlers in self._handlers:
             # Two hosts that began at the same instant meet here.

@@ -12,7 +12,14 @@ from math import inf
 import numpy as np
 
 from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
-from mdms_host.coordination.run_state import TRANSITIONS, TROUBLED, EventJournal, Phase, Signal
+from mdms_host.coordination.run_state import (
+    TRANSITIONS,
+    TROUBLED,
+    EventJournal,
+    Phase,
+    Signal,
+    Timing,
+)
 from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
 from mdms_host.coordination.wheel_speeds import Odometry
 from mdms_model.arrays import Bools
@@ -196,6 +203,17 @@ class Roster:
         self.wheels_out = np.repeat([cell in self.out for cell in self.cells], self._axes)
 
 
+@dataclass(frozen=True, slots=True)
+class ArrayState:
+    """The array of a run, as its parts share it: the cells, their troubles and their speeds."""
+
+    timing: Timing
+    journal: EventJournal
+    roster: Roster
+    supervision: Supervision
+    odometry: Odometry
+
+
 #: Pauses are counted over so long [s].
 _COUNTED_S = 60.0
 #: Parcels lie still for so long, with all cells back, before they are moved again [s].
@@ -221,21 +239,18 @@ class Recovery:
 
     def __init__(
         self,
-        roster: Roster,
+        array: ArrayState,
         policy: Policy,
         *,
-        supervision: Supervision,
-        odometry: Odometry,
-        journal: EventJournal,
         on_lost: Callable[[frozenset[int]], None],
         on_back: Callable[[], None],
     ) -> None:
         self.pauses = 0
-        self._roster = roster
+        self._roster = array.roster
         self._policy = policy
-        self._supervision = supervision
-        self._odometry = odometry
-        self._journal = journal
+        self._supervision = array.supervision
+        self._odometry = array.odometry
+        self._journal = array.journal
         self._on_lost = on_lost
         self._on_back = on_back
         self._lost: frozenset[int] = frozenset()

@@ -4,18 +4,9 @@ from collections.abc import Callable
 
 from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
 from mdms_host.coordination.frame_router import FrameRouter
-from mdms_host.coordination.recovery import Recovery, Roster
-from mdms_host.coordination.run_state import (
-    BRING_UP,
-    STOPPED,
-    TRANSITIONS,
-    UP,
-    EventJournal,
-    Phase,
-    Signal,
-    Timing,
-)
-from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, Supervision, names
+from mdms_host.coordination.recovery import ArrayState, Recovery
+from mdms_host.coordination.run_state import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, Signal
+from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, names
 
 _OVER = (Phase.FAILING, *STOPPED)
 
@@ -30,24 +21,21 @@ class RunStateMachine:
 
     def __init__(
         self,
-        roster: Roster,
-        timing: Timing,
-        *,
-        supervision: Supervision,
+        array: ArrayState,
         recovery: Recovery,
         frame_router: FrameRouter,
-        journal: EventJournal,
+        *,
         on_phase: Callable[[Phase, Phase, float], None],
         unsure: Callable[[], bool],
     ) -> None:
         self.phase = Phase.WAITING
         self.fault: str | None = None
-        self._roster = roster
-        self._timing = timing
-        self._supervision = supervision
+        self._roster = array.roster
+        self._timing = array.timing
+        self._supervision = array.supervision
+        self._journal = array.journal
         self._recovery = recovery
         self._frame_router = frame_router
-        self._journal = journal
         self._on_phase = on_phase
         self._unsure = unsure
         self._since_s: float | None = None
