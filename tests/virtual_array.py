@@ -35,7 +35,7 @@ class SimulatedArray:
 
     def __init__(self, bank: CellBank, *overrides: str) -> None:
         scenario = load_scenario("array18", overrides)
-        self._surround(Simulation(scenario, bank, recorded=False), bank)
+        self._surround(Simulation(scenario, bank, recording=None), bank)
 
     @classmethod
     def around(cls, simulation: Simulation, bank: CellBank) -> "SimulatedArray":

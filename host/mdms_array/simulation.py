@@ -44,7 +44,7 @@ from mdms_model.scenario.scenario import Scenario, Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.referee.truth import HostReport, Pose
-from mdms_sim.simulation import Outcome, Simulation, addresses_of, open_bank
+from mdms_sim.simulation import Outcome, Recording, Simulation, addresses_of, open_bank
 from mdms_sim.simulation import simulate as run_simulation
 
 if TYPE_CHECKING:
@@ -374,9 +374,11 @@ class VirtualDriver:
             scenario,
             bank,
             [self._coordinator],
-            estimates=partial(estimates_of, self._coordinator, scenario),
+            recording=Recording(
+                estimates=partial(estimates_of, self._coordinator, scenario),
+                most_samples=MOST_SAMPLES,
+            ),
             host_report=partial(host_report_of, self._coordinator),
-            most_samples=MOST_SAMPLES,
         )
         _schedule_signals(self._simulation, scenario, program)
         self._wall_s = 0.0

@@ -134,7 +134,7 @@ class WireFaults:
         self._buses = buses
         self._controllers = controllers
         self._at_work = [FrameFaults(bus) for bus in buses]
-        self.kinds: Mapping[str, FaultSetup] = {
+        self.kinds: dict[str, FaultSetup] = {
             "loss": self._loss,
             "corruption": self._corruption,
             "overload": self._overload,
@@ -227,7 +227,7 @@ class NodeFaults:
         self._controllers = controllers
         self._bank = bank
         self._drivers = drivers
-        self.kinds: Mapping[str, FaultSetup] = {
+        self.kinds: dict[str, FaultSetup] = {
             "delay": self._delay,
             "babble": self._babble,
             "off": self._off,
@@ -395,7 +395,7 @@ class WorldFaults:
         self._bridges = world.bridges
         self._nominal_supply_v = world.bridges.supply_v.copy()
         self._supplies: list[Fault] = []
-        self.kinds: Mapping[str, FaultSetup] = {
+        self.kinds: dict[str, FaultSetup] = {
             "supply": self._supply,
             "bridge_fault": self._bridge_fault,
             "sensor_stuck": self._sensor_stuck,
@@ -529,33 +529,18 @@ class Ongoing:
 
 
 class Faults:
-    """The faults of a scenario, at work on buses, the cells on them, their world and the host.
+    """The faults of a scenario at work; `kinds` has what sets one up, by the name of its kind.
 
-    `controllers` are the cells' in their order, `drivers` those of the participants; `places` has
-    the place of each node. `events` fills up as the run goes on.
+    `events` fills up as the run goes on.
     """
 
     def __init__(
-        self,
-        faults: Sequence[Fault],
-        seed: int,
-        *,
-        kernel: Kernel,
-        buses: Sequence[Bus],
-        controllers: Sequence[Controller],
-        bank: CellBank,
-        world: World,
-        places: Places,
-        drivers: Sequence[Driver],
+        self, faults: Sequence[Fault], seed: int, kernel: Kernel, kinds: Mapping[str, FaultSetup]
     ) -> None:
         self.events: list[Event] = []
         self._observers: list[FaultObserver] = []
         self._kernel = kernel
-        self._kinds = {
-            **WireFaults(buses, controllers).kinds,
-            **NodeFaults(kernel, controllers, bank, drivers).kinds,
-            **WorldFaults(world, bank, places).kinds,
-        }
+        self._kinds = kinds
         self._seed = seed
         self._begun = len(faults)
         for number, fault in enumerate(faults):

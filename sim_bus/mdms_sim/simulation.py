@@ -30,7 +30,7 @@ from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
 from mdms_sim.driver import Driver
-from mdms_sim.faults import Faults, Ongoing, Places
+from mdms_sim.faults import Faults, NodeFaults, Ongoing, Places, WireFaults, WorldFaults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.bank import BusOffWatch
@@ -133,16 +133,29 @@ class Outcome:
     violations: tuple[Violation, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What is kept of a run: the frames in `bus_log`, and samples, thinned to `most_samples`.
+
+    `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
+    (P, 3), NaN where unknown.
+    """
+
+    bus_log: BinaryIO | None = None
+    estimates: Callable[[], Floats] | None = None
+    most_samples: int | None = None
+
+
+RECORDED = Recording()
+
+
 class Simulation:
     """A scenario with its cells, its buses and its participants, ready to run.
 
     `bus` is the only one of `buses`, or their first. `faults` are those of the scenario; others may
     begin while it runs. The `referee` judges the run, unless it is not to be `judged`; it knows the
-    host's reports by `host_report`, if that is given.
-
-    `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
-    (P, 3), NaN where unknown; they are only recorded. A run without end is better not `recorded`,
-    or thinned to `most_samples`.
+    host's reports by `host_report`, if that is given. A run without end is better without a
+    `recording`, or thinned.
 
     A parcel that tips ends `run_until`. With `beyond_tipping` it is taken off the table instead, as
     a fault 'lift' that `off_table` lists, and time goes on.
@@ -154,11 +167,8 @@ class Simulation:
         bank: CellBank,
         participants: Sequence[Participant | BusesParticipant] = (),
         *,
-        bus_log: BinaryIO | None = None,
-        estimates: Callable[[], Floats] | None = None,
+        recording: Recording | None = RECORDED,
         host_report: Callable[[], HostReport | None] | None = None,
-        recorded: bool = True,
-        most_samples: int | None = None,
         judged: bool = True,
         beyond_tipping: bool = False,
     ) -> None:
@@ -167,7 +177,8 @@ class Simulation:
         self.buses = [Bus(self.kernel, scenario.wire.bitrate) for _ in range(addresses.bus_count)]
         self.bus = self.buses[0]
         self.world = World(scenario)
-        self.log = BusLog(bus_log)
+        kept = recording or RECORDED
+        self.log = BusLog(kept.bus_log)
         self._references = References(addresses, len(scenario.cell.wheel))
         self._reports = CellReports(cell_centres(scenario.array), addresses)
         self._presence = Presence(addresses)
@@ -178,8 +189,8 @@ class Simulation:
             bus.observe(partial(self._on_report, number), self._reports.cells[number])
             bus.observe(partial(self._presence.on_frame, number), self._presence.cells[number])
         self._bank = bank
-        self._estimates = estimates
-        self._sampler = Sampler(self.world, most_samples)
+        self._estimates = kept.estimates
+        self._sampler = Sampler(self.world, kept.most_samples)
         self._substeps = max(1, round(TICK_NS / NS_PER_S / scenario.run.step_s))
         self._step_s = TICK_NS / NS_PER_S / self._substeps
         self._cells = scenario.array.columns * scenario.array.rows
@@ -209,13 +220,10 @@ class Simulation:
         self.faults = Faults(
             scenario.fault,
             scenario.run.seed,
-            kernel=self.kernel,
-            buses=self.buses,
-            controllers=self._mailboxes,
-            bank=bank,
-            world=self.world,
-            places=places,
-            drivers=self._drivers,
+            self.kernel,
+            WireFaults(self.buses, self._mailboxes).kinds
+            | NodeFaults(self.kernel, self._mailboxes, bank, self._drivers).kinds
+            | WorldFaults(self.world, bank, places).kinds,
         )
         self._beyond_tipping = beyond_tipping
         self._events_seen = 0
@@ -235,7 +243,7 @@ class Simulation:
         self._delivered: list[int] = []
         self._unknown: Floats = np.full((len(scenario.parcel), 3), np.nan)
         self.kernel.at(0, PRIORITY_TICK, self._tick)
-        if recorded:
+        if recording is not None:
             self.kernel.at(0, PRIORITY_SAMPLE, self._sample)
 
     def run_until(
@@ -387,10 +395,8 @@ def simulate(
             scenario,
             bank,
             participants,
-            bus_log=log,
-            estimates=estimates,
+            recording=Recording(log, estimates, MOST_SAMPLES),
             host_report=host_report,
-            most_samples=MOST_SAMPLES,
         )
         prepare(simulation)
         simulation.run_until(scenario.run.duration_s, progress, over)

@@ -10,7 +10,7 @@ from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.simulation import Simulation, addresses_of, open_bank
+from mdms_sim.simulation import Recording, Simulation, addresses_of, open_bank
 
 LISTS = ((1, 2), (3, 4))
 SPEEDS = cob.TPDO_BASES[0]
@@ -65,7 +65,7 @@ def life(*faults, until_s=0.6, tool=None, nodes="cpython", **more):
     tool, log = tool or Tool(), BytesIO()
     scene = scenario(*faults, **more)
     with closing(open_bank(nodes, addresses_of(scene).node_ids)) as bank:
-        simulation = Simulation(scene, bank, [tool], bus_log=log)
+        simulation = Simulation(scene, bank, [tool], recording=Recording(log))
         simulation.run_until(until_s)
         simulation.outcome()
     return tool, simulation, log.getvalue().decode()

@@ -90,7 +90,7 @@ def run(storm: Storm) -> Ended:
     with closing(PythonBank(addresses_of(scenario).node_ids)) as bank:
         host = Host(partial(coordinator_of, scenario))
         simulation = Simulation(
-            scenario, bank, [host], host_report=lambda: host.report, recorded=False
+            scenario, bank, [host], host_report=lambda: host.report, recording=None
         )
         _Events(simulation, bank, scenario, host).schedule(storm.events)
         crash = None

@@ -38,7 +38,7 @@ class LongRun:
             self._bank,
             [recorder],
             host_report=lambda: host_report_of(self.coordinator),
-            recorded=False,
+            recording=None,
         )
 
     def __enter__(self) -> Self:

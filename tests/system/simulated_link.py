@@ -25,7 +25,7 @@ class SimulatedLink(Link):
 
     def __init__(self, scenario):
         self._bank = PythonBank(addresses_of(scenario).node_ids)
-        self._join(Simulation(scenario, self._bank, recorded=False))
+        self._join(Simulation(scenario, self._bank, recording=None))
 
     @classmethod
     def around(cls, simulation):

@@ -266,7 +266,7 @@ class _FirmwareTable:
         assert isinstance(program, FieldProgram)
         self._program = program
         self.simulation = Simulation(
-            scenario, self._bank, [self.coordinator], recorded=False, judged=False
+            scenario, self._bank, [self.coordinator], recording=None, judged=False
         )
         self._now_s = 0.0
         self._advance(BRING_UP_S, up=False)

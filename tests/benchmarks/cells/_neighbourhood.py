@@ -112,7 +112,7 @@ def lap(columns: int, rows: int, *, by_calls: bool = False) -> tuple[Watched, Co
         watched = Watched(bank._cells[middle], by_calls=by_calls)
         bank._cells[middle] = watched
         counted = Counted(bank, len(node_ids))
-        simulation = Simulation(scenario, counted, [NeighbourHost(layout, [box])], recorded=False)
+        simulation = Simulation(scenario, counted, [NeighbourHost(layout, [box])], recording=None)
         simulation.run_until(BEGIN_S)
         counted.sent[:] = counted.received[:] = [0] * len(node_ids)
         gc.collect()

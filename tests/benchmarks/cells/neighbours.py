@@ -176,7 +176,7 @@ def case(scenario: Scenario, tally: Tally) -> None:
     assert goal is not None
     coordinator = coordinator_of(scenario)
     with closing(PythonBank(range(1, CELLS + 1))) as bank:
-        simulation = Simulation(scenario, bank, [coordinator], recorded=False)
+        simulation = Simulation(scenario, bank, [coordinator], recording=None)
         Watching(simulation, coordinator, tally.cells, tally.host)
         time_s, still_s = RUNNING_S, 0.0
         while time_s < LIMIT_S and still_s < REST_S and not simulation.tipped:

@@ -136,7 +136,7 @@ def timed(bitrate: int) -> dict[str, Any]:
             bank._flash[cell].files.replace("update.key", KEY)
             bank.restart(cell)
         updater = Updater([CellUpdate(node, sent) for node in range(1, CELLS + 1)], bitrate)
-        simulation = Simulation(scenario, bank, [Delayed(updater)], recorded=False)
+        simulation = Simulation(scenario, bank, [Delayed(updater)], recording=None)
         simulation.run_until(10 * LIMIT_S, over=lambda: updater.over)
         assert all(each.finished for each in updater.updates)
         return row(

@@ -167,7 +167,7 @@ def case(kind: str, seed: int) -> Case:
     began_s: float | None = None
     rested_s = 0.0
     with closing(PythonBank(range(1, CELLS + 1))) as bank:
-        simulation = Simulation(scenario, bank, [coordinator], recorded=False)
+        simulation = Simulation(scenario, bank, [coordinator], recording=None)
         for step in range(1, round(limit_s / STEP_S) + 1):
             now_s = STEP_S * step
             simulation.run_until(now_s)

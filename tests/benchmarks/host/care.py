@@ -139,7 +139,7 @@ def case(scenario: Scenario) -> Case:
             bank,
             [coordinator],
             host_report=lambda: host_report_of(coordinator),
-            recorded=False,
+            recording=None,
         )
         for step in range(1, round(LIMIT_S / STEP_S) + 1):
             now_s = STEP_S * step

@@ -42,7 +42,7 @@ def _row(name: str, main: Main | None) -> dict[str, Any]:
 
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
         simulation = Simulation(
-            scenario, bank, [coordinator_of(scenario, main=main)], recorded=False
+            scenario, bank, [coordinator_of(scenario, main=main)], recording=None
         )
         simulation.run_until(UNDER_WAY_S)
         sys.setprofile(note)

@@ -63,7 +63,7 @@ def prototype() -> list[dict[str, Any]]:
     scenario = load_scenario("array18")
     slot = slot_of(scenario)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
-        simulation = Simulation(scenario, bank, [slot], recorded=False)
+        simulation = Simulation(scenario, bank, [slot], recording=None)
         simulation.kernel.run_until(1_000_000)
         table = table_of(scenario, slot, simulation, RealTime())
         table.do(Start())

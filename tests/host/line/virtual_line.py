@@ -47,7 +47,7 @@ class VirtualLine:
 
         self.slot = RunSlot(make, addresses.bus_count, recent=recent)
         self._bank = open_bank("cpython", addresses.node_ids)
-        self.simulation = Simulation(scenario, self._bank, [self.slot], recorded=False)
+        self.simulation = Simulation(scenario, self._bank, [self.slot], recording=None)
         exits = tuple(each.name for each in scenario.exit)
         self.machine = Machine(self.slot, exits, self.now_s, self.reports.append, self.recipes)
 

@@ -65,7 +65,7 @@ class Desk:
             bank,
             [self.slot, *others],
             host_report=lambda: host_report_of(self.slot.coordinator),
-            recorded=False,
+            recording=None,
             beyond_tipping=True,
         )
         self.table = table_of(self.scenario, self.slot, self.simulation, RealTime())

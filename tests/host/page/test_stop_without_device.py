@@ -89,7 +89,7 @@ def test_stop_without_a_device_says_so_and_is_the_first_thing_sent_when_it_is_ba
     monkeypatch.setattr("mdms_host.can_link.returning.AGAIN_S", 0.01)
     monkeypatch.setattr("mdms_host.cli.live_array.ThreadExecutor", VirtualExecutor)
     with closing(PythonBank(addresses_of(scenario).node_ids)) as bank:
-        story = Story(Simulation(scenario, bank, recorded=False))
+        story = Story(Simulation(scenario, bank, recording=None))
         monkeypatch.setattr("mdms_host.cli.live_array.open_returning", story.open_returning)
         monkeypatch.setattr("mdms_host.cli.live_page.opened_page", story.opened_page)
         options = ("--page", "0", "--device-gone", "again", "--log", "none")

@@ -135,7 +135,7 @@ def judged(
         Motors(drive, [each for each in frames if each not in pages]),
         [Speaker(pages)],
         host_report=(lambda: host(simulation)) if host else None,
-        recorded=False,
+        recording=None,
     )
     simulation.run_until(until_s)
     simulation.referee.finish()

@@ -53,7 +53,7 @@ class Beats:
         self.cells = {node: [] for node in CELLS}
         self.syncs_s = []
         with closing(PythonBank(CELLS)) as bank:
-            simulation = Simulation(scenario, bank, [Starter(gives)], recorded=False)
+            simulation = Simulation(scenario, bank, [Starter(gives)], recording=None)
             simulation.bus.observe(self._on_frame)
             simulation.run_until(until_s)
         self.errors = simulation.bus.errors

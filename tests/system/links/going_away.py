@@ -131,7 +131,7 @@ class Plant:
         bank = open_bank("cpython", addresses_of(scenario).node_ids)
         self._opened.callback(bank.close)
         self.scenario = scenario
-        self.simulation = Simulation(scenario, bank, recorded=False)
+        self.simulation = Simulation(scenario, bank, recording=None)
         server = self._opened.enter_context(Server(self.simulation, str(folder / "table.sock")))
 
         def serve() -> None:

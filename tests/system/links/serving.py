@@ -17,7 +17,7 @@ def serving(
     """Serves the bank of a scenario's cells in real time, and closes it at the end."""
     over = threading.Event()
     with closing(bank):
-        simulation = Simulation(load_scenario(scenario, overrides), bank, recorded=False)
+        simulation = Simulation(load_scenario(scenario, overrides), bank, recording=None)
         with Server(simulation, channel) as server:
             thread = threading.Thread(target=server.run, args=(over.is_set,))
             thread.start()

@@ -62,7 +62,7 @@ def test_category_1_holds_the_demos_box_and_then_lets_its_wheels_coast():
         return int(bridges.shorted.sum()), float(bridges.supply_v.max())
 
     with closing(PythonBank(range(1, 19))) as bank:
-        simulation = Simulation(scenario, bank, [coordinator_of(scenario)], recorded=False)
+        simulation = Simulation(scenario, bank, [coordinator_of(scenario)], recording=None)
         for time_s in (0.5, 1.5, 2.2, 2.9):
             simulation.run_until(time_s)
             seen[time_s] = look(simulation)

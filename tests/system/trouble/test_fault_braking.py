@@ -66,7 +66,7 @@ class Stop:
         self._states = {}
         self._time_s = UP_S
         with closing(PythonBank(CELLS)) as bank:
-            self._simulation = Simulation(scenario, bank, [driver], recorded=False)
+            self._simulation = Simulation(scenario, bank, [driver], recording=None)
             self._simulation.bus.observe(self._on_frame)
             self._until(lambda x_m, v_m_s: v_m_s > 0.97 * speed_m_s)
             setattr(driver, lost, False)

@@ -105,7 +105,7 @@ def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> 
             bank,
             [slot],
             host_report=lambda: host_report_of(slot.coordinator),
-            recorded=False,
+            recording=None,
             beyond_tipping=True,
         )
         # All code is compiled before anybody looks and time counts.

@@ -33,7 +33,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.kept_flash import KeptFlash
 from mdms_sim.physics.plane.world import World
 from mdms_sim.serve.server import Server, ways_in
-from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
+from mdms_sim.simulation import NS_PER_S, Recording, Simulation, addresses_of, open_bank
 
 if TYPE_CHECKING:
     from mdms_host.page.run_slot import RunSlot
@@ -180,15 +180,16 @@ def _serve(
     cells = scenario.array.columns * scenario.array.rows
     flash = None if stored is None else stored.flash
     with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids, flash)) as bank:
+
+        def estimates() -> Floats:
+            return host.sample(simulation.kernel.now_ns / NS_PER_S)
+
         simulation = Simulation(
             scenario,
             bank,
             [slot] if slot else [],
-            bus_log=log,
+            recording=None if arguments.out is None else Recording(log, estimates, MOST_SAMPLES),
             host_report=(lambda: host_report_of(slot.coordinator)) if slot else None,
-            estimates=lambda: host.sample(simulation.kernel.now_ns / NS_PER_S),
-            recorded=arguments.out is not None,
-            most_samples=MOST_SAMPLES,
             beyond_tipping=True,
         )
         name = arguments.name or _name_of(arguments.scenario)
