@@ -32,7 +32,7 @@ from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_host.routes.well_formed import OrderSearch, stuck
 from mdms_model.arrays import Bools, Floats, Ints
 
-__all__ = ["Plan", "Planner"]
+__all__ = ["Margins", "Plan", "Planner", "SearchSettings"]
 
 
 @dataclass(frozen=True)
@@ -49,44 +49,63 @@ class Plan:
     """By parcel the places of those, no part of it, beside which its route begins or ends."""
 
 
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """How far parcels are kept apart, and from tipping.
+
+    `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
+    parcels. Unless `off_m` is 0, ways are sought first on which no parcel tips that is so far
+    beside them.
+    """
+
+    clearance_m: float = 0.01
+    gap_s: float = 0.2
+    off_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SearchSettings:
+    """Settings of the search for routes.
+
+    `step` is how many tiles lattice places are apart. `efforts` are weights of the search
+    (`search`), and after how many moves the next effort is made. A route with more than `legs`
+    straight ones gets as few as possible past the others (`straightening`).
+    """
+
+    step: int = 1
+    efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, MANY))
+    legs: int = MANY
+
+
+#: So many orders of the parcels are tried if the first ones fail.
+_TRIES = 6
+
+
 class Planner:
     """Plans for one table. It keeps its data of a shape, so that the second plan is quick.
 
-    `clearance_m` is how much every outline is grown by, `gap_s` how long a tile is free between two
-    parcels, `step` how many tiles lattice places are apart. `tries` is how many orders of the
-    parcels are tried if the first fails. `efforts` are weights of the search (`search`), and after
-    how many moves the next effort is made. A route with more than `legs` straight ones gets as few
-    as possible past the others (`straightening`). Where it `hangs`, ways may hang over the edge of
-    the table as far as the rim of tiles, else no farther than their own ends. Unless `off_m`
-    is 0, ways are sought first on which no parcel tips that is so far beside them.
+    Where it `hangs`, ways may hang over the edge of the table as far as the rim of tiles, else no
+    farther than their own ends.
     """
 
     def __init__(
         self,
         tiles: Tiles,
         pace: Pace | None = None,
+        margins: Margins | None = None,
+        search: SearchSettings | None = None,
         *,
-        clearance_m: float = 0.01,
-        step: int = 1,
-        gap_s: float = 0.2,
-        tries: int = 6,
-        efforts: tuple[tuple[float, int], ...] = ((1.5, 300), (8.0, MANY)),
-        legs: int = MANY,
         hangs: bool = False,
-        off_m: float = 0.0,
     ) -> None:
-        if tiles.per_pitch % step:
+        self._margins = margins = margins or Margins()
+        self._search = search = search or SearchSettings()
+        if tiles.per_pitch % search.step:
             raise ValueError(
-                f"places must come alike in every cell: a step of {step} tiles does not divide the "
-                f"{tiles.per_pitch} of a cell"
+                f"places must come alike in every cell: a step of {search.step} tiles does not "
+                f"divide the {tiles.per_pitch} of a cell"
             )
-        self._ground = Ground(tiles, pace or TrapezoidPace(), clearance_m, hangs)
-        self._step = step
-        self._gap_s = gap_s
-        self._tries = tries
-        self._legs = legs
-        self._off_m = off_m
-        self._terms = Terms(self._ground, gap_s, efforts)
+        self._ground = Ground(tiles, pace or TrapezoidPace(), margins.clearance_m, hangs)
+        self._terms = Terms(self._ground, margins.gap_s, search.efforts)
         self._standings: dict[tuple[Shape, float], ShapeSupport] = {}
         self._ways: dict[tuple[ShapeSupport, tuple[float, ...]], LatticeMoves] = {}
 
@@ -122,7 +141,7 @@ class Planner:
         closed = self._nothing() if closed is None else closed
         named = {task.parcel for task in tasks}
         kept = {name: route for name, route in (kept or {}).items() if name not in named}
-        for off_m in dict.fromkeys((self._off_m, 0.0)):
+        for off_m in dict.fromkeys((self._margins.off_m, 0.0)):
             problems = {task.parcel: self._problem(task, now_s, off_m) for task in tasks}
             plan = self._plan(problems, closed, kept, seed)
             if not plan.blocked:
@@ -147,7 +166,7 @@ class Planner:
         own = {name: best[name] if name in best else problems[name].prefix for name in problems}
         routes = {**kept, **own}
         for name in best:
-            if legs_of(routes[name]) > self._legs and problems[name].is_at_rest:
+            if legs_of(routes[name]) > self._search.legs and problems[name].is_at_rest:
                 routes[name] = self._straightened(problems[name], routes, closed)
         blocked = {
             name: self._blocked(problems, name, best, closed, kept)
@@ -189,7 +208,7 @@ class Planner:
         moving = _moving(problems)
         yield problems, moving, True, Aside.LATE
         random = Random(f"orders {seed}")
-        for number in range(self._tries):
+        for number in range(_TRIES):
             aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
             yield problems, random.sample(moving, len(moving)), number % 3 < 2, aside
 
@@ -204,7 +223,11 @@ class Planner:
         key = standing, yaws_rad
         if key not in self._ways:
             lattice = Lattice(
-                self._ground.tiles, task.shape, yaws_rad, self._step, self._ground.clearance_m
+                self._ground.tiles,
+                task.shape,
+                yaws_rad,
+                self._search.step,
+                self._ground.clearance_m,
             )
             self._ways[key] = lattice_moves(lattice, standing, self._ground.pace)
         return PlanningProblem(task, self._ground, self._ways[key], standing, base_rad, now_s)
@@ -213,12 +236,12 @@ class Planner:
         self, problem: PlanningProblem, routes: Mapping[str, Route], closed: Bools
     ) -> Route:
         """The route of a problem among all others, with fewer legs if it can have them."""
-        name = problem.task.parcel
+        name, gap_s = problem.task.parcel, self._margins.gap_s
         tiles = TakenTiles(self._ground.tiles.count)
         for owner, (other, route) in enumerate(routes.items()):
             if other != name:
                 tile, _, _, enters_s, leaves_s = route.visits
-                tiles.take(owner, tile, enters_s - self._gap_s, leaves_s + self._gap_s)
+                tiles.take(owner, tile, enters_s - gap_s, leaves_s + gap_s)
         return Straightening(problem, routes[name], tiles.taken, closed).route()
 
     def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
@@ -227,7 +250,7 @@ class Planner:
         `progress_m` is without those that are gone. If it has a parcel that is to be planned anew,
         those that waited for it leave it time for its old way, so that it may find one.
         """
-        return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._gap_s)
+        return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._margins.gap_s)
 
     def _nothing(self) -> Bools:
         return np.zeros(self._ground.tiles.count, dtype=bool)

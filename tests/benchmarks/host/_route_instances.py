@@ -18,7 +18,7 @@ from scipy import ndimage
 from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.planner import Planner
+from mdms_host.routes.planner import Planner, SearchSettings
 from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.support import Shape
 
@@ -61,7 +61,7 @@ class Table:
 
     @cached_property
     def planner(self) -> Planner:
-        return Planner(Tiles(self.layout, 2), step=self.step)
+        return Planner(Tiles(self.layout, 2), search=SearchSettings(step=self.step))
 
 
 TABLES = (Table(9, 6, 3, 1), Table(18, 10, 8, 1), Table(30, 20, 20, 2))

@@ -36,7 +36,7 @@ from mdms_array.host import coordinator_of
 from mdms_host.estimation.footprint import Disc, Rectangle
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.improving import legs_of
-from mdms_host.routes.planner import Planner
+from mdms_host.routes.planner import Margins, Planner, SearchSettings
 from mdms_host.routes.planning_problem import RouteTask
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob
@@ -66,7 +66,8 @@ class CellsTable(Table):
 
     @cached_property
     def planner(self) -> Planner:
-        return Planner(Tiles(self.layout, 1), legs=self.legs, clearance_m=self.clearance_m)
+        margins, search = Margins(self.clearance_m), SearchSettings(legs=self.legs)
+        return Planner(Tiles(self.layout, 1), margins=margins, search=search)
 
 
 TABLES = (CellsTable(9, 6, 3, 1), CellsTable(18, 10, 8, 1))

@@ -10,7 +10,7 @@ from pymapf import Agent, ConflictBasedSearch, GridMap, MAPFProblem, space_time_
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.planner import Planner
+from mdms_host.routes.planner import Margins, Planner, SearchSettings
 from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.support import Shape
 from mdms_model.arrays import Floats
@@ -33,7 +33,8 @@ class GridPace:
 @pytest.fixture(scope="module")
 def planner() -> Planner:
     tiles = Tiles(Layout(SIDE, SIDE, 1.0, wheels=WHEELS), 1)
-    return Planner(tiles, GridPace(), clearance_m=0.0, gap_s=0.0, efforts=((1.0, 2**31),))
+    search = SearchSettings(efforts=((1.0, 2**31),))
+    return Planner(tiles, GridPace(), Margins(0.0, 0.0), search)
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -10,7 +10,7 @@ from mdms_array.host import layout_of
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.planner import Planner
+from mdms_host.routes.planner import Margins, Planner
 from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_model.scenario.file import load_scenario
 
@@ -95,7 +95,8 @@ def test_a_way_on_which_a_parcel_tips_beside_it_is_taken_only_where_there_is_no_
     # On its straight way it comes to lie along a row of cells, amid two of them.
     ends = (0.101, -0.041, 1.125), (0.002, -0.005, -0.777)
     tiles = Tiles(layout, rim_m=0.15)
-    usual, careful = Planner(tiles, hangs=True), Planner(tiles, hangs=True, off_m=0.006)
+    usual = Planner(tiles, hangs=True)
+    careful = Planner(tiles, margins=Margins(off_m=0.006), hangs=True)
     straight = usual.plan([task("a", *ends, box)]).routes["a"].poses
     assert len(straight) == 2
     assert not beside.stands(*straight)

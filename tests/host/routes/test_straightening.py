@@ -13,7 +13,7 @@ from mdms_host.layout import Layout
 from mdms_host.motion.footholds import MARGIN_M
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.improving import legs_of
-from mdms_host.routes.planner import Planner
+from mdms_host.routes.planner import Planner, SearchSettings
 from mdms_host.routes.support import Shape, ShapeSupport
 
 #: Tables on which every route of more than one leg is given as few as it can have, and none is.
@@ -54,7 +54,7 @@ def test_routes_of_few_legs_are_left_as_they_were() -> None:
 
 
 def test_no_corner_is_cut_over_a_tile_that_is_closed() -> None:
-    planner = Planner(Tiles(Layout(7, 4), 1), legs=1)
+    planner = Planner(Tiles(Layout(7, 4), 1), search=SearchSettings(legs=1))
     closed = np.zeros(planner.tiles.count, dtype=bool)
     closed[planner.tiles.of_cell(25)] = True
     around = task("box", (-0.22, 0.08, 0.0), (0.22, 0.08, 0.0))
@@ -71,7 +71,7 @@ def test_no_corner_is_cut_where_the_parcel_might_tip() -> None:
     assert standing.least_margin_m(np.array(start), np.array(goal)) < MARGIN_M
     box = task("box", start, goal, small)
     before = Planner(Tiles(LAYOUT, 1)).plan([box]).routes["box"]
-    route = Planner(Tiles(LAYOUT, 1), legs=1).plan([box]).routes["box"]
+    route = Planner(Tiles(LAYOUT, 1), search=SearchSettings(legs=1)).plan([box]).routes["box"]
     assert legs_of(before) > legs_of(route) > 1
     for one, other in zip(route.poses, route.poses[1:], strict=False):
         assert standing.least_margin_m(one, other) >= MARGIN_M - 1e-6

@@ -22,7 +22,7 @@ from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.planner import Planner
+from mdms_host.routes.planner import Margins, Planner, SearchSettings
 from mdms_host.routes.reservations import Reservations, Visit
 from mdms_host.routes.route import Route, TrapezoidPace
 from mdms_model.arrays import Floats
@@ -279,9 +279,8 @@ class CellsTraffic(OrderedTraffic[Legs]):
         planner = Planner(
             Tiles(layout, _TILES),
             pace,
-            clearance_m=_CLEARANCE_M,
-            gap_s=_GAP_S,
-            legs=_LEGS,
+            Margins(_CLEARANCE_M, _GAP_S),
+            SearchSettings(legs=_LEGS),
         )
         super().__init__(planner, executor, loads, over_lost=False, beside=False)
         self._cells = cells

@@ -14,7 +14,7 @@ from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Ride
 from mdms_host.routes.grid import RIM_M, Tiles
-from mdms_host.routes.planner import Planner
+from mdms_host.routes.planner import Margins, Planner, SearchSettings
 from mdms_host.routes.route import Pace, Route
 from mdms_model.arrays import Floats
 
@@ -49,11 +49,9 @@ class TableTraffic(OrderedTraffic[Ride]):
         planner = Planner(
             tiles,
             pace,
-            clearance_m=_CLEARANCE_M,
-            step=_STEP,
-            gap_s=_GAP_S,
+            Margins(_CLEARANCE_M, _GAP_S, _OFF_M if hangs else 0.0),
+            SearchSettings(step=_STEP),
             hangs=hangs,
-            off_m=_OFF_M if hangs else 0.0,
         )
         super().__init__(planner, executor, loads, kept_free=kept_free, told=told)
         self._traction = traction
