@@ -18,6 +18,7 @@ from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Order
+from mdms_host.programs.traffic.dispatch import WayRules
 from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load
@@ -282,7 +283,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
             Margins(_CLEARANCE_M, _GAP_S),
             SearchSettings(legs=_LEGS),
         )
-        super().__init__(planner, executor, loads, over_lost=False, beside=False)
+        super().__init__(planner, executor, loads, WayRules(over_lost=False, beside=False))
         self._cells = cells
         self._limits = limits
         self._orders_due_s = -inf

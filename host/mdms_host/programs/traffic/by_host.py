@@ -9,7 +9,7 @@ from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Order
-from mdms_host.programs.traffic.dispatch import KeptFree
+from mdms_host.programs.traffic.dispatch import KeptFree, WayRules
 from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Ride
@@ -53,7 +53,7 @@ class TableTraffic(OrderedTraffic[Ride]):
             SearchSettings(step=_STEP),
             hangs=hangs,
         )
-        super().__init__(planner, executor, loads, kept_free=kept_free, told=told)
+        super().__init__(planner, executor, loads, WayRules(kept_free), told=told)
         self._traction = traction
         self._carrying = Carrying(traction.layout, traction.drives)
         self._grips: dict[str, Grip] = {}

@@ -9,7 +9,6 @@ import numpy as np
 from mdms_host.motion.contact import gap_m
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.planning import PlanExecutor
-from mdms_host.programs.traffic.ride import Load
 from mdms_host.programs.traffic.world_state import Timetable, WorldState, shape_of
 from mdms_host.routes.blocked import Blocked
 from mdms_host.routes.planner import Plan, Planner
@@ -47,6 +46,20 @@ class KeptFree:
 
 
 @dataclass(frozen=True, slots=True)
+class WayRules:
+    """Where ways may lead, and end.
+
+    Places of `kept_free` are not crossed: somebody may set a parcel down there at any time. Ways
+    lead around lost cells, or `over_lost` ones if more parcels have a way then. Goals may be
+    `beside` where others stand, on tiles of these.
+    """
+
+    kept_free: Sequence[KeptFree] = ()
+    over_lost: bool = True
+    beside: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class NoWay:
     """Why a parcel has no way; `may_pass` is whether the obstacle may go away.
 
@@ -59,33 +72,23 @@ class NoWay:
 
 
 class Dispatch:
-    """Between orders and planner: `blocked` are parcels without a way by the last plan, and why.
-
-    Ways lead around lost cells, or `over_lost` ones if more parcels have a way then. Goals may be
-    `beside` where others stand, on tiles of these.
-    """
+    """Between orders and planner: `blocked` are parcels without a way by the last plan, and why."""
 
     def __init__(
         self,
         planner: Planner,
         executor: PlanExecutor,
-        loads: Mapping[str, Load],
         world_state: WorldState,
         timetable: Timetable,
-        *,
-        kept_free: Sequence[KeptFree] = (),
-        over_lost: bool = True,
-        beside: bool = True,
+        rules: WayRules,
     ) -> None:
         self.blocked: dict[str, NoWay] = {}
         self._planner = planner
         self._executor = executor
-        self._loads = loads
+        self._loads = world_state.loads
         self._world_state = world_state
         self._timetable = timetable
-        self._kept_free_places = kept_free
-        self._over_lost = over_lost
-        self._beside = beside
+        self._rules = rules
         self._closed: Bools = np.zeros(planner.tiles.count, dtype=bool)
         #: Tiles that were closed after the plan that is being made was asked for.
         self._closed_since: Bools = self._closed.copy()
@@ -232,9 +235,9 @@ class Dispatch:
             return True
         goal = mine.goal
         return (
-            self._beside
+            self._rules.beside
             and goal is not None
-            and other.parcel not in {free.name for free in self._kept_free_places}
+            and other.parcel not in {free.name for free in self._rules.kept_free}
             and bool(np.isin(under, self._goal_tiles(mine)).any())
             and _gap_m(mine, goal, other) >= self._beside_m(other)
         )
@@ -264,7 +267,7 @@ class Dispatch:
         lost: Bools,
     ) -> Plan:
         plan = self._planner.plan(tasks, now_s, closed=never | lost, kept=kept)
-        if plan.blocked and self._over_lost and lost.any():
+        if plan.blocked and self._rules.over_lost and lost.any():
             over = self._planner.plan(tasks, now_s, closed=never, kept=kept)
             shapes = {task.parcel: task.shape for task in tasks}
             ways = ((route, shapes[name]) for name, route in over.routes.items() if name in shapes)
@@ -303,7 +306,7 @@ class Dispatch:
 
     def _kept_free(self, under: Collection[Ints]) -> Iterator[RouteTask]:
         """Places that are kept free for coming parcels, of those that are empty."""
-        for free in self._kept_free_places:
+        for free in self._rules.kept_free:
             kept = self._planner.stand(free.shape, free.pose)
             if not any(np.isin(kept, tiles).any() for tiles in under):
                 yield RouteTask(free.name, free.shape, free.pose[None, :])

@@ -7,7 +7,7 @@ from how far all have come.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from math import hypot, inf
 from types import MappingProxyType
@@ -18,7 +18,7 @@ from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.traffic.dispatch import Dispatch, KeptFree, NoWay
+from mdms_host.programs.traffic.dispatch import Dispatch, NoWay, WayRules
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Riding, due_in_s_of, reserved_by, ways_of
 from mdms_host.programs.traffic.world_state import Timetable, WorldState
@@ -66,10 +66,8 @@ Ride = TypeVar("Ride", bound=Riding)
 class OrderedTraffic(ABC, Generic[Ride]):
     """Carries out orders for parcels whose loads are known, by name; see `carrier.Traffic`.
 
-    Anything else that is believed to lie on the table is an obstacle. Places of `kept_free` are not
-    crossed: somebody may set a parcel down there at any time. Ways lead `over_lost` cells where
-    there are no others, if parcels can be carried over these. Goals may be `beside` where others
-    stand, on tiles of these. Parcels lie where they were `told` to until they are found.
+    Anything else that is believed to lie on the table is an obstacle. Parcels lie where they were
+    `told` to until they are found.
     """
 
     def __init__(
@@ -77,10 +75,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
         planner: Planner,
         executor: PlanExecutor,
         loads: Mapping[str, Load],
+        rules: WayRules,
         *,
-        kept_free: Sequence[KeptFree] = (),
-        over_lost: bool = True,
-        beside: bool = True,
         told: Mapping[str, Floats] = MappingProxyType({}),
     ) -> None:
         self.steered: dict[str, OrderedGoal] = {}
@@ -88,16 +84,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._tiles = planner.tiles
         self._where = WorldState(loads, planner.stand, told)
         self._timetable = Timetable()
-        self._dispatch = Dispatch(
-            planner,
-            executor,
-            loads,
-            self._where,
-            self._timetable,
-            kept_free=kept_free,
-            over_lost=over_lost,
-            beside=beside,
-        )
+        self._dispatch = Dispatch(planner, executor, self._where, self._timetable, rules)
         self._now_s = 0.0
         self._orders: dict[str, Order] = {}
         self._rides: dict[str, Ride] = {}

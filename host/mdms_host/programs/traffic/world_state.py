@@ -112,7 +112,7 @@ class Obstacle:
 
 
 class WorldState:
-    """All things that are believed to lie on the table: parcels of known loads, and others.
+    """All things that are believed to lie on the table: parcels of known `loads`, and others.
 
     `places` are poses by name, at first as `told`. A parcel that is not believed anywhere has its
     last pose; an unknown thing lies only where it is seen. `stand` returns the tiles that a shape
@@ -126,7 +126,7 @@ class WorldState:
         told: Mapping[str, Floats] = MappingProxyType({}),
     ) -> None:
         self.places: dict[str, Floats] = dict(told)
-        self._loads = loads
+        self.loads = loads
         self._stand = stand
         self._shapes: dict[str, tuple[Load, Shape]] = {}
         self._beliefs: Mapping[str, Belief] = {}
@@ -136,9 +136,9 @@ class WorldState:
     def see(self, beliefs: Mapping[str, Belief], now_s: float) -> None:
         """Take in the present beliefs."""
         self._beliefs = beliefs
-        self.places = {
-            name: place for name, place in self.places.items() if name in self._loads
-        } | {name: belief.pose for name, belief in beliefs.items()}
+        self.places = {name: place for name, place in self.places.items() if name in self.loads} | {
+            name: belief.pose for name, belief in beliefs.items()
+        }
         for name in beliefs:
             self._seen_s[name] = now_s
 
@@ -158,7 +158,7 @@ class WorldState:
         return {
             name: self._beliefs[name].outline
             if name in self._beliefs
-            else self._loads[name].footprint
+            else self.loads[name].footprint
             for name in self.places
         }
 
@@ -169,9 +169,9 @@ class WorldState:
 
     def shape(self, name: str) -> Shape | None:
         """The shape of a parcel, or of something unknown as far as it may reach, if it is seen."""
-        if name in self._loads:
+        if name in self.loads:
             # Another parcel may come under the name of a parcel that has left.
-            load = self._loads[name]
+            load = self.loads[name]
             if name not in self._shapes or self._shapes[name][0] is not load:
                 self._shapes[name] = load, shape_of(load)
             return self._shapes[name][1]

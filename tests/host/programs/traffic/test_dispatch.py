@@ -9,7 +9,7 @@ from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.traffic.dispatch import Dispatch
+from mdms_host.programs.traffic.dispatch import Dispatch, WayRules
 from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.programs.traffic.world_state import Timetable, WorldState
@@ -45,7 +45,8 @@ def test_a_parcel_stopped_before_a_gap_passes_it_before_another_comes_to_stay_th
     loads = dict.fromkeys(("far", "near"), Load(BOX, uniform_mass(BOX)))
     where, timetable = WorldState(loads, planner.stand), Timetable()
     where.places = {"far": np.array([-0.7, -0.3, 0.0]), "near": np.array([-0.5, 0.35, 0.0])}
-    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, timetable, over_lost=False)
+    rules = WayRules(over_lost=False)
+    dispatch = Dispatch(planner, VirtualExecutor(), where, timetable, rules)
     dispatch.close(WALL)
     far = Order("far", Goal(0.6, 0.06, 0.0))
     dispatch.ask({"far": far, "near": Order("near", Goal(0.0, 0.06, 0.0))}, {}, 0.0)
@@ -60,7 +61,7 @@ def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_be
     where = WorldState(loads, planner.stand)
     north = Gate("north", (1, 1), 0.4445, -0.6, 0.6)
     where.places = {"out": np.array([0.0, 0.445, 0.0]), "beside": np.array([0.0, 0.157, 0.0])}
-    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, Timetable())
+    dispatch = Dispatch(planner, VirtualExecutor(), where, Timetable(), WayRules())
     dispatch.ask({"out": Order("out", north)}, {}, 0.0)
     assert taken(dispatch) == {"out"}
 
@@ -71,7 +72,7 @@ def test_a_way_leads_over_lost_cells_only_where_enough_others_brake(columns, blo
     loads = {"box": Load(BOX, uniform_mass(BOX))}
     where = WorldState(loads, planner.stand)
     where.places = {"box": np.array([-0.6, 0.0, 0.0])}
-    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, Timetable())
+    dispatch = Dispatch(planner, VirtualExecutor(), where, Timetable(), WayRules())
     dispatch.close([row * 15 + column for row in range(4) for column in columns])
     dispatch.ask({"box": Order("box", Goal(0.6, 0.0, 0.0))}, {}, 0.0)
     assert (taken(dispatch) == set()) is blocked
@@ -85,7 +86,7 @@ def test_a_parcel_on_lost_cells_is_led_off_them():
     loads = {"box": Load(BOX, uniform_mass(BOX))}
     where = WorldState(loads, planner.stand)
     where.places = {"box": np.array([0.0, 0.0, 0.0])}
-    dispatch = Dispatch(planner, VirtualExecutor(), loads, where, Timetable())
+    dispatch = Dispatch(planner, VirtualExecutor(), where, Timetable(), WayRules())
     dispatch.close([row * 15 + column for row in range(4) for column in (7, 8)])
     dispatch.ask({"box": Order("box", Goal(0.6, 0.0, 0.0))}, {}, 0.0)
     assert taken(dispatch) == {"box"}
