@@ -24,6 +24,7 @@ from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
 from mdms_host.programs.newcomers import Comings, Infeed
 from mdms_host.programs.order import Gate
 from mdms_host.programs.program import CellsTableProgram, Main, Member, TableProgram
+from mdms_host.programs.table import Table
 from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_host.programs.traffic.by_host import TableTraffic
@@ -158,15 +159,11 @@ def table_program(
     )
     infeeds = [_infeed(number, scenario, named) for number in range(len(scenario.stream))]
     gates = [gate_of(each, scenario, traction.layout) for each in scenario.exit]
-    return TableProgram(
-        main or main_of(scenario.task),
-        half_table_m(scenario),
-        _members(scenario),
-        gates,
-        traffic,
-        comings=Comings(infeeds),
-        goals=goals_of(scenario),
-    )
+    table, main = Table(half_table_m(scenario), gates, traffic), main or main_of(scenario.task)
+    program = TableProgram(main, table, _members(scenario), traffic, Comings(infeeds))
+    if (goals := goals_of(scenario)) is not None:
+        program.keep_goals(goals)
+    return program
 
 
 def cells_program(
@@ -183,8 +180,8 @@ def cells_program(
     """The same for cells that steer."""
     loads = _loads({parcel.name: parcel for parcel in parcels}, masses)
     traffic = CellsTraffic(layout, executor or VirtualExecutor(), loads, cells, limits)
-    main = main or main_of(scenario.task)
-    return CellsTableProgram(main, half_table_m(scenario), _members(scenario), traffic, cells)
+    table, main = Table(half_table_m(scenario), (), traffic), main or main_of(scenario.task)
+    return CellsTableProgram(main, table, _members(scenario), traffic, cells)
 
 
 def _loads(named: Mapping[str, Parcel], masses: Mapping[str, Mass]) -> dict[str, Load]:

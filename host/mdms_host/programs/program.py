@@ -13,7 +13,7 @@ from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
 from mdms_host.programs.carrier import Traffic
 from mdms_host.programs.newcomers import Comings, NamingRegister, TrackedNewcomers, tracker_gate
-from mdms_host.programs.order import Gate, Order
+from mdms_host.programs.order import Order
 from mdms_host.programs.script import ScriptError, Task, failure_text, place_of
 from mdms_host.programs.table import Table, TableDriver
 from mdms_host.programs.table_parcel import ProgramError, TableParcel
@@ -45,33 +45,27 @@ class TableProgram:
     It begins when all parcels that are to lie on the table have been found. A parcel of the members
     that comes to be believed on it has arrived.
 
-    With `goals` it has no other aim than these: each parcel is taken to its goal once it has been
-    found, and kept there (`keeps_goals`). A person may give other goals, which take the places of
-    these.
+    The orders of the table go to `traffic`. With `keeps_goals` it has no other aim than its goals.
     """
 
     def __init__(
         self,
         main: Main,
-        half_m: tuple[float, float],
+        table: Table,
         members: Sequence[Member],
-        gates: Sequence[Gate],
         traffic: Traffic,
-        *,
         comings: Comings | None = None,
-        goals: Mapping[str, Goal] | None = None,
     ) -> None:
         self._main = main
-        self.keeps_goals = goals is not None
+        self.keeps_goals = False
         self._comings = comings
         self._register: NamingRegister | None = None
         self._members = {member.name: member for member in members}
-        lying = () if goals is not None else (member for member in members if member.lies)
-        self._awaited = {member.name for member in lying}
+        self._awaited = {member.name for member in members if member.lies}
         self._traffic = traffic
-        self.table = Table(half_m, gates, traffic)
-        self.driver = TableDriver(self.table)
-        self.table.expects = any(not member.lies for member in members)
+        self.table = table
+        self.driver = TableDriver(table)
+        table.expects = any(not member.lies for member in members)
         self._gone: set[str] = set()
         #: Parcels that have not come after all, and are on the table until they are taken out.
         self._withdrawn: set[str] = set()
@@ -88,7 +82,15 @@ class TableProgram:
         self._raised = False
         self._rested_s = 0.0
         self._notices: list[str] = []
-        for name, goal in (goals or {}).items():
+
+    def keep_goals(self, goals: Mapping[str, Goal]) -> None:
+        """Take each parcel to its goal once it has been found, and keep it there; no other aim.
+
+        A person may give other goals, which take the places of these.
+        """
+        self.keeps_goals = True
+        self._awaited.clear()
+        for name, goal in goals.items():
             self._give(name, goal)
 
     def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
@@ -353,14 +355,12 @@ class CellsTableProgram(TableProgram):
     def __init__(
         self,
         main: Main,
-        half_m: tuple[float, float],
+        table: Table,
         members: Sequence[Member],
         traffic: CellsTraffic,
         cells: CellsProgram,
-        *,
-        goals: Mapping[str, Goal] | None = None,
     ) -> None:
-        super().__init__(main, half_m, members, (), traffic, goals=goals)
+        super().__init__(main, table, members, traffic)
         self._by_cells = traffic
         self._cells = cells
 

@@ -7,6 +7,7 @@ from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.program import Member, TableProgram
+from mdms_host.programs.table import Table
 from mdms_host.programs.task_list import main_of
 from mdms_host.programs.traffic.by_host import TableTraffic
 from mdms_host.programs.traffic.planning import VirtualExecutor
@@ -23,4 +24,6 @@ def program_to(goal: Goal, parcel: Parcel, layout: Layout) -> TableProgram:
     traffic = TableTraffic(traction, TrapezoidPace(), VirtualExecutor(), loads, hangs=True)
     half_m = layout.columns * layout.pitch_m / 2, layout.rows * layout.pitch_m / 2
     member = Member(parcel.name, "", parcel.length_m, parcel.width_m)
-    return TableProgram(main_of(()), half_m, [member], (), traffic, goals={parcel.name: goal})
+    program = TableProgram(main_of(()), Table(half_m, (), traffic), [member], traffic)
+    program.keep_goals({parcel.name: goal})
+    return program

@@ -8,6 +8,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.programs.order import Gate
 from mdms_host.programs.program import Member, TableProgram
+from mdms_host.programs.table import Table
 
 EAST = Gate("east", (0, 1), 0.35, -0.2, 0.2, ("box",))
 NORTH = Gate("north", (1, 1), 0.15, -0.3, 0.3, ("disc",))
@@ -74,7 +75,8 @@ class Stage:
         self.hands = Hands()
         members = [Member(name, name.split()[0], 0.3, 0.3) for name in lying]
         members += [Member(name, name.split()[0], 0.3, 0.3, lies=False) for name in coming]
-        self.program = TableProgram(main, (0.57, 0.38), members, [EAST, NORTH], self.hands)
+        table = Table((0.57, 0.38), [EAST, NORTH], self.hands)
+        self.program = TableProgram(main, table, members, self.hands)
         self.beliefs = {}
         for name in lying:
             self.put(name, round(0.2 * len(self.beliefs) - 0.3, 3))
