@@ -28,7 +28,6 @@ from mdms_host.line.attached import Line, LineError
 from mdms_host.line.machine import Recipes
 from mdms_host.line.packml import State
 from mdms_host.page.bus_watch import BusWatch
-from mdms_host.page.flow import ends_of
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import Main
@@ -236,16 +235,14 @@ def _slot_and_table(
             kept.recent.on_cycle(late_s)
 
     table = LiveTable(
-        belief.scenario.title,
+        belief.scenario,
         layout,
         parcels_of(belief.scenario),
-        ends=ends_of(belief.scenario, parcels_of(belief.scenario)),
         slot=slot,
         watch=watch,
         now_s=clock.now_s,
-        error_frames=lambda: link.counts.error_frames,
-        report=report,
     )
+    table.report, table.error_frames = report, lambda: link.counts.error_frames
     slot.on_cycle = on_cycle
     return slot, table
 

@@ -32,11 +32,12 @@ from mdms_host.page.description import (
     things_of,
 )
 from mdms_host.page.events import EventList, event_of
-from mdms_host.page.flow import NO_ENDS, Ends, believed_flow
+from mdms_host.page.flow import believed_flow, ends_of
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import TableProgram
 from mdms_host.programs.table_parcel import ProgramError
 from mdms_model.arrays import Floats
+from mdms_model.scenario.scenario import Scenario
 
 #: A goal that is dragged is sent again at least this often by a page that is there [s].
 HELD_S = 1.0
@@ -167,10 +168,9 @@ _TAKES_OVER = (commands.Goal, commands.Start, commands.Stop, commands.StopAll)
 class LiveTable:
     """Composed of the traffic on the buses (`watch`) and the run in the host's `slot`.
 
-    `now_s` returns the table's time, and `wall_s` the machine's, where that is another. `parcels`
-    are those that the host is given. `report(time_s, kind, text)` is called for
-    events.
-    `error_frames` counts those of all buses, where somebody does.
+    `now_s` returns the table's time. `parcels` are those that the host is given.
+    `report(time_s, kind, text)` is called for events. `error_frames` counts those of the only bus,
+    where somebody does.
     """
 
     offers: tuple[str, ...] = (
@@ -179,31 +179,27 @@ class LiveTable:
 
     def __init__(
         self,
-        title: str,
+        scenario: Scenario,
         layout: Layout,
         parcels: tuple[Parcel, ...],
         *,
         slot: RunSlot,
         watch: BusWatch,
         now_s: Callable[[], float],
-        wall_s: Callable[[], float] | None = None,
-        error_frames: Callable[[], int] | None = None,
-        ends: Ends = NO_ENDS,
-        report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
     ) -> None:
+        self.report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None
+        self.error_frames: Callable[[], int] | None = None
         self.version = 1
         #: The run that a person has started, steered or stopped here last.
         self.taken_over: Coordinator | None = None
-        self._title = title
+        self._title = scenario.title
         self._layout = layout
         self._told = parcels
         self._things = things_of(parcels, None)
         self._slot = slot
         self._watch = watch
         self._now_s = now_s
-        self._report = report
-        self._error_frames = error_frames
-        self._ends = ends
+        self._ends = ends_of(scenario, parcels)
         self._signals = self._signals_of(len(parcels))
         self._new_messages: list[dict[str, Any]] = []
         self._events = EventList()
@@ -214,7 +210,7 @@ class LiveTable:
         self._planned_s = -inf
         self._rates = BusRates(layout.bus_count, len(KINDS))
         self._jitter_s = 0.0
-        self._by_hand = ParcelsByHand(wall_s or now_s)
+        self._by_hand = ParcelsByHand(now_s)
 
     # What is shown
 
@@ -293,8 +289,8 @@ class LiveTable:
     def errors(self) -> Floats:
         """How many error frames each bus has had, NaN where that is not known."""
         counted = np.full(self._layout.bus_count, np.nan)
-        if self._error_frames is not None and len(counted) == 1:
-            counted[0] = self._error_frames()
+        if self.error_frames is not None and len(counted) == 1:
+            counted[0] = self.error_frames()
         return counted
 
     def history(self) -> bytes:
@@ -320,7 +316,7 @@ class LiveTable:
     def add_events(self, events: list[dict[str, Any]]) -> None:
         """These have happened."""
         for event in events:
-            self._report(event["time_s"], event["what"], event["text"])
+            self.report(event["time_s"], event["what"], event["text"])
         self._events.add(events)
 
     def take_messages(self) -> list[dict[str, Any]]:

@@ -15,8 +15,8 @@ from mdms_host.page import commands
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.commands import Command, EndFault, RefusedError
 from mdms_host.page.events import events_of
-from mdms_host.page.flow import FlowCount, beside, ends_of
-from mdms_host.page.live import LiveTable
+from mdms_host.page.flow import FlowCount, beside
+from mdms_host.page.live import LiveTable, ParcelsByHand
 from mdms_host.page.run_slot import RunSlot
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.run_rules import check_faults
@@ -157,22 +157,18 @@ class SimulatedTable(LiveTable):
         slot: RunSlot,
         simulation: Simulation,
         time: RealTime,
-        report: Callable[[float, str, str], object] = lambda _time_s, _kind, _text: None,
     ) -> None:
         kernel = simulation.kernel
         watch = BusWatch(layout)
-        ends = ends_of(scenario, parcels)
         super().__init__(
-            scenario.title,
+            scenario,
             layout,
             parcels,
-            ends=ends,
             slot=slot,
             watch=watch,
             now_s=lambda: kernel.now_ns / NS_PER_S,
-            wall_s=lambda: time.wall_ns() / NS_PER_S,
-            report=report,
         )
+        self._by_hand = ParcelsByHand(lambda: time.wall_ns() / NS_PER_S)
         for number, bus in enumerate(simulation.buses):
             bus.observe(_on_bus(watch, number))
         self._scenario = scenario
@@ -184,7 +180,7 @@ class SimulatedTable(LiveTable):
         self._faults = FaultsByHand(
             simulation, scenario, lambda: self._new_messages.append(self._faults.message())
         )
-        self._flow = FlowCount(ends)
+        self._flow = FlowCount(self._ends)
         self._seen = {"world": 0, "faults": 0, "referee": 0}
         self._pace = _Pace(time)
 

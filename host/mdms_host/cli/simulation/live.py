@@ -56,7 +56,7 @@ def table_of(
     """The page of a simulation: its view and its commands; `report` is told of events."""
     told = believed(scenario)
     parcels = {parcel.name: parcel for parcel in (*parcels_of(scenario), *parcels_of(told))}
-    return SimulatedTable(
+    table = SimulatedTable(
         scenario,
         layout_of(told),
         # Those that the host is not told of lie there too.
@@ -64,8 +64,9 @@ def table_of(
         slot=slot,
         simulation=simulation,
         time=time,
-        report=report,
     )
+    table.report = report
+    return table
 
 
 @contextmanager
