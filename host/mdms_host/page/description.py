@@ -7,7 +7,7 @@ packs the values of the signals in that order.
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Protocol, Self, TypeAlias, cast
+from typing import Any, Protocol, TypeAlias, cast
 
 import numpy as np
 
@@ -103,18 +103,17 @@ class SnapshotSignal:
 
 
 class SnapshotSignals:
-    """The arrays of a table with so many cells, wheels, parcels, buses and exits."""
+    """The arrays of a table of this layout, with so many parcels and exits."""
 
-    def __init__(
-        self, cells: int, wheels: int, parcels: int, buses: int, kinds: int, *, exits: int = 0
-    ) -> None:
+    def __init__(self, layout: Layout, parcels: int, exits: int = 0) -> None:
+        cells, wheels, buses = layout.cells, len(layout.wheel_cells), layout.bus_count
         self._signals = (
             SnapshotSignal("time", "f8", (1,), "s"),
             SnapshotSignal("speed", "f4", (1,), "1"),
             SnapshotSignal("real_time_factor", "f4", (1,), "1"),
             SnapshotSignal("jitter", "f4", (1,), "s"),
             SnapshotSignal("bus_load", "f4", (buses,), "1"),
-            SnapshotSignal("bus_frames", "f4", (buses, kinds), "1/s"),
+            SnapshotSignal("bus_frames", "f4", (buses, len(KINDS)), "1/s"),
             SnapshotSignal("bus_errors", "f4", (buses,)),
             SnapshotSignal("bus_error_rate", "f4", (buses,), "1/s"),
             SnapshotSignal("bus_counters", "f4", (buses, 2)),
@@ -137,12 +136,6 @@ class SnapshotSignals:
             SnapshotSignal("phase", "u1", (1,)),
             SnapshotSignal("paused", "u1", (1,)),
         )
-
-    @classmethod
-    def of(cls, layout: Layout, parcels: int, kinds: int, exits: int = 0) -> Self:
-        """Those of a layout, with so many parcels, kinds of frames, and exits."""
-        wheels = len(layout.wheel_cells)
-        return cls(layout.cells, wheels, parcels, layout.bus_count, kinds, exits=exits)
 
     def describe(self) -> list[dict[str, Any]]:
         """The arrays in their order, as JSON has them."""

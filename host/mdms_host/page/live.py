@@ -239,7 +239,7 @@ class LiveTable:
             self.version += 1
 
     def _signals_of(self, parcels: int) -> SnapshotSignals:
-        return SnapshotSignals.of(self._layout, parcels, len(KINDS), len(self._ends.exits))
+        return SnapshotSignals(self._layout, parcels, len(self._ends.exits))
 
     def snapshot(self, sequence: int) -> bytes:
         """See `Table`."""

@@ -57,7 +57,7 @@ class RecordedTable:
         self._layout = layout
         self._things = things
         self._ends = ends
-        self._signals = SnapshotSignals.of(layout, len(things), len(KINDS), len(ends.exits))
+        self._signals = SnapshotSignals(layout, len(things), len(ends.exits))
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
         self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s)

@@ -20,7 +20,6 @@ from websockets.sync.client import connect
 from mdms_host.cli.simulation.live import slot_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.layout import Layout
-from mdms_host.page.bus_watch import KINDS
 from mdms_host.page.commands import Start
 from mdms_host.page.description import SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
@@ -251,9 +250,7 @@ class Dancing:
 
     def __init__(self) -> None:
         self._layout = Layout(30, 6, node_ids=tuple(range(1, 19)) * 10, buses=_ten_buses())
-        self._signals = SnapshotSignals(
-            cells=180, wheels=360, parcels=20, buses=10, kinds=len(KINDS)
-        )
+        self._signals = SnapshotSignals(self._layout, 20)
         self._start_s = time.monotonic()
         self._random = np.random.default_rng(1)
 
