@@ -7,7 +7,7 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 from pettingzoo import ParallelEnv
 
-from mdms_array.learning.environments import FAR, PARCEL, Episode, checked_options, own_option
+from mdms_array.learning.environments import FAR, PARCEL, Episode, options_of, own_option
 from mdms_array.learning.episodes import open_scenario
 from mdms_array.learning.tasks import ParcelTask
 from mdms_model.array import cell_centres
@@ -42,7 +42,7 @@ class CellsEnv(ParallelEnv[str, Floats, Floats]):  # type: ignore[misc]
         if "action" in options:
             raise InputError("action: an agent sets its own wheels; leave it out")
         self.render_mode = None
-        self.episode = Episode(ParcelTask, **{**PARCEL, **checked_options(options)})
+        self.episode = Episode(ParcelTask, options_of(PARCEL, options))
         scenario = self.episode.scenario
         axes, sensors = len(scenario.cell.wheel), len(scenario.cell.sensor_offset_m)
         if scenario.patch:

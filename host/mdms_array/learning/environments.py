@@ -4,7 +4,7 @@ Table k of many does what one table does alone with the seed of the first plus k
 """
 
 from collections.abc import Callable, Mapping
-from inspect import Parameter, signature
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import gymnasium
@@ -39,48 +39,48 @@ LONGEST_S = 3600.0
 OPTIONS = ("scenario", "scenarios", "reset_mask")
 
 
-class Episode:
-    """N tables with a task: their observations, and their steps under actions.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnvOptions:
+    """The options of an environment. Raises `InputError`."""
 
-    `scenario`, `fidelity`, `action`, `most_m_s`, `randomise` and `duration_s` are those of the
-    environments.
-    """
+    scenario: Source
+    fidelity: str = "ideal"
+    action: str = "wheels"
+    most_m_s: float = 0.3
+    randomise: Mapping[str, Any]
+    duration_s: float = 10.0
+    threads: int = 1
 
-    def __init__(
-        self,
-        task: Callable[..., Task],
-        tables: int = 1,
-        /,
-        *,
-        scenario: Source,
-        fidelity: str = "ideal",
-        action: str = "wheels",
-        most_m_s: float = 0.3,
-        randomise: Mapping[str, Any],
-        duration_s: float = 10.0,
-        threads: int = 1,
-    ) -> None:
-        if fidelity not in FIDELITIES:
-            raise InputError(f"fidelity is {fidelity!r}, but must be {' or '.join(FIDELITIES)}")
-        if not (is_number(duration_s) and PERIOD_S <= duration_s <= LONGEST_S):
+    def __post_init__(self) -> None:
+        if self.fidelity not in FIDELITIES:
+            must = " or ".join(FIDELITIES)
+            raise InputError(f"fidelity is {self.fidelity!r}, but must be {must}")
+        if not (is_number(self.duration_s) and PERIOD_S <= self.duration_s <= LONGEST_S):
             raise InputError(
-                f"duration_s is {duration_s!r}, but must be {PERIOD_S:g} to {LONGEST_S:g} seconds"
+                f"duration_s is {self.duration_s!r}, but must be {PERIOD_S:g} to {LONGEST_S:g} "
+                "seconds"
             )
-        check_count("threads", threads)
-        self._episodes = Episodes(scenario, randomise)
+        check_count("threads", self.threads)
+
+
+class Episode:
+    """N tables with a task: their observations, and their steps under actions."""
+
+    def __init__(self, task: Callable[..., Task], options: EnvOptions, tables: int = 1) -> None:
+        self._episodes = Episodes(options.scenario, options.randomise)
         base = self._episodes.base
-        self.actions = Actions(base, action, most_m_s)
-        self._most = round(duration_s / PERIOD_S)
+        self.actions = Actions(base, options.action, options.most_m_s)
+        self._most = round(options.duration_s / PERIOD_S)
         self._done: Ints = np.zeros(tables, np.int64)
         #: Tables with an episode; one whose beginning was refused has none.
         self._begun: Bools = np.zeros(tables, np.bool_)
         self._sensors = np.arange(len(base.cell.sensor_offset_m))
         self.scenario = base
         self.tables: Tables
-        if fidelity == "firmware":
+        if options.fidelity == "firmware":
             self.tables = FirmwareTables([base] * tables)
         else:
-            self.tables = IdealTables([base] * tables, threads)
+            self.tables = IdealTables([base] * tables, options.threads)
         self.task = task(base, tables)
 
     @property
@@ -167,19 +167,15 @@ SORT: Mapping[str, Any] = {
 }
 
 
-def checked_options(options: Mapping[str, Any]) -> Mapping[str, Any]:
+def options_of(defaults: Mapping[str, Any], given: Mapping[str, Any]) -> EnvOptions:
     """The options of an environment. Raises `InputError` for one that there is not."""
-    known = [
-        name
-        for name, each in signature(Episode).parameters.items()
-        if each.kind is Parameter.KEYWORD_ONLY
-    ]
-    for name in options:
+    known = [field.name for field in fields(EnvOptions)]
+    for name in given:
         if name not in known:
             raise InputError(
                 f"{name} is no option of the environment; there are {', '.join(known)}"
             )
-    return options
+    return EnvOptions(**{**defaults, **given})
 
 
 def own_option(options: Mapping[str, Any] | None, name: str) -> Any:
@@ -204,7 +200,7 @@ class _TableEnv(gymnasium.Env[Observation, Any]):
         if render_mode is not None:
             raise InputError(f"render_mode is {render_mode!r}, but nothing is drawn; leave it out")
         self.render_mode = None
-        self.episode = Episode(type(self).task, **{**self.defaults, **checked_options(options)})
+        self.episode = Episode(type(self).task, options_of(self.defaults, options))
         self.action_space = self.episode.action_space
         self.observation_space = self.episode.observation_space
 
@@ -246,9 +242,7 @@ class _TableVectorEnv(VectorEnv[Observation, Any, Any]):
         if not isinstance(num_envs, int) or num_envs < 1:
             raise InputError(f"num_envs is {num_envs!r}, but must be a whole number from 1")
         self.num_envs = num_envs
-        self.episode = Episode(
-            type(self).task, num_envs, **{**self.defaults, **checked_options(options)}
-        )
+        self.episode = Episode(type(self).task, options_of(self.defaults, options), num_envs)
         self.single_action_space = self.episode.action_space
         self.single_observation_space = self.episode.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
