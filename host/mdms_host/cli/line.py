@@ -13,7 +13,6 @@ from mdms_array.host import programmed
 from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, Exit
 from mdms_host.cli.streams import say
-from mdms_host.clock import MonotonicClock
 from mdms_host.line.attached import Line
 from mdms_host.line.machine import Recipes
 from mdms_host.line.plant import LONGEST
@@ -138,15 +137,7 @@ def opened_line(
     if arguments.modbus is not None and host != LOOPBACK:
         say(f"mdms: whoever reaches {host} moves the table by Modbus, which has no passwords")
     exits = tuple(each.name for each in scenario.exit)
-    line = Line(
-        slot,
-        exits,
-        MonotonicClock(),
-        settings,
-        recipes=recipes,
-        note=lambda text: table.note("line", text),
-        show=table.show_line,
-    )
+    line = Line(slot, exits, settings, recipes, table)
     for address in line.addresses:
         print(address, flush=True)
     return line

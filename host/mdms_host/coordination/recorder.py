@@ -34,7 +34,6 @@ class Recorder:
         estimates: Callable[[], Floats],
         log_frame: Callable[[Frame, float, int], object] = lambda _frame, _time_s, _bus: None,
         *,
-        most_samples: int = MOST_SAMPLES,
         look: Callable[[float], object] = lambda _time_s: None,
         recent: Recent | None = None,
         flow: Callable[[], Iterable[tuple[str, str | None]]] = tuple,
@@ -46,7 +45,7 @@ class Recorder:
         self._recent = recent
         self._flow = flow
         self._events: deque[Event] = deque(maxlen=_MOST_EVENTS)
-        self._history = History(most_samples)
+        self._history = History(MOST_SAMPLES)
         layout = coordinator.layout
         addresses = Addresses(layout.buses, layout.node_ids)
         self._reports = CellReports(layout.cell_positions_m, addresses)

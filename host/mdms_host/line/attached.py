@@ -1,15 +1,15 @@
 """A line that is attached to a table: its machine here, its servers in a process of their own."""
 
-from collections.abc import Callable
 from dataclasses import asdict
 from math import inf
 from time import monotonic
 from typing import Any, Self
 
-from mdms_host.clock import Clock
+from mdms_host.clock import MonotonicClock
 from mdms_host.line.channel import ServersGoneError, ServersProcess
 from mdms_host.line.machine import Machine, Recipes
 from mdms_host.line.packml import CommandRefusedError
+from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.table_orders import Report
 from mdms_host.programs.table_parcel import ProgramError
@@ -31,24 +31,20 @@ class Line:
     """A table's place in a line; close it when done.
 
     The driver of the table calls `attend` as often as it can. Nothing of it waits. `settings` are
-    those of the servers. The slot makes its runs by the chosen one of `recipes`. `note(text)` is
-    told what happens, and `show` what a page shows. Raises `LineError`.
+    those of the servers. The slot makes its runs by the chosen one of `recipes`. The page of the
+    `table` shows the line, and what happens. Raises `LineError`.
     """
 
     def __init__(
         self,
         slot: RunSlot,
         exits: tuple[str, ...],
-        clock: Clock,
         settings: dict[str, Any],
-        *,
         recipes: Recipes[Any],
-        note: Callable[[str], object],
-        show: Callable[[dict[str, Any]], object] = lambda _shown: None,
+        table: LiveTable,
     ) -> None:
-        self._clock = clock
-        self._note = note
-        self._show = show
+        self._clock = clock = MonotonicClock()
+        self._table = table
         self._show_due_s = 0.0
         self._due_s = 0.0
         self._changes = -1
@@ -103,7 +99,7 @@ class Line:
         self._send({"snapshot": self.machine.snapshot()})
         if now_s >= self._show_due_s:
             self._show_due_s = now_s + _SHOW_S
-            self._show(self.machine.shown())
+            self._table.show_line(self.machine.shown())
         return True
 
     def _answer(self, message: dict[str, Any]) -> None:
@@ -131,6 +127,9 @@ class Line:
             why = f": {report.text}" if report.text else ""
             self._note(f"order {report.key}: {report.parcel} {report.event}{where}{why}")
         self._send({"report": asdict(report)})
+
+    def _note(self, text: str) -> None:
+        self._table.note("line", text)
 
     def _send(self, message: dict[str, Any]) -> None:
         try:
