@@ -68,29 +68,29 @@ class Snapshot:
 class Reporter:
     """Writes reports of a table into `folder`: on request, and after a fault.
 
-    `recent` is what the table keeps. `note(text)` is told where a report is, or why there is none.
+    `recent` is what the table keeps, and `job` is its scenario and program. `note(text)` is told
+    where a report is, or why there is none. `counts` are those of the link, once there is one.
     Nothing of it waits but `close`.
     """
 
     def __init__(
         self,
         recent: Recent,
-        scenario: Scenario,
+        job: tuple[Scenario, Main | None],
         layout: Layout,
         folder: Path,
         note: Callable[[str], object],
         *,
-        counts: Callable[[], LinkCounts | None] = lambda: None,
-        main: Main | None = None,
         array_file: Path | None = None,
     ) -> None:
+        self.counts: Callable[[], LinkCounts | None] = lambda: None
         self.folder = folder
         self._recent = recent
         self._layout = layout
         self._note = note
-        self._counts = counts
         self._array_file = array_file
         #: Scenario and origin of each job that may run, by name; and which one runs.
+        scenario, main = job
         self._jobs = {"": (scenario, _public(provenance_of(main, array_file)))}
         self._running: Callable[[], str] = lambda: ""
         self._due: tuple[float, str] | None = None
@@ -142,7 +142,7 @@ class Reporter:
             self._recent.moment(now_s),
             reason,
             wall_text(),
-            self._counts(),
+            self.counts(),
             provenance,
         )
         try:

@@ -111,14 +111,13 @@ class Kept:
             self.recent = self._recent(layout.bus_count, level == LOGS.index("all"))
             self._reporter = Reporter(
                 self.recent,
-                scenario,
+                (scenario, main),
                 layout,
                 reports_folder(arguments),
                 lambda text: say(f"mdms: {text}"),
-                counts=self._counted,
-                main=main,
                 array_file=array_file,
             )
+            self._reporter.counts = self._counted
             self._requests = ReportRequests(scenario.title)
 
     def _recent(self, buses: int, all_frames: bool) -> Recent:
