@@ -16,6 +16,7 @@ from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.by_cells.sending import CellsMotion
 from mdms_host.motion.carrying import AHEAD_M
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.program import ByCells, FieldProgram, Program
@@ -173,13 +174,12 @@ def cells_program(
     cells: CellsProgram,
     *,
     layout: Layout,
-    limits: Limits,
     main: Main | None = None,
     executor: PlanExecutor | None = None,
 ) -> CellsTableProgram:
     """The same for cells that steer."""
     loads = _loads({parcel.name: parcel for parcel in parcels}, masses)
-    traffic = CellsTraffic(layout, executor or VirtualExecutor(), loads, cells, limits)
+    traffic = CellsTraffic(layout, executor or VirtualExecutor(), loads, cells)
     table, main = Table(half_table_m(scenario), (), traffic), main or main_of(scenario.task)
     return CellsTableProgram(main, table, _members(scenario), traffic, cells)
 
@@ -325,18 +325,10 @@ def coordinator_of(
         program = _program(scenario, layout, parcels, goals)
     elif scenario.motion.control == "cells":
         _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario))
-        limits = limits_of(scenario)
-        led = CellsProgram(layout, parcels, {}, limits, go_on=scenario.motion.go_on)
-        masses = masses_of(scenario)
+        motion = CellsMotion(limits_of(scenario), scenario.motion.go_on)
+        led, masses = CellsProgram(layout, parcels, {}, motion), masses_of(scenario)
         program = cells_program(
-            scenario,
-            parcels,
-            masses,
-            led,
-            layout=layout,
-            limits=limits,
-            main=main,
-            executor=executor,
+            scenario, parcels, masses, led, layout=layout, main=main, executor=executor
         )
     else:
         if goals is not None:
@@ -540,15 +532,9 @@ def _program(
 ) -> CellsProgram:
     droop = drive_of(scenario.cell).droop
     _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)
-    return CellsProgram(
-        layout,
-        parcels,
-        goals,
-        limits_of(scenario),
-        go_on=scenario.motion.go_on,
-        planned=len(parcels) < 2,
-        centres_of_mass_m=centres_of_mass_m(scenario),
-    )
+    motion = CellsMotion(limits_of(scenario), scenario.motion.go_on, planned=len(parcels) < 2)
+    centres_m = centres_of_mass_m(scenario)
+    return CellsProgram(layout, parcels, goals, motion, centres_of_mass_m=centres_m)
 
 
 def limits_of(scenario: Scenario) -> Limits:

@@ -14,11 +14,11 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.lost_cells import LostCells
 from mdms_host.motion.by_cells.reports import Observed, Reports
-from mdms_host.motion.by_cells.sending import CellTurn, Precedences, Sending, Way
+from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn, Precedences, Sending, Way
 from mdms_host.motion.by_cells.stages import Followed, Stages
 from mdms_host.motion.contact import has_room, has_room_to
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.goal import Goal
 from mdms_host.motion.outcome import TRIES, Tries
 from mdms_host.motion.safe_goals import Places
 from mdms_model.arrays import Floats
@@ -42,9 +42,7 @@ class CellsProgram:
     does not get on although nothing holds it rests, and gets its program anew. After some tries it
     is stopped for good: its identity is dropped. If the way is the caller's, new tries are up to
     the caller. If all identities are taken, a parcel gets that of a parcel that has left the table.
-    `goes_on` is whether the cells bring a parcel to its goal without the host. `planned` is whether
-    the caller plans ways around each other. Without it, the cells also keep others away from all
-    places where a standing parcel may lie.
+    `goes_on` is whether the cells bring a parcel to its goal without the host.
     """
 
     def __init__(
@@ -52,17 +50,14 @@ class CellsProgram:
         layout: Layout,
         parcels: tuple[Parcel, ...],
         goals: Mapping[str, Goal],
-        limits: Limits | None = None,
+        motion: CellsMotion | None = None,
         *,
-        go_on: bool = False,
-        planned: bool = True,
         centres_of_mass_m: Places = MappingProxyType({}),
     ) -> None:
         self._layout = layout
         self._centres_of_mass_m = centres_of_mass_m
-        self._limits = limits or Limits()
-        self.goes_on = go_on
-        self._planned = planned
+        self.motion = motion or CellsMotion()
+        self.goes_on = self.motion.go_on
         self._reports = Reports(layout)
         self._precedences = Precedences(layout)
         self._parcels: dict[str, Parcel] = {}
@@ -129,7 +124,7 @@ class CellsProgram:
         KeyError for a parcel that is not the program's.
         """
         sending = self._sendings[name]
-        self._followed[name] = Followed(goal, self._limits, self._footprints[name].reach_m)
+        self._followed[name] = Followed(goal, self.motion.limits, self._footprints[name].reach_m)
         self._stages[name] = self._stages_to(name, goal)
         self._tries[name] = Tries()
         sending.want(None)
@@ -145,7 +140,7 @@ class CellsProgram:
         """
         self._stages.pop(name, None)
         self._tries.pop(name, None)
-        self._followed[name] = Followed(goal, self._limits, self._footprints[name].reach_m)
+        self._followed[name] = Followed(goal, self.motion.limits, self._footprints[name].reach_m)
         if last:
             self._stages[name] = self._stages_to(name, goal, led=True)
         way = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
@@ -278,15 +273,9 @@ class CellsProgram:
         """Give a parcel an identity: one of its own, or that of a parcel that is there no more."""
         used = len(self._sendings)
         if used < wire.IDENTITY_MAX:
-            self._sendings[parcel.name] = Sending(
-                parcel,
-                used + 1,
-                self._reports,
-                self._notices.append,
-                limits=self._limits,
-                go_on=self.goes_on,
-                planned=self._planned,
-            )
+            note = self._notices.append
+            sending = Sending(parcel, used + 1, self._reports, note, self.motion)
+            self._sendings[parcel.name] = sending
         elif (gone := self._gone()) is not None:
             sending = self._sendings[parcel.name] = self._sendings.pop(gone)
             del self._observed[gone]

@@ -6,7 +6,7 @@ round. They do not acknowledge it, and need it only once the host is gone.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import inf, pi
 from typing import NamedTuple
 
@@ -48,11 +48,23 @@ def _limit(steps: float) -> int:
     return wire.clipped(round(steps), 1, _LIMIT_MAX)
 
 
-def flags_of(goal: Goal | None, *, go_on: bool, planned: bool) -> int:
-    """The flags of a parcel on its way to a goal."""
-    any_yaw = goal is not None and goal.yaw_rad is None
-    flags = (wire.GO_ON if go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
-    return flags | (0 if planned else wire.UNPLANNED)
+@dataclass(frozen=True, slots=True)
+class CellsMotion:
+    """How cells move parcels: within `limits`, and whether they `go_on` to goals without the host.
+
+    `planned` is whether the host plans ways around each other. Without it, the cells also keep
+    others away from all places where a standing parcel may lie.
+    """
+
+    limits: Limits = field(default_factory=Limits)
+    go_on: bool = False
+    planned: bool = True
+
+    def flags(self, goal: Goal | None) -> int:
+        """The flags of a parcel on its way to a goal."""
+        any_yaw = goal is not None and goal.yaw_rad is None
+        flags = (wire.GO_ON if self.go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
+        return flags | (0 if self.planned else wire.UNPLANNED)
 
 
 def place_page(identity: int, sequence: int, pose: Floats) -> messages.Place:
@@ -156,19 +168,14 @@ class Sending:
         identity: int,
         reports: Reports,
         note: Callable[[str], None],
-        *,
-        limits: Limits,
-        go_on: bool,
-        planned: bool,
+        motion: CellsMotion,
     ) -> None:
         self.identity = identity
         self.way: Way | None = None
         self.parcel = parcel
         self._reports = reports
         self._note = note
-        self._limits = limits
-        self._go_on = go_on
-        self._planned = planned
+        self._motion = motion
         self._wanted: Way | None = None
         self._sequence = _FIRST
         self._ends = 0
@@ -290,8 +297,8 @@ class Sending:
             return
         self._due_s = now_s + REPEAT_S
         goal = None if way is None else way.goal
-        flags = flags_of(goal, go_on=self._go_on, planned=self._planned)
-        yield parcel_page(self.identity, sequence, self.parcel, self._limits, flags)
+        limits, flags = self._motion.limits, self._motion.flags(goal)
+        yield parcel_page(self.identity, sequence, self.parcel, limits, flags)
         yield place_page(self.identity, sequence, pose)
         if way is not None:
             self._ended = False

@@ -12,9 +12,9 @@ from mdms_host.estimation.footprint import Disc
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.motion.by_cells.sending import CellTurn
+from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn
 from mdms_host.motion.by_cells.stages import Followed
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Order
@@ -53,20 +53,13 @@ class Legs:
     """Takes a parcel along a route for an order; see `ride.Riding`. `step` once a cycle.
 
     A leg is straight, and ends at a corner, amid a half turn, or where the way is not free yet.
-    Cells drive straight at the place that was sent last, with `acceleration_m_s2`. If it `goes_on`
-    without the host, the legs that follow are sent for that time. They are not sent if the parcel
-    is to stop or something is in its way.
+    Cells drive straight at the place that was sent last. If they go on without the host, the legs
+    that follow are sent for that time. They are not sent if the parcel is to stop or something is
+    in its way.
     """
 
     def __init__(
-        self,
-        order: Order,
-        route: Route,
-        load: Load,
-        send: Send,
-        acceleration_m_s2: float,
-        *,
-        goes_on: bool = False,
+        self, order: Order, route: Route, load: Load, send: Send, motion: CellsMotion
     ) -> None:
         self.order = order
         self.route = route
@@ -77,8 +70,8 @@ class Legs:
         self._is_round = isinstance(load.footprint, Disc)
         self._path = Path(route.poses, load.footprint.reach_m)
         self._send = send
-        self._acceleration_m_s2 = acceleration_m_s2
-        self._goes_on = goes_on
+        self._acceleration_m_s2 = motion.limits.acceleration_m_s2
+        self._goes_on = motion.go_on
         self._sent_m = 0.0
         self._leads_on = False
         self._passed_m = 0.0
@@ -274,8 +267,8 @@ class CellsTraffic(OrderedTraffic[Legs]):
         executor: PlanExecutor,
         loads: Mapping[str, Load],
         cells: CellsProgram,
-        limits: Limits,
     ) -> None:
+        limits = cells.motion.limits
         pace = TrapezoidPace(limits.speed_m_s, limits.acceleration_m_s2)
         planner = Planner(
             Tiles(layout, _TILES),
@@ -285,7 +278,6 @@ class CellsTraffic(OrderedTraffic[Legs]):
         )
         super().__init__(planner, executor, loads, WayRules(over_lost=False, beside=False))
         self._cells = cells
-        self._limits = limits
         self._orders_due_s = -inf
         self._still: Floats = np.zeros(len(layout.wheel_cells))
 
@@ -355,9 +347,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
         def send(goal: Goal, legs: Sequence[Goal], last: bool) -> Followed:
             return self._cells.lead(order.parcel, goal, legs, last=last)
 
-        load = self._loads[order.parcel]
-        acceleration_m_s2, goes_on = self._limits.acceleration_m_s2, self._cells.goes_on
-        return Legs(order, route, load, send, acceleration_m_s2, goes_on=goes_on)
+        return Legs(order, route, self._loads[order.parcel], send, self._cells.motion)
 
     def _end_ride(self, name: str) -> None:
         super()._end_ride(name)

@@ -6,6 +6,7 @@ from tests.host.motion.believing import beliefs
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
+from mdms_host.motion.by_cells.sending import CellsMotion
 from mdms_host.motion.goal import Goal
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
@@ -30,7 +31,7 @@ class Table:
 
     def __init__(self, goal=GOAL, **options):
         goals = {} if goal is None else {"box": goal}
-        self.program = CellsProgram(LAYOUT, (BOX,), goals, **options)
+        self.program = CellsProgram(LAYOUT, (BOX,), goals, CellsMotion(**options))
         self.now_s = 0.0
         self.notices = []
         self.ended = False

@@ -14,7 +14,7 @@ from tests.host.motion.by_cells.table import (
 
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.motion.by_cells.sending import CellTurn
+from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn
 from mdms_host.motion.goal import Goal
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
@@ -110,7 +110,9 @@ def test_box_that_might_tip_beside_its_way_leaves_it_only_where_no_other_is_near
 ):
     small, other = Parcel("box", 0.28, 0.22), Parcel("other", 0.28, 0.28)
     poses = {"box": np.array([-0.13, 0.03, -0.99]), "other": np.array([other_x_m, 0.0, 0.0])}
-    program = CellsProgram(LAYOUT, (small, other), {"box": Goal(-0.01, 0.02, 0.26)}, go_on=True)
+    program = CellsProgram(
+        LAYOUT, (small, other), {"box": Goal(-0.01, 0.02, 0.26)}, CellsMotion(go_on=True)
+    )
     sent = []
     for beat in range(30):
         sent += program.step(beliefs(poses, [small, other]), beat * STEP_S, STEP_S)
@@ -159,7 +161,7 @@ def test_parcel_beyond_those_that_cells_tell_apart_is_not_steered_and_named_unti
 
 def test_order_leaves_out_a_parcel_beyond_those_that_cells_tell_apart():
     parcels = [Parcel(f"parcel-{number}", 0.2, 0.2) for number in range(1, 65)]
-    program = CellsProgram(LAYOUT, tuple(parcels), {}, go_on=True)
+    program = CellsProgram(LAYOUT, tuple(parcels), {}, CellsMotion(go_on=True))
     program.set_orders({3: (CellTurn("parcel-64", 0.0), CellTurn("parcel-2", 1.0))})
     pages = program.step({}, STEP_S, STEP_S)
     assert [page.identities for page in pages] == [(2,)]

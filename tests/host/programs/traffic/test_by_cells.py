@@ -7,7 +7,8 @@ from tests.host.motion.believing import beliefs
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.by_cells.sending import CellsMotion
+from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
@@ -26,10 +27,10 @@ class Away:
     """A box on 7 x 4 cells, whose way leads around a dead cell, in three legs."""
 
     def __init__(self):
-        layout, limits = Layout(7, 4), Limits()
-        self.cells = CellsProgram(layout, (BOX,), {}, limits, go_on=True)
+        layout = Layout(7, 4)
+        self.cells = CellsProgram(layout, (BOX,), {}, CellsMotion(go_on=True))
         loads = {"box": Load(BOX.footprint, uniform_mass(BOX.footprint))}
-        self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells, limits)
+        self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells)
         self.traffic.on_lost_cells(frozenset({25}))
         self.now_s = 0.0
         self.sequence = 0
@@ -67,10 +68,10 @@ def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back(
 
 def test_an_order_is_done_only_when_a_turn_has_shown_the_place():
     box, goal = Parcel("box", 0.36, 0.30), Goal(0.0, 0.0, 0.0)
-    layout, limits = Layout(6, 3), Limits()
-    cells = CellsProgram(layout, (box,), {}, limits)
+    layout = Layout(6, 3)
+    cells = CellsProgram(layout, (box,), {})
     loads = {"box": Load(box.footprint, uniform_mass(box.footprint))}
-    traffic = CellsTraffic(layout, VirtualExecutor(), loads, cells, limits)
+    traffic = CellsTraffic(layout, VirtualExecutor(), loads, cells)
     order = Order("box", goal)
     traffic.give(order)
     now_s, latest, asked = 0.0, None, []
@@ -106,9 +107,9 @@ def test_an_order_is_done_only_when_a_turn_has_shown_the_place():
 
 def test_a_way_for_cells_has_no_more_legs_than_they_are_given():
     disc, box = Parcel("disc", 0.30, 0.30, shape="disc"), Parcel("box", 0.40, 0.30)
-    limits, cells = Limits(), CellsProgram(Layout(9, 6), (disc, box), {}, go_on=True)
+    cells = CellsProgram(Layout(9, 6), (disc, box), {}, CellsMotion(go_on=True))
     loads = {each.name: Load(each.footprint, uniform_mass(each.footprint)) for each in (disc, box)}
-    traffic = CellsTraffic(Layout(9, 6), VirtualExecutor(), loads, cells, limits)
+    traffic = CellsTraffic(Layout(9, 6), VirtualExecutor(), loads, cells)
     traffic.give(Order("disc", Goal(-0.2611, -0.2303, None)))
     traffic.give(Order("box", Goal(-0.2407, 0.2310, np.pi)))
     # They pass each other, and the box turns on its way where it has room.

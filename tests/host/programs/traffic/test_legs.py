@@ -5,6 +5,7 @@ import pytest
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Rectangle
+from mdms_host.motion.by_cells.sending import CellsMotion
 from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.pushes import uniform_mass
@@ -18,6 +19,8 @@ BOX = Rectangle(0.30, 0.28)
 CORNERED = np.array([(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.3, 0.2, 0.0)])
 GOAL = Goal(0.3, 0.2, 0.0)
 STEP_S = 0.01
+#: At 0.4 m/s2.
+BRAKING = Limits(friction=0.4, friction_share=1.0, gravity_m_s2=1.0)
 NOWHERE = Visits(*(np.zeros(0, dtype=kind) for kind in (np.intp, *[float] * 4)))
 
 
@@ -33,7 +36,7 @@ class Road:
         route = Route("box", CORNERED, along_m, along_m[:2], along_m[1:], NOWHERE, BOX.reach_m)
         load = Load(BOX, uniform_mass(BOX))
         order = Order("box", GOAL)
-        self.legs = Legs(order, route, load, self.send, 0.4, goes_on=goes_on)
+        self.legs = Legs(order, route, load, self.send, CellsMotion(BRAKING, goes_on))
 
     def send(self, goal, legs, last):
         self.last = last
@@ -150,7 +153,7 @@ def test_a_route_without_length_is_a_goal_all_the_same():
     alone = np.zeros(1)
     route = Route("box", CORNERED[:1], alone, alone[:0], alone[:0], NOWHERE, BOX.reach_m)
     road = Road()
-    road.legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), road.send, 0.4)
+    road.legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), road.send, CellsMotion(BRAKING))
     assert road.at(0.0, 0.0, limit_m=0.0) == [(0.0, 0.0)]
     assert road.legs.progress_m == pytest.approx(0.0)
 
@@ -204,7 +207,7 @@ def test_half_a_turn_is_sent_as_two_quarters_so_that_cells_turn_as_is_planned():
         return Followed(goal, Limits(), BOX.reach_m)
 
     order = Order("box", Goal(0.0, 0.0, np.pi))
-    legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), send, 0.4, goes_on=True)
+    legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), send, CellsMotion(BRAKING, go_on=True))
     for yaw_rad in (0.0, 0.1, np.pi / 2, np.pi / 2):
         pose = np.array([0.0, 0.0, yaw_rad])
         legs.step(Belief("box", BOX, pose, np.zeros(3), np.zeros((3, 3))), STEP_S, 10.0)

@@ -6,7 +6,8 @@ from tests.host.motion.believing import beliefs
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.by_cells.sending import CellsMotion
+from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
@@ -25,10 +26,10 @@ class Crossing:
     """Two boxes on 9 x 6 cells, where they are said to lie."""
 
     def __init__(self, *, go_on: bool = True) -> None:
-        limits, layout = Limits(), Layout(9, 6)
-        self.cells = CellsProgram(layout, BOXES, {}, limits, go_on=go_on)
+        layout = Layout(9, 6)
+        self.cells = CellsProgram(layout, BOXES, {}, CellsMotion(go_on=go_on))
         loads = {box.name: Load(box.footprint, uniform_mass(box.footprint)) for box in BOXES}
-        self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells, limits)
+        self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells)
         self.places = {**PLACES}
         self.now_s = 0.0
 
