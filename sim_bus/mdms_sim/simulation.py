@@ -146,6 +146,7 @@ class Recording:
     most_samples: int | None = None
 
 
+#: All samples, and no file.
 RECORDED = Recording()
 
 
