@@ -316,7 +316,7 @@ def coordinator_of(
     asks_boards = cells is not None
     cells = cells or Cells()
     layout, parcels = layout_of(scenario, cells), parcels_of(scenario)
-    stock = in_stock(scenario)
+    stock, centres_m = in_stock(scenario), centres_of_mass_m(scenario)
     program: Program | ByCells
     goals = goals_of(scenario)
     if scenario.motion.field not in ("goal", "program"):
@@ -326,7 +326,8 @@ def coordinator_of(
     elif scenario.motion.control == "cells":
         _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario))
         motion = CellsMotion(limits_of(scenario), scenario.motion.go_on)
-        led, masses = CellsProgram(layout, parcels, {}, motion), masses_of(scenario)
+        led = CellsProgram(layout, parcels, {}, motion, centres_of_mass_m=centres_m)
+        masses = masses_of(scenario)
         program = cells_program(
             scenario, parcels, masses, led, layout=layout, main=main, executor=executor
         )
@@ -346,7 +347,7 @@ def coordinator_of(
         ),
         timing=timing_of(scenario.wire),
         policy=policy_of(scenario.run),
-        centres_of_mass_m=centres_of_mass_m(scenario),
+        centres_of_mass_m=centres_m,
     )
     if isinstance(program, TableProgram):
         heaviest_kg = inf if scenario.stop is None else scenario.stop.mass_kg

@@ -14,8 +14,10 @@ from mdms_array.host import (
     references_m_s,
     settings_of,
 )
+from mdms_array.simulation import run_scenario
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.estimation.footprint import Disc, Polygon
+from mdms_host.motion.footholds import Footholds
 from mdms_model.array import build_wheels
 from mdms_model.errors import InputError
 from mdms_model.fields import FieldError
@@ -142,3 +144,26 @@ def test_a_disc_is_steered_to_a_place_however_it_is_turned(plane):
     assert (told.x_m, told.y_m, told.yaw_rad) == (0.10, 0.0, None)
     with pytest.raises(InputError, match=r"goal.yaw_rad of parcel 'box' is 0.523.*leave yaw_rad"):
         goal_of(disc)
+
+
+@pytest.mark.parametrize("field", ["goal", "program"])
+def test_cells_are_led_by_where_the_centre_of_mass_is(monkeypatch, field):
+    centres_m = set()
+
+    class Noted(Footholds):
+        def __init__(self, layout, footprint, centre_of_mass_m):
+            centres_m.add(tuple(centre_of_mass_m))
+            super().__init__(layout, footprint, centre_of_mass_m)
+
+    monkeypatch.setattr("mdms_host.motion.by_cells.program.Footholds", Noted)
+    keys = [
+        "motion.control='cells'",
+        "motion.speed_m_s=0.2",
+        "parcel.0.centre_of_mass_m=[0.02, 0.01]",
+        "run.duration_s=1.0",
+    ]
+    if field == "program":
+        task = "task=[{do='transport', parcel='box', x_m=0.1, y_m=0.0}]"
+        keys += ["motion.field='program'", task]
+    run_scenario(load_scenario("array18", keys))
+    assert centres_m == {(0.02, 0.01)}
