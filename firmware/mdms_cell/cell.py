@@ -137,7 +137,7 @@ class Cell:
         """Return the receiver of firmware over the bus, on a board with a place for it."""
         if getattr(self._board, "slots", None) is None:
             return _NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
-        from mdms_cell.update.update import Update  # most boards do without
+        from mdms_cell.update import Update  # most boards do without
 
         return Update(self._objects, self._board, self._axes.driving, self._sound, self._attend)
 
@@ -525,7 +525,7 @@ class _Identification:
 
 
 class _NoRoom:
-    """Answers for `mdms_cell.update.update.Update` on boards without room for a second firmware."""
+    """Answers for `mdms_cell.update.Update` on boards without room for a second firmware."""
 
     busy = False
 

@@ -60,7 +60,9 @@ def _source_of(name: str) -> Path:
     """The file that a module would have; it may be missing."""
     package, *rest = name.split(".")
     path = _folder(package).joinpath(*rest)
-    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    inside = path / "__init__.py"
+    # A folder without it is what a package that is gone has left behind.
+    return inside if inside.is_file() else path.with_suffix(".py")
 
 
 def _folder(package: str) -> Path:

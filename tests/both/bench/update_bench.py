@@ -6,7 +6,7 @@ from cell_bench import NODE, Board
 
 from mdms_boot.slots import KEY, Slots
 from mdms_cell.cell import Cell
-from mdms_cell.update.signature import key_id, sign
+from mdms_cell.update import key_id, sign
 from mdms_protocol.codecs import sdo
 from mdms_protocol.update import bundle, codes
 from mdms_protocol.version import VERSION

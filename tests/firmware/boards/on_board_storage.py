@@ -12,7 +12,7 @@ from internal_flash import InternalFlash
 from mdms_boot.files import Files
 from mdms_boot.slots import Slots
 from mdms_cell.cell import Cell
-from mdms_cell.update.signature import key_id, sign
+from mdms_cell.update import key_id, sign
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, sdo
 from mdms_protocol.update import bundle

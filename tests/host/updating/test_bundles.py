@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from mdms_cell.update import signature
+from mdms_cell import update
 from mdms_host.updating.bundles import KeyFileError, key_beside, key_id, make_key, read_key
 
 
@@ -15,7 +15,7 @@ def test_new_key_is_its_owners_alone_and_is_read_again(tmp_path):
     assert len(key) == 32
     assert path.stat().st_mode & 0o777 == 0o600
     assert read_key(path) == key
-    assert key_id(key) == signature.key_id(key)
+    assert key_id(key) == update.key_id(key)
     with pytest.raises(FileExistsError):
         make_key(path)
 

@@ -97,7 +97,7 @@ def test_cells_stay_as_they_are_when_the_one_that_went_ahead_fails(monkeypatch):
     cells, sent = Cells(), bundle()
     # A cell that starts it does not pass its self-test.
     monkeypatch.setattr("mdms_cell.cell.Cell._sound", lambda self: False)
-    monkeypatch.setattr("mdms_cell.update.update.TRIAL_MS", 8_000)
+    monkeypatch.setattr("mdms_cell.update.TRIAL_MS", 8_000)
     updater = cells.run(updates(cells, sent))
     first, *others = updater.updates
     failures = {each.failure for each in updater.updates}

@@ -11,7 +11,7 @@ from update_bench import (
     identification,
 )
 
-from mdms_cell.update.signature import sign
+from mdms_cell.update import sign
 from mdms_protocol.codecs import cia402, cob, sdo
 from mdms_protocol.update import bundle, codes
 from mdms_protocol.version import VERSION

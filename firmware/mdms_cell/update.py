@@ -4,8 +4,9 @@
 0x1F56 the running firmware. 0x3030 answers the host's questions before an update.
 """
 
+import hashlib
+
 from mdms_cell import ticks
-from mdms_cell.update.signature import key_id, same, sign
 from mdms_protocol import indices
 from mdms_protocol.codecs import sdo
 from mdms_protocol.update import bundle, codes
@@ -311,6 +312,32 @@ class _Slot:
         self.left = head.size
 
 
+def key_id(key):
+    """Four bytes that stand for a key and reveal nothing of it; zeros for none."""
+    return sign(key, b"MDMS update key")[:4] if key else bytes(4)
+
+
+def sign(key, data):
+    """The code of some data under a key of at most 64 bytes: HMAC-SHA256 (RFC 2104)."""
+    inner = hashlib.sha256(_padded(key, 0x36))
+    inner.update(data)
+    outer = hashlib.sha256(_padded(key, 0x5C))
+    outer.update(inner.digest())
+    return outer.digest()
+
+
+def _padded(key, pad):
+    return bytes(byte ^ pad for byte in key + bytes(64 - len(key)))
+
+
+def _same(one, other):
+    """Whether two codes are the same, in a time that does not depend on where they differ."""
+    difference = len(one) ^ len(other)
+    for place in range(min(len(one), len(other))):
+        difference |= one[place] ^ other[place]
+    return not difference
+
+
 def _refusal_of(data, key, target, counter, room):
     """Return the reason to refuse a bundle with these first bytes, 0 to take it.
 
@@ -324,7 +351,8 @@ def _refusal_of(data, key, target, counter, room):
         return codes.NO_KEY
     if head.key_id != key_id(key):
         return codes.FOREIGN
-    if not same(sign(key, data[: bundle.SIGNED_SIZE]), data[bundle.SIGNED_SIZE : bundle.HEAD_SIZE]):
+    code = sign(key, data[: bundle.SIGNED_SIZE])
+    if not _same(code, data[bundle.SIGNED_SIZE : bundle.HEAD_SIZE]):
         return codes.FORGED
     return _unfit(head, *target) or _unwanted(head, target[2], counter, room)
 
