@@ -1,4 +1,4 @@
-"""Settings in files of a LittleFS, the memory of `mdms_cell.canopen.storage.store`.
+"""Settings in files of a LittleFS, the memory of `mdms_cell.canopen.store`.
 
 This suits boards on which the port gives LittleFS the erase blocks of the flash. These are the
 Teensy 4.1, and STM32 boards with their file system on SPI flash. There LittleFS keeps the old data

@@ -23,7 +23,7 @@ from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain
 from mdms_cell.canopen.sdo_server import SdoServer
-from mdms_cell.canopen.storage.store import Parameters, Store
+from mdms_cell.canopen.store import Parameters, Store
 from mdms_cell.canopen.sync import Beat
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes

@@ -5,8 +5,7 @@ import re
 import pytest
 
 from mdms_cell import cell, runner
-from mdms_cell.canopen import guard
-from mdms_cell.canopen.storage import store
+from mdms_cell.canopen import guard, store
 from mdms_cell.drive import state_machine
 from mdms_cell.perception import suspicion
 from mdms_protocol.emergencies import CODES, code_text, error_text

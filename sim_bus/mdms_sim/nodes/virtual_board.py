@@ -114,7 +114,7 @@ class VirtualBoard:
 
 
 class VirtualFlash:
-    """Two banks of bytes, as `mdms_cell.canopen.storage.store` wants its memory, and `files`."""
+    """Two banks of bytes, as `mdms_cell.canopen.store` wants its memory, and `files`."""
 
     def __init__(self) -> None:
         self._banks = [bytearray(), bytearray()]

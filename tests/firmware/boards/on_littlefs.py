@@ -12,7 +12,7 @@ from refusal import code_of
 
 from boards import flash
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.storage.store import Store
+from mdms_cell.canopen.store import Store
 from mdms_protocol import record
 
 ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION

@@ -11,7 +11,7 @@ from refusal import code_of
 
 from boards import flash, pybv11, sectors
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.storage.store import Store
+from mdms_cell.canopen.store import Store
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 

@@ -5,8 +5,7 @@ from refusal import code_of
 
 from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.storage import saved
-from mdms_cell.canopen.storage.store import Parameters, Store
+from mdms_cell.canopen.store import Parameters, Store, write_bank
 from mdms_cell.cell import Cell
 from mdms_protocol import record
 from mdms_protocol.codecs import nmt, sdo
@@ -134,7 +133,7 @@ def test_failing_memory_is_told():
     assert bench.objects.read(STORE, 1) == b"\1\0\0\0"
 
 
-#: As `saved` has them: index, sub-index, type and size, and the bytes.
+#: As a bank has them: index, sub-index, type and size, and the bytes.
 UNKNOWN = b"\xff\x2f\x01\x51\x07"
 TOO_HIGH = b"\x00\x30\x00\x62\xff\xff"
 TOLD = b"\x10\x63\x01\x08"
@@ -144,7 +143,7 @@ OVER = b"\x00\x00\x00\x08\0\0\0\0"
 def with_misfits():
     """A memory with a value of no entry and a value that is out of its limits."""
     memory = Memory()
-    saved.write(memory, 0, 1, UNKNOWN + TOO_HIGH)
+    write_bank(memory, 0, 1, UNKNOWN + TOO_HIGH)
     return memory
 
 
@@ -178,7 +177,7 @@ def test_settings_that_fit_are_not_reported():
 def test_cell_with_a_saved_pdo_of_an_object_that_is_gone_boots_and_reports_it():
     board = Board()
     board.settings = Memory()
-    saved.write(board.settings, 0, 1, b"\x00\x1a\x01\x74\x20\x00\xff\x2f" + UNKNOWN)
+    write_bank(board.settings, 0, 1, b"\x00\x1a\x01\x74\x20\x00\xff\x2f" + UNKNOWN)
     cell = Cell(board, NODE)
     cell.poll(0)
     cell.poll(50)

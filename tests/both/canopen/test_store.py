@@ -5,8 +5,7 @@ import struct
 from refusal import code_of
 
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.canopen.storage import saved as saved_bytes
-from mdms_cell.canopen.storage.store import Store
+from mdms_cell.canopen.store import Store, write_bank
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 
@@ -180,7 +179,7 @@ def written_by_another_firmware(*items):
         size = SIZES[type_]
         head = struct.pack("<HBB", index, sub, type_ << 4 | size)
         values += head + number.to_bytes(size, "little")
-    saved_bytes.write(memory, 0, 1, values)
+    write_bank(memory, 0, 1, values)
     return memory
 
 

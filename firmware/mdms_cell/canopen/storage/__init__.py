@@ -1,1 +1,0 @@
-"""Settings of a cell that outlive the power supply."""
