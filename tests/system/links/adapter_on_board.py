@@ -16,7 +16,6 @@ import world
 from bench import Bench
 
 import adapter_main
-from mdms_adapter.ports import port
 
 RECORD = "<HBB8s"
 SIZE = 12
@@ -62,4 +61,4 @@ class PipedBoard:
             machine.enable_irq(False)
 
 
-adapter_main.run(PipedBoard(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])), port())
+adapter_main.run(PipedBoard(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])), adapter_main.port())
