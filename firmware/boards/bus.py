@@ -1,6 +1,6 @@
 """The CAN bus of a board: frames between `machine.CAN` and the background loop, and bus-off.
 
-The ports of MicroPython differ; their parts stand in `stm32` and `mimxrt`.
+The ports of MicroPython differ; their parts stand in `stm32` and `teensy41`.
 """
 
 import micropython

@@ -1,7 +1,7 @@
 """A cell's board as all boards have it: two wheels, bus, sensors, LEDs, watchdog, settings.
 
-The module of a chip family (`stm32`, `mimxrt`) has the parts of its port of MicroPython. The module
-of a board has its pins.
+`stm32` has the parts of that port of MicroPython. The module of a board has its pins. The Teensy is
+the only board of its port, so `teensy41` has both.
 """
 
 import gc

@@ -17,7 +17,7 @@ FAKES = tuple(Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py" fo
 BOARD = "pybv11"
 #: Modules of boards with room for a second firmware; `main` loads `mdms_boot` from files.
 ROOMY = ("mdms_cell.update", "mdms_protocol.update.bundle", "mdms_boot")
-OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy", "boards.mimxrt")
+OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy")
 #: From files, from a ROMFS in flash, and from a slot, whose image lies in the heap besides.
 WAYS = ("copies", "romfs", "slot")
 #: The memory of the interpreter itself.

@@ -49,7 +49,8 @@ def test_board(micropython, board, module, name):
 def wired(name):
     """The pins that a board's module names."""
     for node in ast.parse((BOARDS / f"{name}.py").read_text()).body:
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PINS":
+            assert isinstance(node.value, ast.Call)
             values = {each.arg: each.value for each in node.value.keywords}
             return {key: ast.literal_eval(values[key]) for key in WIRED}
     raise AssertionError(name)

@@ -21,7 +21,8 @@ LED_ROW = "run LED, error LED"
 def pins(board):
     """All pins of a board's wiring but CAN's, by their purpose."""
     for node in ast.parse((BOARDS / f"{board}.py").read_text()).body:
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PINS":
+            assert isinstance(node.value, ast.Call)
             values = {each.arg: each.value for each in node.value.keywords}
             values = {
                 key: ast.literal_eval(value)
