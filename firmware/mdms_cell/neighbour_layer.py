@@ -24,7 +24,7 @@ from mdms_cell.canopen.objects import find
 from mdms_cell.motion.leading import Leading
 from mdms_cell.motion.pages import OUTDATED, Pages
 from mdms_cell.motion.program import next_sequence
-from mdms_cell.ticks import IDLE_MS, after, diff
+from mdms_cell.ticks import IDLE_MS, LAST, after, diff
 from mdms_protocol import indices
 from mdms_protocol.compat import const, micropython
 from mdms_protocol.neighbours import frames as wire
@@ -33,15 +33,9 @@ from mdms_protocol.neighbours import frames as wire
 UPDATE_MS = const(7)
 #: A SYNC that has waited for longer is answered, but has no update: the one after it would be late.
 LATE_MS = const(2)
-#: A neighbour under a parcel that is heard, and has sent no estimate for so long, has left it.
-_LEFT_BEATS = const(30)
 #: The host is gone once it has been missed for so long. Until then no cell begins another leg, for
 #: it may be the only one that has missed some heartbeats [ms].
 _GONE_MS = const(500)
-#: A step between two SYNCs is counted as no more than this.
-_STEP_MAX_MS = const(50)
-_WRAP = const((1 << 30) - 1)  # of the clock, see `ticks`
-_ESTIMATE_PDO = const(2)
 
 
 class Layer:
@@ -213,7 +207,7 @@ class Layer:
         if not self.active:
             return
         came_ms = after(now_ms, -waited_ms)
-        beat_ms = came_ms - self._came_ms & _WRAP
+        beat_ms = came_ms - self._came_ms & LAST
         # Or two beats meet, and the frames may be of either.
         gap = beat_ms > 2 * self._period_ms or (self._due and beat_ms < UPDATE_MS)
         if gap:
@@ -222,7 +216,7 @@ class Layer:
             self._skip(came_ms)
         self._came_ms = came_ms
         if self._estimate[wire.IDENTITY]:
-            self._pdos.trigger(_ESTIMATE_PDO)
+            self._pdos.trigger(place.ESTIMATE)
         if gap:
             self._rights.on_gap()
             self._pages.comparison.on_gap(beat_ms // self._period_ms)
@@ -300,8 +294,8 @@ class Layer:
 
     @micropython.native
     def _begin_update(self):
-        """Return the time since the SYNC of the last update [ms]."""
-        step_ms = max(1, min(self._came_ms - self._updated_ms & _WRAP, _STEP_MAX_MS))
+        """Return the time since the SYNC of the last update, at most 50 ms."""
+        step_ms = max(1, min(self._came_ms - self._updated_ms & LAST, 50))
         self._step_ms = step_ms
         self._updated_ms = self._came_ms
         return step_ms
@@ -405,15 +399,16 @@ class Layer:
     def _look_around(self, sent):
         """Find the parcel over the square after a restart, by the neighbours that are heard.
 
-        `sent` is the mask of those whose estimates have come. If the size of a parcel is not known,
-        its page is asked for.
+        `sent` is the mask of those whose estimates have come. A neighbour under a parcel that is
+        heard, and has sent no estimate for 30 beats, has left it. If the size of a parcel is not
+        known, its page is asked for.
         """
         heard, rights = self._heard, self._rights
         for direction in range(DIRECTIONS):
             if sent >> direction & 1:
                 rights.hear(direction, self._reported_over(direction))
             elif heard.speeds_age(direction) <= 1 and (
-                not self._has_reported(direction) or heard.age(direction) > _LEFT_BEATS
+                not self._has_reported(direction) or heard.age(direction) > 30
             ):
                 rights.hear(direction, 0)
         if self._pages.asked:

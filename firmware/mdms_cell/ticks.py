@@ -2,7 +2,8 @@
 
 from mdms_protocol.compat import const, micropython
 
-_LAST = const((1 << 30) - 1)
+#: The last instant before 0 comes again.
+LAST = const((1 << 30) - 1)
 _HALF = const(1 << 29)
 
 #: The retry interval when there is no room, and the period of polls without announcements [ms].
@@ -14,10 +15,10 @@ IDLE_MS = 1000
 @micropython.native
 def after(start_ms, delay_ms):
     """The instant `delay_ms` after another; delays may be up to 2**29 - 1."""
-    return (start_ms + delay_ms) & _LAST
+    return (start_ms + delay_ms) & LAST
 
 
 @micropython.native
 def diff(later_ms, earlier_ms):
     """How much later one instant is than another, negative if it is earlier."""
-    return ((later_ms - earlier_ms + _HALF) & _LAST) - _HALF
+    return ((later_ms - earlier_ms + _HALF) & LAST) - _HALF

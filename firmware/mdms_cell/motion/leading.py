@@ -12,30 +12,13 @@ from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
-#: How far ahead a cell asks [ms].
-_ASK_MS = const(500)
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
-#: A parcel that is faster by then rolls, and is held until it is no faster than the second; its
-#: three speeds together [um/s].
-_ROLLING_UM_S = const(4_000)
-_STILL_UM_S = const(300)
-#: Without its host a parcel stands for so long in all, while others have the right of way [ms].
-_WAIT_MS = const(30_000)
-#: Without its host a parcel asks for cells that it comes so much nearer to [steps]. So it waits for
-#: a cell at that distance, and does not come over it by a hair before its turn.
-_ROOM = 3_000 // STEP_UM
 #: A parcel that stands for want of a cell goes no nearer to it if it would come over it within this
 #: way. It would gain only a fraction of the way, again and again.
 _NEARER_UM = const(10_000)
-#: A parcel keeps this away from another whose edge lies over one of its squares, or from where that
-#: may lie; where no square is shared it is farther anyhow. Nearer than that it may part [steps].
-_APART = 6_000 // STEP_UM
-_PARTING = 500 // STEP_UM
-#: A wheel joins in the parcel's motion if this many wheels show the motion at least. They may be
-#: off the known motion by this [um/s].
-_JOIN_WHEELS = const(4)
-_JOIN_OFF_UM_S = const(25_000)
+#: So many wheels show how a parcel moves.
+_SHOWING_WHEELS = const(4)
 #: Times without a host are counted up to this.
 _LONG_MS = const(1 << 20)
 
@@ -112,14 +95,18 @@ class Leading:
 
         The parcel stands for want of the cells in the mask `lacking`, and already needs the nearest
         of them. As long as none of its edges has been seen, it also asks for the cells that it may
-        lie over. It needs those of them that another parcel has.
+        lie over. It needs those of them that another parcel has. It wants the cells of the next
+        500 ms.
+
+        Without its host it asks for cells that it comes within 3 mm of. So it waits for a cell at
+        that distance, and does not come over it by a hair before its turn.
         """
         footprint, parcel, tracking = self._footprint, self._parcel, self._tracking
         present = footprint.present
         if program is None:
             needs = wants = footprint.squares(parcel, present)
         else:
-            room = _ROOM if self.alone_ms else 0
+            room = 3_000 // STEP_UM if self.alone_ms else 0
             # By the way that was left when the wish was found.
             nearest = self._look_nearer(lacking & present, room) if lacking else 0
             steering = self.steering
@@ -128,7 +115,7 @@ class Leading:
             needs |= self._comes_over(parcel.twist.speeds, REACTION_MS, present ^ needs, room)
             wants = needs
             if steering.wishes():
-                wants |= self._comes_over(steering.wish, _ASK_MS, present ^ needs, room)
+                wants |= self._comes_over(steering.wish, 500, present ^ needs, room)
             needs |= nearest
             wants |= nearest
         if tracking.may_be_elsewhere():
@@ -167,17 +154,18 @@ class Leading:
     def _meets(self, asked):
         """The mask of those of the cells asked for whose parcel is too near to where this will be.
 
-        Two parcels that share a square, as they were set down, may part, but come no nearer. Each
+        Within 6 mm of each other, or of where they may lie, they come no nearer by 0.5 mm: two
+        parcels that share a square, as they were set down, may part. Others are farther apart. Each
         may be farther on than it is believed as long as none of its edges has been seen.
         """
-        room = _APART + (UNSEEN_ROOM if self._tracking.may_be_elsewhere() else 0)
+        room = 6_000 // STEP_UM + (UNSEEN_ROOM if self._tracking.may_be_elsewhere() else 0)
         here, there, mask = self._parcel.registers, self._there.registers, 0
         for direction in range(DIRECTIONS):
             if asked >> direction & 1:
                 other = self._reported(direction)
                 if other is not None:
                     left = gap(there, other.registers)
-                    nearer = left < gap(here, other.registers) - _PARTING
+                    nearer = left < gap(here, other.registers) - 500 // STEP_UM
                     mask |= (nearer and left < room + other.room) << direction
         return mask
 
@@ -204,7 +192,7 @@ class Leading:
     def may_go_on(self, program, step_ms, alone, held):
         """Return whether a parcel may go on; without its host for twice its planned time at most.
 
-        Time in which it is `held` for want of a promise does not count, up to `_WAIT_MS`. A parcel
+        Time in which it is `held` for want of a promise does not count, up to 30 s. A parcel
         needs a new program once its time is over. The same holds if its host was gone and it is not
         to go on: a host that is back moves nothing.
         """
@@ -213,7 +201,7 @@ class Leading:
             self._identity = program.identity
             self.begin(program.identity)
         if alone:
-            if held and self.alone_ms and self._waited_ms < _WAIT_MS:
+            if held and self.alone_ms and self._waited_ms < 30_000:
                 self._waited_ms += step_ms
             else:
                 self.alone_ms = min(self.alone_ms + step_ms, _LONG_MS)
@@ -243,8 +231,9 @@ class Leading:
             self._held_beats = 0
         if not self._driving:
             shown = parcel.twist.shown
-            if shown[WHEELS] < _JOIN_WHEELS or shown[OFF] >= _JOIN_OFF_UM_S:
-                # Off it rolls along; with a speed of its own it would turn the parcel.
+            if shown[WHEELS] < _SHOWING_WHEELS or shown[OFF] >= 25_000:
+                # While the motion is not known, a wheel that is off rolls along. With a speed of
+                # its own it would turn the parcel.
                 return
             self._driving = True
         footprint = self._footprint
@@ -273,10 +262,13 @@ class Leading:
         return True
 
     def _rolls(self):
-        """Whether the parcel has not come to rest, as enough wheels show."""
+        """Whether the parcel has not come to rest, as enough wheels show.
+
+        With three speeds of 4 mm/s together it rolls, until they are no more than 0.3 mm/s.
+        """
         parcel = self._parcel
-        most_um_s = _STILL_UM_S if self._rolled else _ROLLING_UM_S
-        shown = parcel.twist.shown[WHEELS] >= _JOIN_WHEELS
+        most_um_s = 300 if self._rolled else 4_000
+        shown = parcel.twist.shown[WHEELS] >= _SHOWING_WHEELS
         self._rolled = shown and parcel.speed() > most_um_s
         return self._rolled
 

@@ -3,7 +3,7 @@
 from mdms_cell.canopen.objects import find
 from mdms_cell.motion.program import Programs, next_sequence
 from mdms_cell.perception.angle import turn_um
-from mdms_cell.perception.place import DIRECTIONS, HOST
+from mdms_cell.perception.place import DIRECTIONS, HOST, PROGRAM
 from mdms_cell.rights.precedence import Precedence
 from mdms_cell.rights.right_of_way import IDENTITY, PROMISED_TO
 from mdms_protocol import indices
@@ -11,21 +11,12 @@ from mdms_protocol.compat import const, micropython
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import lost
 
-_PROGRAM_PDO = 3
-#: Of the cells that could hand a program on, each does so in one of so many beats.
-_HAND_ON_BEATS = const(4)
-#: No parcel lies on a cell whose centre is farther from it along x or y.
-_NEAR_PITCHES = const(4)
-
 #: Verdicts on the program of the cell's parcel; 0 is for no objection. A doubted program is not
 #: handed on. An outdated one does not lead the wheels either.
 DOUBTED = const(1)
 OUTDATED = const(2)
 #: It is enough after this, in which the host repeats a page and neighbours hand one on.
 _OUTDATED_BEATS = const(6)
-#: A neighbour is not heard any more after this; it cannot forget its program and get another so
-#: soon.
-_SILENT_BEATS = const(5)
 #: A cell that has heard no other for so long may have missed three programs. Then the same number
 #: tells nothing either.
 _LONG_BEATS = const(10)
@@ -109,7 +100,8 @@ class Comparison:
                     elif its:
                         self.ahead |= had
                         other = other or sure
-            elif heard.age(direction) <= _SILENT_BEATS:
+            elif heard.age(direction) <= 5:
+                # It cannot forget its program and get another so soon.
                 nobody = False
                 shared |= had
             at += wire.ESTIMATE_FIELDS
@@ -224,7 +216,7 @@ class Pages:
             answer = lost.AGREED if agrees else lost.REFUSED
         at, frame = self._frame_at, lost.pack_lost(answer, column, row, identity, number)
         self._objects.data[at : at + len(frame)] = frame
-        self._pdos.trigger(_PROGRAM_PDO)
+        self._pdos.trigger(PROGRAM)
         return True
 
     def _on_page_handed_on(self, program, page, direction):
@@ -294,7 +286,8 @@ class Pages:
             return
         x_um = page[wire.PLACE_X] * wire.STEP_UM - place.x_um
         y_um = page[wire.PLACE_Y] * wire.STEP_UM - place.y_um
-        if max(abs(x_um), abs(y_um)) < _NEAR_PITCHES * place.pitch_um:
+        # No parcel is larger.
+        if max(abs(x_um), abs(y_um)) < 4 * place.pitch_um:
             tracking.adopt(identity)
             tracking.take_shape(program)
             tracking.place(x_um, y_um, turn_um(page[wire.PLACE_YAW]))
@@ -323,15 +316,15 @@ class Pages:
     def hand_on(self, program, sent, skipped):
         """Send a page if a neighbour in the mask `sent` has sent an estimate and lacks it.
 
-        The cell sends in its turn, or if its turn was in one of the `skipped` beats before.
+        The cell sends in its turn, one beat in four, or if that was one of the `skipped` beats.
         """
-        if (self._heard.beat + self.node_id) % _HAND_ON_BEATS > skipped:
+        if (self._heard.beat + self.node_id) % 4 > skipped:
             return
         for direction in range(DIRECTIONS):
             if sent >> direction & 1 and self._lacks(direction, program):
                 page = self._page_for(direction, program)
                 if program.pack(page, self._objects.data, self._frame_at):
-                    self._pdos.trigger(_PROGRAM_PDO)
+                    self._pdos.trigger(PROGRAM)
                     return
 
     @micropython.native

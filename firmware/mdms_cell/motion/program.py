@@ -9,14 +9,9 @@ from mdms_protocol.neighbours import frames as wire
 #: Programs that a cell keeps of all that the host sends. They are those that come nearest to it,
 #: and the last one, whose way is still to be seen.
 SLOTS = 13
-#: The distance of a program without a known way; no way is so far [steps of the wire].
-_UNKNOWN = 1 << 20
 # Numbers of pages; those of legs follow.
 _PARCEL = 0
 _GOAL = 1
-#: The bit of GO_ON among the bytes of `pages`.
-_FLAGS_AT = 6
-_FLAGS_BIT = 4
 
 
 class Program:
@@ -63,12 +58,16 @@ class Program:
     @property
     def goes_on(self):
         """Whether the host's silence does not end the motion."""
-        return bool(self.pages[_FLAGS_AT] >> _FLAGS_BIT & wire.GO_ON)
+        return self._has_flag(wire.GO_ON)
 
     @property
     def unplanned(self):
         """Whether nobody plans ways of parcels around each other."""
-        return bool(self.pages[_FLAGS_AT] >> _FLAGS_BIT & wire.UNPLANNED)
+        return self._has_flag(wire.UNPLANNED)
+
+    def _has_flag(self, flag):
+        """Whether a flag of the parcel's page is set, where the frame has it."""
+        return self.pages[6] >> 4 & flag != 0
 
     def size(self):
         """RECTANGLE or DISC, length or diameter, and width."""
@@ -108,9 +107,12 @@ class Program:
         self._boxed = True
 
     def away(self, x, y):
-        """How far a point is from the box around the way, along x or y [steps of the wire]."""
+        """How far a point is from the box around the way, along x or y [steps of the wire].
+
+        That is farther than any point if the way is not known.
+        """
         if not self._boxed:
-            return _UNKNOWN
+            return 1 << 20
         box = self._box
         return max(box[0] - x, x - box[1], box[2] - y, y - box[3], 0)
 

@@ -19,27 +19,13 @@ _TOLERANCE_TURN_UM = const(1_500)
 _SETTLED_BEATS = const(30)
 #: The same as a time [ms].
 SETTLED_MS = const(300)
-#: A beat may change the twist by at least this under any program: every ramp ends [um/s].
-_CHANGE_MIN_UM_S = const(100)
 #: From the wish to brake until all cells under the parcel brake: HOPS times the beats that `hold`
 #: may take and counts [ms].
 REACTION_MS = const(200)
-#: Near the goal the speed is so many times the way left a second.
-_STIFFNESS_PER_S = const(3)
-#: The room of a parcel where no cell has told its pitch.
-_ROOM_MM = const(1_000)
 #: Parts of a corner's way, in which turning and going are one motion.
 _SHARE = const(64)
-#: The longest way whose products with a speed are words [16 um].
-_FAR = const(1 << 19)
 #: The largest number of which `length` is exact.
 _LONG = const(3_000_000)
-
-# Numbers of a way, as `read_way` reads them: behind the goal's place in table frame, as the wire
-# has them
-_ACCELERATION = const(3)
-_SPEED = const(4)
-_FLAGS = const(5)
 
 
 class Steering:
@@ -55,9 +41,10 @@ class Steering:
         self.commanded = array("i", [0] * 3)
         self.wish = array("i", [0] * 3)
         self.left = array("i", [0] * 3)
+        #: As `read_way` reads it.
         self._way = array("i", [0] * 6)
         self._change = array("i", [0] * 3)
-        self.room_mm = _ROOM_MM
+        self.room_mm = 1_000
         self.reset()
 
     def reset(self):
@@ -76,14 +63,14 @@ class Steering:
 
     def acceleration_mm_s2(self):
         """The program's acceleration."""
-        return self._way[_ACCELERATION] * wire.ACCELERATION_MM_S2
+        return self._way[3] * wire.ACCELERATION_MM_S2
 
     def speed_mm_s(self):
         """The program's speed, or that from which the parcel can stand within the room."""
         braking = self.acceleration_mm_s2()
         slowed = braking * REACTION_MS // 1000
         most = root(slowed * slowed + 2 * braking * self.room_mm) - slowed
-        return min(self._way[_SPEED] * wire.SPEED_MM_S, most)
+        return min(self._way[4] * wire.SPEED_MM_S, most)
 
     @micropython.native
     def find_wish(self, parcel, x_um, y_um):
@@ -95,7 +82,7 @@ class Steering:
         left[0] = way[0] * wire.STEP_UM - x_um - pose[0]
         left[1] = way[1] * wire.STEP_UM - y_um - pose[1]
         left[2] = wrapped(turn_um(way[2]) - pose[2])
-        turn = 0 if way[_FLAGS] & wire.ANY_YAW else left[2]
+        turn = 0 if way[5] & wire.ANY_YAW else left[2]
         self._settle(turn)
         speed_um_s, length_um = 0, 1
         if not self.arrived:
@@ -125,7 +112,8 @@ class Steering:
             change[axis] = (self.wish[axis] if may_go else 0) - commanded[axis]
         if change[0] or change[1] or change[2]:
             size = length(change[0], change[1], change[2] * _corner(reach_um) // _SHARE)
-            most = max(self.acceleration_mm_s2() * step_ms, _CHANGE_MIN_UM_S)
+            # At least 0.1 mm/s: every ramp ends.
+            most = max(self.acceleration_mm_s2() * step_ms, 100)
             if size > most:
                 shorten(change, most >> 4, max(size >> 4, 1))
             for axis in range(3):
@@ -156,13 +144,16 @@ def _corner(reach_um):
 
 @micropython.viper
 def speed(way_um: int, acceleration_mm_s2: int, most_um_s: int) -> int:
-    """As fast as a parcel may go with this way left: never faster than it can brake [um/s]."""
+    """As fast as a parcel may go with this way left: never faster than it can brake [um/s].
+
+    Near the goal the speed is three times the way left a second.
+    """
     square = int(ROOT_MAX)
     if acceleration_mm_s2 == 0 or way_um <= square // acceleration_mm_s2:
         square = acceleration_mm_s2 * way_um
     fast = int(root(square)) * 316 // 10
     fast = fast if fast < most_um_s else most_um_s
-    most = _STIFFNESS_PER_S * way_um
+    most = 3 * way_um
     return fast if fast < most else most
 
 
@@ -174,7 +165,8 @@ def scale(way: ptr32, speed: int, length: int):
     y = (way[1] << widen >> widen) >> 4
     turn = (way[2] << widen >> widen) >> 4
     length = length >> 4 if length >> 4 else 1
-    while length > _FAR:
+    # Products with a speed are words then.
+    while length > 1 << 19:
         length >>= 1
         x >>= 1
         y >>= 1

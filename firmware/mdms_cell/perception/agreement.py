@@ -17,8 +17,6 @@ from mdms_protocol.neighbours import frames as wire
 #: A belief of one's own weighs as much as so many of others.
 OWN_WEIGHT = const(1280)
 _PEER_WEIGHT = const(16)
-#: Poses farther apart than this contradict each other [um, and um at the arm of `angle`].
-_FAR_UM = const(25_000)
 
 
 class Agreement:
@@ -97,14 +95,14 @@ class Agreement:
 
     @micropython.native
     def _near(self, pose):
-        """The mask of the peers whose pose is near this one."""
+        """The mask of the peers whose pose is within 25 mm of this one, at the arm too."""
         mask, its = 0, self._pose
         for peer in range(DIRECTIONS):
             if self.peers >> peer & 1:
                 self._read(peer, its)
                 x_um, y_um = its[0] - pose[0], its[1] - pose[1]
                 off_um = wrapped(its[2] - pose[2])
-                if max(abs(x_um), abs(y_um), abs(off_um)) < _FAR_UM:
+                if max(abs(x_um), abs(y_um), abs(off_um)) < 25_000:
                     mask |= 1 << peer
         return mask
 

@@ -26,9 +26,6 @@ _LEAST = const(6 * 6)
 UNSEEN = const(START // 2)
 #: A way so long adds one to the variances: a tenth of it is slip, in steps of 25 mm.
 _WAY_UM = const(15)
-#: An edge so many standard deviations away is not believed, nor one so far [steps of 16 um].
-_GATE = const(25)
-_FAR = const(2500)
 
 # Numbers of a covariance: the three variances come first
 XX = const(0)
@@ -189,11 +186,11 @@ def correct(  # noqa: PLR0917 - viper takes words
 ) -> bool:
     """The Kalman filter's update by a distance `off`, with derivative `normal` by the pose.
 
-    A distance that is too far off is not believed, and makes the pose less sure; see
-    `Belief.correct`.
+    A distance of more than 40 mm is not believed. Nor is one of five standard deviations, which
+    makes the pose less sure; see `Belief.correct`.
     """
     widen = int(WIDEN)
-    if off > _FAR or off < -_FAR:
+    if off > 2500 or off < -2500:
         return False
     hx = normal[0] << widen >> widen
     hy = normal[1] << widen >> widen
@@ -209,7 +206,7 @@ def correct(  # noqa: PLR0917 - viper takes words
     # From steps of 16 um to 1/16 mm.
     sixteenths = off * 16 // 62
     square = sixteenths * sixteenths
-    if square > _GATE * variance:
+    if square > 25 * variance:
         for number in range(3):
             doubted = covariance[number] + (square >> 3)
             covariance[number] = doubted if doubted < MOST else MOST

@@ -12,11 +12,6 @@ from mdms_cell.ticks import diff
 from mdms_protocol.compat import const, micropython, ptr8, ptr32
 from mdms_protocol.neighbours import frames as wire
 
-#: A neighbour's TPDO 2 holds statuswords before the presence bits.
-_PRESENCE_AT = const(4)
-_STATE_LENGTH = const(5)
-#: A state that is repeated may be later than its time by this.
-_LATE_MS = const(20)
 #: Edges that may wait for the next update.
 EDGES = const(16)
 #: In the place of presence bits: they are known, and the bits themselves.
@@ -110,8 +105,11 @@ class Heard:
 
     @micropython.native
     def on_state(self, direction, data, now_ms):
-        """A neighbour's TPDO 2; returns False if it is none: cells alike have no more sensors."""
-        if len(data) != _STATE_LENGTH or data[_PRESENCE_AT] >> SENSORS:
+        """A neighbour's TPDO 2: statuswords, and presence bits behind them.
+
+        Returns False if it is none: cells alike have no more sensors.
+        """
+        if len(data) != 5 or data[4] >> SENSORS:
             return False
         first, second = data[0] | data[1] << 8, data[2] | data[3] << 8
         words, at = self._words, 2 * direction
@@ -123,14 +121,14 @@ class Heard:
         words[at] = first
         words[at + 1] = second
         self._state_ms[direction] = now_ms
-        self.take_presence(direction, data[_PRESENCE_AT], now_ms)
+        self.take_presence(direction, data[4], now_ms)
         return True
 
     @micropython.native
     def age_ms(self, direction, now_ms):
         """How long ago a cell's presence bits were sent; 0 if they are its own, or not repeated.
 
-        Negative if they are not known, as when its repeated state is overdue.
+        Negative if they are not known, as when its repeated state is overdue by 20 ms.
         """
         if not self.presence[direction] & SEEN:
             return -1
@@ -138,7 +136,7 @@ class Heard:
         if direction == OWN or not repeat_ms:
             return 0
         age_ms = abs(diff(now_ms, self._state_ms[direction]))
-        return age_ms if age_ms <= repeat_ms + _LATE_MS else -1
+        return age_ms if age_ms <= repeat_ms + 20 else -1
 
     @micropython.native
     def take_presence(self, direction, bits, now_ms):

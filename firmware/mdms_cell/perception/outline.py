@@ -24,8 +24,6 @@ SHAPE = const(4)  # RECTANGLE or DISC
 HALF_LENGTH = const(5)  # of a disc its radius [steps]
 HALF_WIDTH = const(6)
 REGISTERS = const(7)
-#: Farther than any outline reaches [steps].
-_FAR = const(1 << 20)
 
 
 class Outline:
@@ -88,7 +86,7 @@ def gap(one, other):
 def _beyond(one, other, x, y):
     """How far another outline, with its centre there, lies beyond the sides of a rectangle."""
     if one[SHAPE] == DISC:
-        return -_FAR
+        return -(1 << 20)  # it has none
     cosine, sine = one[COSINE], one[SINE]
     if other[SHAPE] == DISC:
         reach_along = reach_across = other[HALF_LENGTH]

@@ -31,7 +31,6 @@ SENSORS = 5
 
 #: How far each neighbour is along x and y [pitches].
 STEPS = (1, 0, 1, 1, 0, 1, -1, 1, -1, 0, -1, -1, 0, -1, 1, -1)
-_MICRO = 1_000_000
 
 
 class Place:
@@ -103,7 +102,7 @@ class Place:
 
     def drive(self, axis):
         """The direction in which that wheel pushes [1 / UNITY]."""
-        angle_rad = self._objects.number(indices.DIRECTION + axis * indices.AXIS_OFFSET) / _MICRO
+        angle_rad = self._objects.number(indices.DIRECTION + axis * indices.AXIS_OFFSET) / 1_000_000
         return round(cos(angle_rad) * UNITY), round(sin(angle_rad) * UNITY)
 
     def sensor_um(self, sensor):

@@ -3,22 +3,14 @@
 from mdms_cell.perception.belief import CONTRADICTION, EDGE
 from mdms_cell.perception.footprint import MARGIN
 from mdms_cell.perception.heard import BITS, SEEN
-from mdms_cell.perception.outline import X, Y
+from mdms_cell.perception.outline import STEP_UM, X, Y
 from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.suspicion import PRESENCE
 from mdms_cell.ticks import diff
 from mdms_protocol.compat import const, micropython
 
-#: A frame may be this late; the parcel has moved on meanwhile.
-_LATENCY_MS = const(3)
 #: An edge passes over a sensor no slower.
 _PASSING_UM_S = const(1_000)
-#: A sensor so far outside is not covered by this parcel, even if its place is off, 30 mm [steps].
-_ELSEWHERE = const(1875)
-#: A parcel moves on by no more than this while a state is lost, 32 mm [1/16 mm].
-_MOST_LATE = const(512)
-#: Sensors that one frame shows to have changed are as far from the edge, 2 mm [steps].
-_TOGETHER = const(125)
 
 
 class Comparison:
@@ -113,9 +105,12 @@ class Sensors:
 
     @micropython.native
     def take_edges(self, sync_ms):
-        """Take in the edges that sensors have seen until the last SYNC."""
+        """Take in the edges that sensors have seen until the last SYNC.
+
+        A frame may be 3 ms late, and the parcel has moved on meanwhile.
+        """
         heard, tracking, suspicion = self._heard, self._tracking, self._suspicion
-        late = tracking.belief.speed() * _LATENCY_MS // 62_500
+        late = tracking.belief.speed() * 3 // 62_500
         for number in range(heard.edges):
             ago_ms = diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms
             if ago_ms <= 0:
@@ -143,7 +138,10 @@ class Sensors:
 
     @micropython.native
     def _is_late(self, number, ago_ms):
-        """Whether that edge may be older: others of its frame are elsewhere, so one was lost."""
+        """Whether that edge may be older, because a frame was lost.
+
+        Sensors that one frame shows to have changed are as far from the edge, within 2 mm.
+        """
         heard, outline = self._heard, self._tracking.belief
         others = self._of_one_frame(number)
         if not others:
@@ -152,7 +150,7 @@ class Sensors:
         for other in range(heard.edges):
             if others >> other & 1:
                 between = off - outline.edge(*self._edge_at(other, ago_ms))
-                if not -_TOGETHER <= between <= _TOGETHER:
+                if abs(between) > 2_000 // STEP_UM:
                     return True
         return False
 
@@ -194,11 +192,14 @@ class Sensors:
     # Contradictions
 
     def show_another(self):
-        """Whether something else covers a sensor of the cell: one far from the parcel."""
+        """Whether something else covers a sensor of the cell.
+
+        It is 30 mm from the parcel, which cannot be so far off its place.
+        """
         bits = self._heard.presence[OWN] & BITS
         if not bits or not self._suspicion.trusts(OWN):
             return False
-        near = self._footprint.within(self._tracking.belief, OWN, _ELSEWHERE) >> AXES
+        near = self._footprint.within(self._tracking.belief, OWN, 30_000 // STEP_UM) >> AXES
         return bits & ~near != 0
 
     def is_anything_there(self):
@@ -242,10 +243,11 @@ class Sensors:
     def _pull(self, direction, wrong, age_ms):
         """Correct the belief by these sensors, which are on the wrong side of its edge.
 
-        One may have changed since, and the frame got lost, while the parcel has moved on.
+        One may have changed since, and the frame got lost, while the parcel has moved on by up to
+        32 mm.
         """
         tracking = self._tracking
-        late = min(tracking.belief.speed() * age_ms // 62_500, _MOST_LATE)
+        late = min(tracking.belief.speed() * age_ms // 62_500, 32 * 16)
         point = AXES
         while wrong:
             if wrong & 1:

@@ -18,14 +18,10 @@ KINDS = const(4)
 SOURCE = const(9)
 CODE = const(0xFF01)
 
-#: Poses are compared in each beat, all else of one cell a beat: so many times all evidence has to
-#: be against a verdict until it turns, which is half a second.
+#: So many times all evidence has to be against a pose until the verdict turns: half a second.
 POSE_BEATS = const(50)
-_TIMES = const(6)
 #: The eight neighbours, and the cell itself.
 CELLS = DIRECTIONS + 1
-#: So many cells whose sensors contradict at once are right.
-_CROWD = const(3)
 #: Whose pose is left out: it is wrong, or made by sensors that are.
 MISLEADING = 1 << POSE | 1 << PRESENCE
 
@@ -69,12 +65,15 @@ class Suspicion:
         return self.cases >> kind & 1
 
     def _count(self, cell, kind, contradicts):
-        """Count the evidence against a verdict, which turns after so many times."""
+        """Count the evidence against a verdict, which turns after half a second.
+
+        Poses are compared in each beat, and all else of one cell a beat.
+        """
         out, evidence, first = self.out, self.evidence, CELLS * kind
         count = evidence[first + cell] + 1
         if contradicts == bool(out[cell] >> kind & 1):
             count = 0
-        elif count >= (POSE_BEATS if kind == POSE else _TIMES):
+        elif count >= (POSE_BEATS if kind == POSE else 6):
             count = 0
             out[cell] ^= 1 << kind
         evidence[first + cell] = count
@@ -98,12 +97,12 @@ class Suspicion:
         return not self.evidence[CELLS * PRESENCE + direction] or self.crowd()
 
     def crowd(self):
-        """Return whether so many presence bits contradict that the belief is wrong, not they."""
+        """Return whether sensors of three cells contradict at once: the belief is wrong then."""
         count = 0
         for cell in range(CELLS):
             if self.evidence[CELLS * PRESENCE + cell] and not self.has(cell, PRESENCE):
                 count += 1
-        return count >= _CROWD
+        return count >= 3
 
     @micropython.native
     def first(self):

@@ -9,6 +9,7 @@ under the same parcel. A cell beside the parcel follows the cells under it.
 
 from mdms_cell.perception.agreement import Agreement
 from mdms_cell.perception.belief import Belief
+from mdms_cell.perception.footprint import MARGIN
 from mdms_cell.perception.heard import NEVER
 from mdms_cell.perception.place import DIRECTIONS, OWN
 from mdms_cell.perception.sensors import Sensors
@@ -20,21 +21,11 @@ from mdms_protocol.neighbours import frames as wire
 
 #: Fewer wheels, all on one side, do not show how a parcel turns, nor that one of them is wrong.
 _FEW_WHEELS = const(5)
-#: A pose is announced no longer after the SYNC of the belief that it was made of.
-_AHEAD_MAX_MS = const(50)
-#: A cell beside a parcel follows its neighbours for so long after the last of them.
-_FOLLOW_BEATS = const(5)
-#: A neighbour that has been silent for less has lost a frame.
-_LATE_BEATS = const(3)
-#: A wheel has to be so far inside the outline to be found wrong, 10 mm [steps].
-_INSIDE = const(625)
 #: A cell whose sensors miss the parcel for so long steers no more, and then has it no longer.
 DOUBT_BEATS = const(20)
 LOST_BEATS = const(100)
 #: A cell that has been alone with its belief for so long steers no more.
 ALONE_BEATS = const(20)
-#: A correction so large in one beat is no motion of a parcel: the belief jumps [um].
-_JUMP_UM = const(8_000)
 
 
 class Tracking:
@@ -109,13 +100,16 @@ class Tracking:
         return near & near - 1 != 0
 
     def follow(self):
-        """Take what those under the parcel believe; returns whether there are any."""
+        """Take what those under the parcel believe; returns whether there are any.
+
+        A cell beside the parcel gives up five beats after the last of them.
+        """
         if self.agreement.follow(self.belief):
             self._followed_beats = 0
             return True
         if not self.under:
             self._followed_beats += 1
-            if self._followed_beats > _FOLLOW_BEATS:
+            if self._followed_beats > 5:
                 self.belief.drop()
         return False
 
@@ -174,9 +168,9 @@ class Tracking:
     def announce(self, fields, ahead_ms):
         """Write pose and certainty into an estimate, so long after the SYNC of the belief.
 
-        That is no pose where it is too long.
+        That is no pose where it is longer than 50 ms.
         """
-        if self.under and not self.follows and ahead_ms <= _AHEAD_MAX_MS:
+        if self.under and not self.follows and ahead_ms <= 50:
             certainty = self.belief.send(fields, ahead_ms)
             if self.is_doubtful():
                 certainty = 0
@@ -219,9 +213,9 @@ class Tracking:
 
     @micropython.native
     def _find_jump(self, known, x_um, y_um):
-        """Find whether the belief has jumped from where the wheels have rolled it, if known."""
+        """Find whether the belief has jumped by 8 mm from where wheels have rolled it, if known."""
         pose = self.belief.pose
-        if known and max(abs(pose[0] - x_um), abs(pose[1] - y_um)) > _JUMP_UM:
+        if known and max(abs(pose[0] - x_um), abs(pose[1] - y_um)) > 8_000:
             self.jump_beats = min(self.jump_beats + DOUBT_BEATS, 2 * DOUBT_BEATS)
         elif self.jump_beats:
             self.jump_beats -= 1
@@ -312,7 +306,7 @@ class Tracking:
         if cell != OWN:
             if not self._footprint.present >> cell & 1:
                 return
-            silent = heard.age(cell) > _LATE_BEATS
+            silent = heard.age(cell) > 3  # or else a frame was lost
             if asked >> cell & 1 if silent else suspicion.has_case(SILENCE):
                 suspicion.judge(cell, SILENCE, silent)
             if heard.boxes.stamps[DIRECTIONS + cell] != heard.beat or self.others >> cell & 1:
@@ -322,9 +316,9 @@ class Tracking:
 
     @micropython.native
     def _judge_wheels(self, cell):
-        """A wheel well under the parcel is wrong if it does not turn with it."""
+        """A wheel deep under the parcel is wrong if it does not turn with it."""
         footprint, belief = self._footprint, self.belief
-        axes = footprint.wheels_within(belief, cell, -_INSIDE)
+        axes = footprint.wheels_within(belief, cell, -MARGIN)
         footprint.find_levers(belief, 1 << cell)
         speeds, frames = belief.twist.speeds, self._heard.boxes.frames
         shown = against(speeds, footprint.along, footprint.levers, frames, cell, axes)

@@ -1,6 +1,6 @@
 """How a parcel moves, from the speeds of the wheels under it; wheels that slip count little.
 
-A weighted least-squares fit of three speeds to those of all wheels, by a few sweeps of Gauss-Seidel
+A weighted least-squares fit of three speeds to those of all wheels, by four sweeps of Gauss-Seidel
 with a little damping. A wheel's weight falls with its error, as in Cauchy's estimator.
 """
 # Viper takes any buffer, and the stubs bytes alone.
@@ -21,12 +21,6 @@ _MOST_UM_S = const(1_300_000)
 _MOST_TURN_UM_S = const(500_000)
 #: Keeps a direction that no wheel shows where it was.
 _RIDGE = const(8)
-_SWEEPS = const(4)
-
-#: A wheel may be off the parcel's motion by this, and by a quarter of its own [um/s].
-_SLIP_UM_S = const(12_000)
-#: So fast is no wheel, and differences with it fit 32 bits [um/s].
-_WILD_UM_S = const(100_000_000)
 
 # Motion of wheels: a wheel or the parcel above it moves; a wheel does not turn with the parcel
 TURNS = const(1)
@@ -108,7 +102,7 @@ def fit(  # noqa: PLR0915, PLR0917 - one thought, and viper takes words
     dx = dy = dt = 0
     if count:
         shown[OFF] = errors // count
-        for _ in range(_SWEEPS):
+        for _ in range(4):
             dx = (rx - xy * dy - xt * dt) // (xx + _RIDGE)
             dy = (ry - xy * dx - yt * dt) // (yy + _RIDGE)
             dt = (rt - xt * dx - yt * dy) // (tt + _RIDGE)
@@ -130,7 +124,10 @@ def fit(  # noqa: PLR0915, PLR0917 - one thought, and viper takes words
 def against(  # noqa: PLR0917 - viper takes words
     speeds: ptr32, along: ptr32, levers: ptr32, frames, direction: int, axes: int
 ) -> int:
-    """Return how the wheels of a cell in a mask move: TURNS, SLIPS, or both; see `fit`."""
+    """Return how the wheels of a cell in a mask move: TURNS, SLIPS, or both; see `fit`.
+
+    A wheel slips that is off the parcel's motion by 12 mm/s and a quarter of its own.
+    """
     widen = int(WIDEN)
     vx = speeds[0] << widen >> widen
     vy = speeds[1] << widen >> widen
@@ -143,12 +140,12 @@ def against(  # noqa: PLR0917 - viper takes words
             expected = (along[2 * axis] << widen >> widen) * vx
             expected += (along[2 * axis + 1] << widen >> widen) * vy
             expected = expected + (levers[wheel] << widen >> widen) * turn >> 9
-            # A broken neighbour may send any speed.
-            speed = int(speed_um_s(frames, wheel, _WILD_UM_S))
+            # A broken neighbour may send any speed; differences with this one fit 32 bits.
+            speed = int(speed_um_s(frames, wheel, 100_000_000))
             off = speed - expected if speed > expected else expected - speed
             speed = speed if speed > 0 else 0 - speed
             expected = expected if expected > 0 else 0 - expected
-            slip = _SLIP_UM_S + expected // 4
+            slip = 12_000 + expected // 4
             # At rest a wheel that cannot turn agrees with everything.
             if expected > slip or speed > slip:
                 shown |= TURNS

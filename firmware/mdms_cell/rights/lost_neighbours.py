@@ -19,7 +19,6 @@ from mdms_protocol.neighbours.lost import LOST_BEATS, NUMBER_MAX, ROUND_BEATS
 _DIRECTIONS = const(8)
 #: In the place of beats since an agreement: there is none.
 _NEVER = const(255)
-_HALF = const(0x8000)
 
 
 class LostNeighbours:
@@ -87,7 +86,7 @@ class LostNeighbours:
         The neighbour has been silent for `silent_beats`, and this cell is `promised_to` a parcel.
         """
         newer = (number - self._numbers[direction]) & NUMBER_MAX
-        if self._numbers[direction] and newer >= _HALF:
+        if self._numbers[direction] and newer > NUMBER_MAX // 2:
             # A late page of an earlier round.
             return False
         if silent_beats < self._lost_beats:

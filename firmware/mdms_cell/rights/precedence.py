@@ -15,9 +15,6 @@ from mdms_protocol.neighbours import precedence as frame
 #: A parcel that has left may come back while it turns, and has gone only after so many beats in
 #: which it is under a neighbour, or a twelfth of that elsewhere.
 _GONE = const(500)
-_ELSEWHERE = const(12)
-#: Others are kept waiting for so long; then the parcel to precede them comes no more.
-_PATIENCE_BEATS = const(1500)
 
 
 class Precedence:
@@ -74,7 +71,7 @@ class Precedence:
         if last and here == last and state >= wire.PROMISED and self._away < _GONE:
             self._away = 0
         else:
-            passing = 1 if _is_under_any(last, estimates, fresh) else _ELSEWHERE
+            passing = 1 if _is_under_any(last, estimates, fresh) else 12
             self._away = min(self._away + passing, _GONE)
             place = self._place_of(here, self._come) if state == wire.UNDER else frame.PLACES
             if place < frame.PLACES:
@@ -86,8 +83,8 @@ class Precedence:
     def keep(self, now, estimates, fresh):
         """Let no parcel ask for this cell before the one whose turn is `now`.
 
-        Its fresh estimates no longer want the cell. If the cell waits for a parcel in vain, that
-        parcel is passed over.
+        Its fresh estimates no longer want the cell. If the cell waits for a parcel in vain for
+        1500 beats, that parcel is passed over.
         """
         kept = False
         for direction in range(DIRECTIONS):
@@ -100,7 +97,7 @@ class Precedence:
                 estimates[at + wire.WANTS] = wants ^ own
         if kept:
             self._kept_beats += 1
-            if self._kept_beats >= _PATIENCE_BEATS:
+            if self._kept_beats >= 1500:
                 self._come += 1
                 self._away = _GONE
                 self._kept_beats = 0
