@@ -138,7 +138,6 @@ class Cell:
             hold_beats=rules.hold,
             hops=rules.hops,
             patience_beats=rules.patience,
-            blocked_beats=1,
         )
         self._delivery = Delivery()
         self.locals: list[Local] = []

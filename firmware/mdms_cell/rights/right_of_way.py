@@ -41,25 +41,23 @@ DIRECTIONS = const(8)
 IDENTITY = const(0)
 STATE = const(1)
 HOLD = const(2)
-# For the wheels, and to be reported:
+# For the wheels, and for the way ahead:
 DRIVE_BEATS = const(3)
 LACKING = const(4)
-_LACKED = const(5)  # beats for which a promise has been lacked, up to _BLOCKED_BEATS
 # Its memory:
-PROMISED_TO = const(6)  # identity that this cell is bound to, announced or not; 0: unknown
-_PREVIOUS = const(7)  # the same, as it was before the present beat
-BOUND = const(8)  # beats until another may be promised
-WAITING = const(9)  # beats for which the one promised to is held while another asks
-_NEAR = const(10)  # identity of a parcel on a neighbour
-_NEAR_LEFT = const(11)
+PROMISED_TO = const(5)  # identity that this cell is bound to, announced or not; 0: unknown
+_PREVIOUS = const(6)  # the same, as it was before the present beat
+BOUND = const(7)  # beats until another may be promised
+WAITING = const(8)  # beats for which the one promised to is held while another asks
+_NEAR = const(9)  # identity of a parcel on a neighbour
+_NEAR_LEFT = const(10)
 # Its times:
-_VALID_BEATS = const(12)
-_STALE_BEATS = const(13)
-_BOUND_BEATS = const(14)
-_HOPS = const(15)
-_PATIENCE_BEATS = const(16)
-_BLOCKED_BEATS = const(17)
-_REGISTERS = const(18)
+_VALID_BEATS = const(11)
+_STALE_BEATS = const(12)
+_BOUND_BEATS = const(13)
+_HOPS = const(14)
+_PATIENCE_BEATS = const(15)
+_REGISTERS = const(16)
 
 # Reports of neighbours that count, a column of each by direction: identity, state, hold, and the
 # beats for which it still counts
@@ -90,11 +88,10 @@ class RightOfWay:
     `hops`: the most steps between two cells under one parcel; at most HOPS.
     `patience_beats`: how long a parcel that is held elsewhere keeps a promise that another wants;
     a quarter of it if the other's identity is lower.
-    `blocked_beats`: how long a promise is lacked until `blocked` is set.
 
     To be sent: `identity`, `state`, `hold`. For the wheels: `drive_beats`, the number of beats
-    for which they may turn without another update (0: they may not). To be reported: `blocked`;
-    `lacking`, the mask of neighbours whose promise is wanted and not held. `unsure` is whether the
+    for which they may turn without another update (0: they may not). For the way ahead: `lacking`,
+    the mask of neighbours whose promise is wanted and not held. `unsure` is whether the
     cell has promised nothing since its restart, or only to a parcel whose place it has not heard.
     """
 
@@ -106,12 +103,10 @@ class RightOfWay:
         hold_beats=3,
         hops=HOPS,
         patience_beats=100,
-        blocked_beats=100,
     ):
         registers = self.registers = array("H", [0] * _REGISTERS)
         registers[_HOPS] = hops
         registers[_PATIENCE_BEATS] = patience_beats
-        registers[_BLOCKED_BEATS] = blocked_beats
         self.said = bytearray(_COLUMNS)
         self.lost = LostNeighbours()
         self.unsure = False
@@ -175,11 +170,6 @@ class RightOfWay:
     def lacking(self):
         """The mask of neighbours whose promise is wanted and not held."""
         return self.registers[LACKING]
-
-    @property
-    def blocked(self):
-        """Whether a promise has been lacked for long."""
-        return self.registers[_LACKED] >= self.registers[_BLOCKED_BEATS]
 
     def on_gap(self):
         """A SYNC passed without an update of its own: what neighbours said may be of any age."""
@@ -522,6 +512,3 @@ def _clear_the_wheels(registers: ptr16, said: ptr8, wants: int):
     registers[LACKING] = lacking
     registers[HOLD] = hold
     registers[DRIVE_BEATS] = drive_beats
-    lacked = registers[_LACKED] + 1 if lacking else 0
-    most = registers[_BLOCKED_BEATS]
-    registers[_LACKED] = lacked if lacked < most else most

@@ -175,16 +175,6 @@ def test_neighbour_that_falls_silent_under_the_parcel_stops_it_before_its_promis
     assert cell.hold == 1
 
 
-def test_parcel_that_lacks_a_promise_for_a_second_is_blocked():
-    cell = ready()
-    rest(cell, 99, over=7, wants=TO_EAST)
-    assert not cell.blocked
-    rest(cell, 1, over=7, wants=TO_EAST)
-    assert cell.blocked
-    beat(cell, promise(7), over=7, wants=TO_EAST)
-    assert not cell.blocked
-
-
 def test_held_parcel_yields_soon_to_a_lower_identity_and_late_to_a_higher_one():
     for other, patience_beats in ((3, 25), (9, 100)):
         cell = ready()
