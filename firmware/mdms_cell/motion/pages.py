@@ -321,27 +321,23 @@ class Pages:
         if (self._heard.beat + self.node_id) % 4 > skipped:
             return
         for direction in range(DIRECTIONS):
-            if sent >> direction & 1 and self._lacks(direction, program):
-                page = self._page_for(direction, program)
-                if program.pack(page, self._objects.data, self._frame_at):
-                    self._pdos.trigger(PROGRAM)
-                    return
+            page = self._lacked_page(direction, program) if sent >> direction & 1 else None
+            if page is not None and program.pack(page, self._objects.data, self._frame_at):
+                self._pdos.trigger(PROGRAM)
+                return
 
     @micropython.native
-    def _lacks(self, direction, program):
-        """Whether a neighbour at the parcel lacks some of its program, or has the one before."""
+    def _lacked_page(self, direction, program):
+        """The number of a page that a neighbour at the parcel lacks; None if it lacks none."""
         estimates, at = self._heard.estimates, wire.ESTIMATE_FIELDS * direction
         if estimates[at + wire.IDENTITY] != program.identity:
-            return False
-        its = estimates[at + wire.SEQUENCE]
-        is_before = its != 0 and next_sequence(its) == program.sequence
-        return is_before or estimates[at + wire.FLAGS] & wire.LACKING != 0
-
-    def _page_for(self, direction, program):
-        """The number of the page to hand on to a neighbour that lacks one."""
-        sequence = self._heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.SEQUENCE]
-        if next_sequence(sequence) == program.sequence and sequence:
+            return None
+        sequence = estimates[at + wire.SEQUENCE]
+        if sequence and next_sequence(sequence) == program.sequence:
+            # It has the program before.
             return 1
+        if not estimates[at + wire.FLAGS] & wire.LACKING:
+            return None
         self._turn = self._turn + 1 & 0xFFFF
         if sequence == program.sequence:
             return 2 + self._turn % max(program.legs, 1)
