@@ -84,7 +84,10 @@ class Program:
         elif page != wire.GOAL:
             return False
         elif 0 < leg < wire.JOINS:
-            return self._take_leg(fields, leg)
+            if not self._lacks_leg(fields, leg):
+                return False
+            self._put(fields, _GOAL + leg)
+            self._reach(fields)
         else:
             self._take_goal(fields, leg == wire.JOINS)
             self._reach(fields)
@@ -129,15 +132,10 @@ class Program:
         self.sequence, self.legs = sequence, legs
         self._drop_from(_GOAL + legs + 1)
 
-    def _take_leg(self, fields, leg):
-        """Take a leg of the way that this program has; returns whether it was lacking."""
+    def _lacks_leg(self, fields, leg):
+        """Whether that page is a leg of the way that this program has, and lacking."""
         of_this = self.has_goal and fields[wire.PROGRAM_SEQUENCE] == self.sequence
-        if not of_this or leg > self.legs or self._has(_GOAL + leg):
-            return False
-        self._put(fields, _GOAL + leg)
-        self._reach(fields)
-        self._look()
-        return True
+        return of_this and leg <= self.legs and not self._has(_GOAL + leg)
 
     def advance(self):
         """Have the leg that follows for the goal; returns False where it is not there."""
@@ -220,11 +218,6 @@ class Program:
         return True
 
 
-def _nobody():
-    """Return the identities of no parcel."""
-    return ()
-
-
 class Programs:
     """The programs that a cell keeps; the one that stays farthest away makes room for another.
 
@@ -232,7 +225,7 @@ class Programs:
     that it is at or promised to, by identity; their programs stay.
     """
 
-    def __init__(self, own=_nobody):
+    def __init__(self, own=lambda: ()):
         self.x = self.y = 0
         self._own = own
         # The last used program comes first.
