@@ -10,7 +10,6 @@ from array import array
 
 # Modules that others import come first: an import within an import takes stack.
 from mdms_cell.perception import place
-from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
 from mdms_cell.perception.heard import SEEN, SPEEDS_AT, Heard
 from mdms_cell.perception.outline import Outline
@@ -75,7 +74,7 @@ class Layer:
             pdos=pdos,
         )
         #: Scratch: a parcel as a neighbour reports it.
-        self._outline = Outline()
+        self._outline, self._pose = Outline(), array("i", [0] * 3)
         self._consumer = consumer
         #: The estimate that is to be sent, by the fields of the wire, and where its frame is.
         self._estimate = array("i", [0] * wire.ESTIMATE_FIELDS)
@@ -84,7 +83,8 @@ class Layer:
         self.nonsense = 0
         #: The direction that is reported as a suspect, -1 for none.
         self._suspect = -1
-        # The period of SYNC, the last SYNC, and the one of the last update with the time before it.
+        # The period of SYNC, the last SYNC, and the one of the last update with the time before it,
+        # up to 50 ms.
         self._period_ms = self._step_ms = 10
         self._came_ms = self._updated_ms = 0
         #: For how long the host has been missed, up to _GONE_MS.
@@ -222,7 +222,7 @@ class Layer:
             self._pages.comparison.on_gap(beat_ms // self._period_ms)
             self.nonsense += self._heard.read()
             # The frames may be of any age, so they are not passed on.
-            self._heard.passed_on()
+            self._heard.pass_over()
         elif not self._heard.hears():
             self._rights.on_deaf_beat()
         self._heard.begin_beat(self._registers)
@@ -265,7 +265,8 @@ class Layer:
     @micropython.native
     def _update(self, presence):
         """The algorithm of a beat, in its order; docs/cells.md, 'A beat'."""
-        step_ms = self._begin_update()
+        step_ms = self._step_ms = max(1, min(self._came_ms - self._updated_ms & LAST, 50))
+        self._updated_ms = self._came_ms
         # Take in the frames of neighbours, and choose the parcel to be at.
         sent = self._take_in()
         if not self._tracking.under:
@@ -291,14 +292,6 @@ class Layer:
         if sent and self._tracking.under and program is not None and not verdict:
             self._pages.hand_on(program, sent, self._skipped_beats)
         self._skipped_beats = 0
-
-    @micropython.native
-    def _begin_update(self):
-        """Return the time since the SYNC of the last update, at most 50 ms."""
-        step_ms = max(1, min(self._came_ms - self._updated_ms & LAST, 50))
-        self._step_ms = step_ms
-        self._updated_ms = self._came_ms
-        return step_ms
 
     @micropython.native
     def _take_in(self):
@@ -450,28 +443,20 @@ class Layer:
 
     def _place_reported(self, direction, program):
         """Have the scratch outline be the parcel of a program as a neighbour reports its place."""
-        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
-        x_um, y_um = self._place.shift_um(direction)
-        x_um += estimates[at + wire.X] * wire.STEP_UM
-        y_um += estimates[at + wire.Y] * wire.STEP_UM
+        self._tracking.agreement.read(direction, self._pose)
         self._outline.set(*program.size())
-        self._outline.place(x_um, y_um, turn_um(estimates[at + wire.YAW]))
-        unseen = program.unplanned and estimates[at + wire.CERTAINTY] <= UNSEEN_CERTAINTY
+        self._outline.place(*self._pose)
+        certainty = self._heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.CERTAINTY]
+        unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
         self._outline.room = UNSEEN_ROOM if unseen else 0
 
     def _has_pose(self, identity):
         """Whether any neighbour has said lately where this parcel is."""
         heard = self._heard
-        for direction in range(DIRECTIONS):
-            at = direction * wire.ESTIMATE_FIELDS
-            if (
-                heard.age(direction) <= 1
-                and heard.estimates[at + wire.IDENTITY] == identity
-                and heard.estimates[at + wire.STATE] == wire.UNDER
-                and heard.estimates[at + wire.CERTAINTY]
-            ):
-                return True
-        return False
+        posed = heard.posed(identity)
+        return any(
+            posed >> direction & 1 and heard.age(direction) <= 1 for direction in range(DIRECTIONS)
+        )
 
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the choice of the right of way."""
@@ -494,20 +479,12 @@ class Layer:
         """
         if not program.legs:
             return
-        follows = self._leading.steering.has_arrived() or self._is_another_at(
-            next_sequence(program.sequence)
+        following = next_sequence(program.sequence)
+        ahead = self._pages.comparison.ahead & self._heard.having(
+            wire.SEQUENCE, following, following
         )
-        if follows and program.advance():
+        if (ahead or self._leading.steering.has_arrived()) and program.advance():
             self._leading.next_leg()
-
-    def _is_another_at(self, sequence):
-        """Whether a neighbour that had the cell's program has gone on to this sequence."""
-        estimates, ahead = self._heard.estimates, self._pages.comparison.ahead
-        for direction in range(DIRECTIONS):
-            its = estimates[direction * wire.ESTIMATE_FIELDS + wire.SEQUENCE]
-            if ahead >> direction & 1 and its == sequence:
-                return True
-        return False
 
     # Suspects
 

@@ -76,7 +76,7 @@ class Agreement:
         middle = most = 0
         for peer in range(DIRECTIONS):
             if self.peers >> peer & 1 and not self._suspicion.misleads(peer):
-                self._read(peer, self._middle_pose)
+                self.read(peer, self._middle_pose)
                 mask = self._near(self._middle_pose)
                 if _count(mask) > most:
                     middle, most = peer, _count(mask)
@@ -85,7 +85,7 @@ class Agreement:
         return middle, most
 
     @micropython.native
-    def _read(self, peer, pose):
+    def read(self, peer, pose):
         """Read where a peer believes the parcel."""
         estimates, at = self._estimates, wire.ESTIMATE_FIELDS * peer
         shifts_um = self._place.shifts_um
@@ -99,7 +99,7 @@ class Agreement:
         mask, its = 0, self._pose
         for peer in range(DIRECTIONS):
             if self.peers >> peer & 1:
-                self._read(peer, its)
+                self.read(peer, its)
                 x_um, y_um = its[0] - pose[0], its[1] - pose[1]
                 off_um = wrapped(its[2] - pose[2])
                 if max(abs(x_um), abs(y_um), abs(off_um)) < 25_000:
@@ -117,7 +117,7 @@ class Agreement:
         weights = x = y = turn = variance = 0
         for peer in range(DIRECTIONS):
             if self.near >> peer & 1 and not self._suspicion.misleads(peer):
-                self._read(peer, its)
+                self.read(peer, its)
                 its_certainty = self._estimates[wire.ESTIMATE_FIELDS * peer + wire.CERTAINTY]
                 weight = _weight(its_certainty - certainty)
                 weights += weight
@@ -135,12 +135,12 @@ class Agreement:
         if not total:
             return False
         middle, its = self._middle_pose, self._pose
-        self._read(peer, middle)
+        self.read(peer, middle)
         mask = self._near(middle)
         x = y = turn = best = 0
         for peer in range(DIRECTIONS):
             if mask >> peer & 1:
-                self._read(peer, its)
+                self.read(peer, its)
                 x += its[0] - middle[0]
                 y += its[1] - middle[1]
                 turn += wrapped(its[2] - middle[2])

@@ -9,7 +9,7 @@ from mdms_cell.drive import speed_loop
 from mdms_cell.mailboxes import LENGTH, STAMP, Mailboxes
 from mdms_cell.perception.place import DIRECTIONS, OWN, SENSORS
 from mdms_cell.ticks import diff
-from mdms_protocol.compat import const, micropython, ptr8, ptr32
+from mdms_protocol.compat import const, micropython, ptr8, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
 
 #: Edges that may wait for the next update.
@@ -53,7 +53,9 @@ class Heard:
             self.boxes.stamps[DIRECTIONS + direction] = NEVER
         for direction in range(DIRECTIONS):
             self.estimate_beat[direction] = NEVER
-            self.boxes.fresh[direction] = 0
+        for field in range(len(self.estimates)):
+            self.estimates[field] = 0
+        self.pass_over()
         self.edges = 0
 
     @micropython.native
@@ -99,6 +101,20 @@ class Heard:
         return False
 
     @micropython.native
+    def having(self, field, least, most):
+        """The mask of the directions whose last estimate has a field within these limits."""
+        return directions_having(self.estimates, field, least, most)
+
+    @micropython.native
+    def posed(self, identity):
+        """The mask of the directions whose last estimate has the pose of the parcel over them."""
+        under = self.having(wire.STATE, wire.UNDER, wire.UNDER)
+        return (
+            under
+            & self.having(wire.IDENTITY, identity, identity)
+            & self.having(wire.CERTAINTY, 1, 15)
+        )
+
     def silent_beats(self, direction):
         """For how many beats nothing has come of a direction; NEVER if nothing has."""
         return min(self.age(direction), self.speeds_age(direction))
@@ -160,22 +176,18 @@ class Heard:
         edge = self.edge_bytes[number]
         return edge >> 4, edge >> 1 & 7, edge & 1
 
-    def keep_edge(self, number, place):
-        """Have an edge wait in another place."""
-        self.edge_bytes[place] = self.edge_bytes[number]
-        self.edge_ms[place] = self.edge_ms[number]
-
-    def passed_on(self):
-        """No estimate is fresh any more; returns the mask of those that were."""
-        return _clear(self.boxes.fresh)
+    def pass_over(self):
+        """No estimate is fresh any more."""
+        for direction in range(DIRECTIONS):
+            self.boxes.fresh[direction] = 0
 
 
 @micropython.viper
-def _clear(fresh: ptr8) -> int:
+def directions_having(estimates: ptr16, field: int, least: int, most: int) -> int:
+    """See `Heard.having`; no number is negative."""
     mask = 0
     for direction in range(int(DIRECTIONS)):
-        if fresh[direction]:
-            fresh[direction] = 0
+        if least <= estimates[int(wire.ESTIMATE_FIELDS) * direction + field] <= most:
             mask |= 1 << direction
     return mask
 

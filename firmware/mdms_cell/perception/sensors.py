@@ -185,7 +185,8 @@ class Sensors:
         kept = 0
         for number in range(heard.edges):
             if diff(sync_ms, heard.edge_ms[number]) + self.edge_late_ms <= 0:
-                heard.keep_edge(number, kept)
+                heard.edge_bytes[kept] = heard.edge_bytes[number]
+                heard.edge_ms[kept] = heard.edge_ms[number]
                 kept += 1
         heard.edges = kept
 

@@ -10,7 +10,6 @@ under the same parcel. A cell beside the parcel follows the cells under it.
 from mdms_cell.perception.agreement import Agreement
 from mdms_cell.perception.belief import Belief
 from mdms_cell.perception.footprint import MARGIN
-from mdms_cell.perception.heard import NEVER
 from mdms_cell.perception.place import DIRECTIONS, OWN
 from mdms_cell.perception.sensors import Sensors
 from mdms_cell.perception.suspicion import SILENCE, WHEELS
@@ -188,8 +187,9 @@ class Tracking:
         It is rolled on by the wheels, moved towards those of neighbours, and corrected by sensors.
         """
         if self.identity and self.shaped:
-            belief = self.belief
-            self._find_others()
+            belief, heard, identity = self.belief, self._heard, self.identity
+            promised = heard.having(wire.STATE, wire.PROMISED, wire.UNDER)
+            self.others = promised & ~heard.having(wire.IDENTITY, identity, identity)
             if belief.known:
                 # By the belief of before.
                 self._fit_twist()
@@ -219,21 +219,6 @@ class Tracking:
             self.jump_beats = min(self.jump_beats + DOUBT_BEATS, 2 * DOUBT_BEATS)
         elif self.jump_beats:
             self.jump_beats -= 1
-
-    @micropython.native
-    def _find_others(self):
-        """Find the cells that are at another parcel than this cell."""
-        heard, others = self._heard, 0
-        estimates, at = heard.estimates, 0
-        for direction in range(DIRECTIONS):
-            if (
-                estimates[at + wire.IDENTITY] != self.identity
-                and heard.estimate_beat[direction] != NEVER
-                and estimates[at + wire.STATE] >= wire.PROMISED
-            ):
-                others |= 1 << direction
-            at += wire.ESTIMATE_FIELDS
-        self.others = others
 
     @micropython.native
     def _fit_twist(self):
@@ -280,17 +265,10 @@ class Tracking:
     @micropython.native
     def _peers(self, beat):
         """The mask of the directions whose pose of this parcel came in this beat."""
-        heard, peers = self._heard, 0
-        estimates, at = heard.estimates, 0
+        came, peers = self._heard.estimate_beat, self._heard.posed(self.identity)
         for direction in range(DIRECTIONS):
-            if (
-                heard.estimate_beat[direction] == beat
-                and estimates[at + wire.IDENTITY] == self.identity
-                and estimates[at + wire.STATE] == wire.UNDER
-                and estimates[at + wire.CERTAINTY] > 0
-            ):
-                peers |= 1 << direction
-            at += wire.ESTIMATE_FIELDS
+            if came[direction] != beat:
+                peers &= ~(1 << direction)
         return peers
 
     @micropython.native
