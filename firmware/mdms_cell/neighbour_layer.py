@@ -115,7 +115,9 @@ class Layer:
 
         Settings stay, and so does the clock.
         """
-        self._suspect_nobody()
+        self._suspicion.reset()
+        if self._suspect >= 0:
+            self._report()
         self._rights.restart(self._place.present())
         self._heard.reset()
         self._tracking.drop()
@@ -298,9 +300,14 @@ class Layer:
         """Take in the estimates that have come; returns the mask of their directions."""
         heard, rights = self._heard, self._rights
         self.nonsense += heard.read()
-        if self._pages.precedence.exists():
-            self._keep_order(self._pages.precedence)
-        sent = rights.on_estimates(heard.estimates, heard.boxes.fresh)
+        estimates, fresh = heard.estimates, heard.boxes.fresh
+        precedence = self._pages.precedence
+        if precedence.exists():
+            # The order counts for the time without the host.
+            turn = precedence.turn(rights.identity, rights.state, estimates, fresh)
+            if self._consumer.host_lost:
+                precedence.keep(turn, estimates, fresh)
+        sent = rights.on_estimates(estimates, fresh)
         self._pages.asked = 0
         if rights.unsure:
             self._look_around(sent)
@@ -318,7 +325,7 @@ class Layer:
                 pages.on_host_back(identity if self._rights.state == UNDER else 0)
             self._silent_ms = 0
         program = pages.programs.complete(identity)
-        return program, pages.compare(identity, program, sent)
+        return program, pages.comparison.update(identity, program, sent)
 
     @micropython.native
     def _look_ahead(self, program):
@@ -335,7 +342,7 @@ class Layer:
         tracking, rights = self._tracking, self._rights
         over = tracking.identity if tracking.is_over() else 0
         occupied = presence != 0
-        if occupied and rights.state != UNDER and tracking.is_of_another():
+        if occupied and rights.state != UNDER and tracking.sensors.show_another():
             # A parcel that stands before an unknown thing would come over it mm by mm. One that has
             # been let come stops for what is set down on its way.
             over, occupied = 0, BY_ANOTHER
@@ -382,13 +389,6 @@ class Layer:
             estimate[wire.WANTS] = 0
         wire.pack_estimate(estimate, 0, self._objects.data, self._frame_at)
 
-    def _keep_order(self, precedence):
-        """Parcels come over the cell in an order, which counts for the time without the host."""
-        estimates, fresh = self._heard.estimates, self._heard.boxes.fresh
-        turn = precedence.turn(self._rights.identity, self._rights.state, estimates, fresh)
-        if self._consumer.host_lost:
-            precedence.keep(turn, estimates, fresh)
-
     def _look_around(self, sent):
         """Find the parcel over the square after a restart, by the neighbours that are heard.
 
@@ -397,29 +397,22 @@ class Layer:
         known, its page is asked for.
         """
         heard, rights = self._heard, self._rights
+        # One that has restarted too has a pose before it is under the parcel.
+        reported = heard.having(wire.STATE, wire.UNDER) | heard.having(wire.CERTAINTY, 1, 15)
         for direction in range(DIRECTIONS):
+            tells = reported >> direction & 1
             if sent >> direction & 1:
-                rights.hear(direction, self._reported_over(direction))
-            elif heard.speeds_age(direction) <= 1 and (
-                not self._has_reported(direction) or heard.age(direction) > 30
-            ):
+                rights.hear(direction, self._reported_over(direction) if tells else 0)
+            elif heard.speeds_age(direction) <= 1 and not (tells and heard.age(direction) <= 30):
                 rights.hear(direction, 0)
         if self._pages.asked:
             rights.approach(self._pages.asked)
-
-    def _has_reported(self, direction):
-        """Whether a neighbour's last estimate tells of a parcel: it is under it, or has its pose.
-
-        A neighbour that has restarted too has a pose before it is under the parcel.
-        """
-        estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
-        return estimates[at + wire.STATE] == wire.UNDER or estimates[at + wire.CERTAINTY] != 0
 
     def _reported_over(self, direction):
         """The parcel that a neighbour reports over this cell's square, as in `hear`."""
         estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
         identity = estimates[at + wire.IDENTITY]
-        if not identity or not self._has_reported(direction):
+        if not identity:
             return 0
         program = self._pages.programs.find(identity)
         if program is None or not program.has_parcel:
@@ -480,10 +473,8 @@ class Layer:
         if not program.legs:
             return
         following = next_sequence(program.sequence)
-        ahead = self._pages.comparison.ahead & self._heard.having(
-            wire.SEQUENCE, following, following
-        )
-        if (ahead or self._leading.steering.has_arrived()) and program.advance():
+        others = self._pages.comparison.ahead & self._heard.having(wire.SEQUENCE, following)
+        if (others or self._leading.steering.has_arrived()) and program.advance():
             self._leading.next_leg()
 
     # Suspects
@@ -497,9 +488,3 @@ class Layer:
             node_id = self._pages.node_id if direction == OWN else self._place.nodes[direction]
             self._emcy.report(SOURCE, CODE, bytes((node_id, self._suspicion.out[direction], 0, 0)))
         self._objects.put(indices.SUSPECT, 0, node_id)
-
-    def _suspect_nobody(self):
-        """Suspect nobody."""
-        self._suspicion.reset()
-        if self._suspect >= 0:
-            self._report()

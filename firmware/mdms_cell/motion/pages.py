@@ -69,11 +69,12 @@ class Comparison:
         return bool(self.ahead >> direction & 1) if self.ahead else self.verdict == OUTDATED
 
     @micropython.native
-    def update(self, identity, sequence, sent):
+    def update(self, identity, program, sent):
         """A beat has passed in which those in a mask have sent an estimate; returns the verdict.
 
-        `sequence` is that of the program of the parcel that the cell is at, 0 without one.
+        The cell is at this parcel, whose program it has, or None.
         """
+        sequence = 0 if program is None else program.sequence
         if self._identity != identity or self._sequence != sequence:
             deaf_beats = self._deaf_beats
             if self._identity != identity:
@@ -305,12 +306,6 @@ class Pages:
                 self._ended[identity] = 1
 
     # The beat
-
-    @micropython.native
-    def compare(self, identity, program, sent):
-        """The verdict on a program of this parcel, None without one; neighbours have `sent`."""
-        sequence = 0 if program is None else program.sequence
-        return self.comparison.update(identity, sequence, sent)
 
     @micropython.native
     def hand_on(self, program, sent, skipped):

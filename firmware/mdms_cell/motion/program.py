@@ -169,10 +169,8 @@ class Program:
         return fields
 
     def _is_at(self, fields, number):
-        return self._has(number) and all(
-            self._page(number)[place] == fields[place]
-            for place in (wire.PLACE_X, wire.PLACE_Y, wire.PLACE_YAW)
-        )
+        first, end = wire.PLACE_X, wire.PLACE_YAW + 1
+        return self._has(number) and self._page(number)[first:end] == list(fields[first:end])
 
     def _drop_from(self, number):
         for start in range(wire.LENGTH * number, len(self.pages), wire.LENGTH):

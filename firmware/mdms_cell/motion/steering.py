@@ -110,7 +110,7 @@ class Steering:
         commanded, change = self.commanded, self._change
         for axis in range(3):
             change[axis] = (self.wish[axis] if may_go else 0) - commanded[axis]
-        if change[0] or change[1] or change[2]:
+        if any(change):
             size = length(change[0], change[1], change[2] * _corner(reach_um) // _SHARE)
             # At least 0.1 mm/s: every ramp ends.
             most = max(self.acceleration_mm_s2() * step_ms, 100)
@@ -123,14 +123,12 @@ class Steering:
     @micropython.native
     def stands(self):
         """Whether the commanded twist is none."""
-        commanded = self.commanded
-        return not (commanded[0] or commanded[1] or commanded[2])
+        return not any(self.commanded)
 
     @micropython.native
     def wishes(self):
         """Whether the twist that is wished for is any."""
-        wish = self.wish
-        return wish[0] != 0 or wish[1] != 0 or wish[2] != 0
+        return any(self.wish)
 
     def has_arrived(self):
         """Whether the parcel stands at its goal."""

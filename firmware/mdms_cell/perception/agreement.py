@@ -145,12 +145,8 @@ class Agreement:
                 y += its[1] - middle[1]
                 turn += wrapped(its[2] - middle[2])
                 best = max(best, self._estimates[wire.ESTIMATE_FIELDS * peer + wire.CERTAINTY])
-        belief.start(
-            middle[0] + x // total,
-            middle[1] + y // total,
-            wrapped(middle[2] + turn // total),
-            variance=1 << 17 - best,
-        )
+        x_um, y_um = middle[0] + x // total, middle[1] + y // total
+        belief.start(x_um, y_um, wrapped(middle[2] + turn // total), variance=1 << 17 - best)
         return True
 
 

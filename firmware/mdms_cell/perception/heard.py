@@ -101,19 +101,15 @@ class Heard:
         return False
 
     @micropython.native
-    def having(self, field, least, most):
-        """The mask of the directions whose last estimate has a field within these limits."""
-        return directions_having(self.estimates, field, least, most)
+    def having(self, field, least, most=None):
+        """The mask of the directions whose last estimate has a field of this number, or up to."""
+        return directions_having(self.estimates, field, least, least if most is None else most)
 
     @micropython.native
     def posed(self, identity):
         """The mask of the directions whose last estimate has the pose of the parcel over them."""
-        under = self.having(wire.STATE, wire.UNDER, wire.UNDER)
-        return (
-            under
-            & self.having(wire.IDENTITY, identity, identity)
-            & self.having(wire.CERTAINTY, 1, 15)
-        )
+        there = self.having(wire.STATE, wire.UNDER) & self.having(wire.IDENTITY, identity)
+        return there & self.having(wire.CERTAINTY, 1, 15)
 
     def silent_beats(self, direction):
         """For how many beats nothing has come of a direction; NEVER if nothing has."""

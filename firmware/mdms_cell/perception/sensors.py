@@ -197,10 +197,10 @@ class Sensors:
 
         It is 30 mm from the parcel, which cannot be so far off its place.
         """
-        bits = self._heard.presence[OWN] & BITS
-        if not bits or not self._suspicion.trusts(OWN):
+        bits, belief = self._heard.presence[OWN] & BITS, self._tracking.belief
+        if not bits or not belief.known or not self._suspicion.trusts(OWN):
             return False
-        near = self._footprint.within(self._tracking.belief, OWN, 30_000 // STEP_UM) >> AXES
+        near = self._footprint.within(belief, OWN, 30_000 // STEP_UM) >> AXES
         return bits & ~near != 0
 
     def is_anything_there(self):
@@ -210,11 +210,8 @@ class Sensors:
         """
         presence, tracking = self._heard.presence, self._tracking
         for direction in range(DIRECTIONS):
-            if (
-                presence[direction] & BITS
-                and not tracking.others >> direction & 1
-                and self._suspicion.trusts(direction)
-            ):
+            covered = presence[direction] & BITS and not tracking.others >> direction & 1
+            if covered and self._suspicion.trusts(direction):
                 return True
         return False
 

@@ -80,7 +80,7 @@ class Tracking:
 
     def look(self):
         """Find whether the cell is under the parcel, or nearly."""
-        self.under = self.shaped and self.belief.known and self._footprint.covers(self.belief)
+        self.under = self.belief.known and self._footprint.covers(self.belief)
 
     def miss(self):
         """The parcel is not seen in this beat."""
@@ -114,13 +114,7 @@ class Tracking:
 
     def is_over(self):
         """Whether the parcel lies over the cell's square; not only over its wheels and sensors."""
-        return self.under or (
-            self.shaped and self.belief.known and self._footprint.reaches(self.belief)
-        )
-
-    def is_of_another(self):
-        """Whether something else covers a sensor of the cell: one far from the parcel."""
-        return self.belief.known and self.sensors.show_another()
+        return self.under or (self.belief.known and self._footprint.reaches(self.belief))
 
     @micropython.native
     def is_sure(self):
@@ -189,7 +183,7 @@ class Tracking:
         if self.identity and self.shaped:
             belief, heard, identity = self.belief, self._heard, self.identity
             promised = heard.having(wire.STATE, wire.PROMISED, wire.UNDER)
-            self.others = promised & ~heard.having(wire.IDENTITY, identity, identity)
+            self.others = promised & ~heard.having(wire.IDENTITY, identity)
             if belief.known:
                 # By the belief of before.
                 self._fit_twist()
@@ -227,24 +221,13 @@ class Tracking:
         stamps, out = heard.boxes.stamps, self._suspicion.out
         cells = wheels = 0
         for cell in range(DIRECTIONS + 1):
-            if (
-                stamps[DIRECTIONS + cell] == heard.beat
-                and not self.others >> cell & 1
-                and not out[cell] >> WHEELS & 1
-            ):
+            came = stamps[DIRECTIONS + cell] == heard.beat
+            if came and not (self.others >> cell & 1 or out[cell] >> WHEELS & 1):
                 cells |= 1 << cell
                 wheels |= footprint.wheels_within(belief, cell, 0) << 2 * cell
         footprint.find_levers(belief, cells)
-        twist, frames = belief.twist, heard.boxes.frames
-        fit(
-            twist.speeds,
-            twist.before,
-            twist.shown,
-            footprint.along,
-            footprint.levers,
-            frames,
-            wheels,
-        )
+        twist, along, levers = belief.twist, footprint.along, footprint.levers
+        fit(twist.speeds, twist.before, twist.shown, along, levers, heard.boxes.frames, wheels)
 
     @micropython.native
     def _compare_poses(self):

@@ -88,7 +88,7 @@ class Cell:
             heard.estimate_beat[direction] = heard.beat
             sent |= 1 << direction
         program = self.pages.programs.complete(at_it)
-        self.verdict = self.pages.compare(at_it, program, sent)
+        self.verdict = self.pages.comparison.update(at_it, program, sent)
         self.stand.sending = False
         if program is not None and not self.verdict:
             self.pages.hand_on(program, sent, 0)
