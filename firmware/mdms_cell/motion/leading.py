@@ -111,13 +111,11 @@ class Leading:
             nearest = self._look_nearer(lacking & present, room) if lacking else 0
             steering = self.steering
             steering.read(program)
-            needs = footprint.squares(parcel, present, room)
+            needs = footprint.squares(parcel, present, room) | nearest
             needs |= self._comes_over(parcel.twist.speeds, REACTION_MS, present ^ needs, room)
             wants = needs
             if steering.wishes():
                 wants |= self._comes_over(steering.wish, 500, present ^ needs, room)
-            needs |= nearest
-            wants |= nearest
         if tracking.may_be_elsewhere():
             near = footprint.squares(parcel, present, UNSEEN_ROOM)
             needs |= near & tracking.others
@@ -254,9 +252,9 @@ class Leading:
         Wheels that are off hardly brake a heavy parcel: it would roll on.
         """
         self._held_beats = min(self._held_beats + 1, _HOLD_BEATS)
-        if self._driving and (self._held_beats < _HOLD_BEATS or self._rolls()):
-            return False
         if self._driving:
+            if self._held_beats < _HOLD_BEATS or self._rolls():
+                return False
             self._driving = False
             self._axes.rest()
         return True

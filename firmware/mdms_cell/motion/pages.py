@@ -163,8 +163,7 @@ class Pages:
         self.asked = self._turn = 0
         programs, place = self.programs, self._place
         programs.clear()
-        for identity in range(len(self._ended)):
-            self._ended[identity] = 0
+        self._ended[:] = bytes(len(self._ended))
         programs.x, programs.y = place.x_um // wire.STEP_UM, place.y_um // wire.STEP_UM
         self.precedence.reset()
         self.comparison.reset()

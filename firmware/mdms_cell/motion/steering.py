@@ -97,12 +97,9 @@ class Steering:
         """Find whether the parcel has arrived, with this turn left to go."""
         wide = 2 if self.arrived else 1
         away_um = max(abs(self.left[0]), abs(self.left[1]))
-        if away_um <= wide * _TOLERANCE_UM and abs(turn) <= wide * _TOLERANCE_TURN_UM:
-            self._settled_beats = min(self._settled_beats + 1, _SETTLED_BEATS)
-            self.arrived = self.arrived or self._settled_beats >= _SETTLED_BEATS
-        else:
-            self._settled_beats = 0
-            self.arrived = False
+        within = away_um <= wide * _TOLERANCE_UM and abs(turn) <= wide * _TOLERANCE_TURN_UM
+        self._settled_beats = min(self._settled_beats + 1, _SETTLED_BEATS) if within else 0
+        self.arrived = within and (self.arrived or self._settled_beats >= _SETTLED_BEATS)
 
     @micropython.native
     def approach(self, reach_um, may_go, step_ms):

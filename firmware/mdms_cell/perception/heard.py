@@ -182,8 +182,9 @@ class Heard:
 def directions_having(estimates: ptr16, field: int, least: int, most: int) -> int:
     """See `Heard.having`; no number is negative."""
     mask = 0
+    fields = int(wire.ESTIMATE_FIELDS)
     for direction in range(int(DIRECTIONS)):
-        if least <= estimates[int(wire.ESTIMATE_FIELDS) * direction + field] <= most:
+        if least <= estimates[fields * direction + field] <= most:
             mask |= 1 << direction
     return mask
 

@@ -43,10 +43,8 @@ class Suspicion:
     def reset(self):
         """Nobody is suspected."""
         self.cases = self.turn = 0
-        for cell in range(CELLS):
-            self.out[cell] = 0
-        for place in range(CELLS * KINDS):
-            self.evidence[place] = 0
+        self.out[:] = bytes(CELLS)
+        self.evidence[:] = bytes(CELLS * KINDS)
 
     @micropython.native
     def has(self, direction, kind):
