@@ -65,19 +65,13 @@ class Footprint:
         x, y = points[2 * point], points[2 * point + 1]
         return shifts[2 * direction] + x, shifts[2 * direction + 1] + y
 
-    def covers(self, outline):
-        """Whether the parcel covers a wheel or a sensor of the cell, or nearly."""
-        return self.within(outline, OWN, MARGIN) != 0
-
     @micropython.native
-    def within(self, outline, direction, limit):
-        """The mask of that cell's points that are less than `limit` outside the outline [steps]."""
-        return points_within(outline.registers, self.points, self.shifts, direction, POINTS, limit)
+    def within(self, outline, direction, limit, count=POINTS):
+        """The mask of that cell's first points that are less than `limit` outside [steps].
 
-    @micropython.native
-    def wheels_within(self, outline, direction, limit):
-        """The mask of that cell's wheels, by axis, that are less than `limit` outside [steps]."""
-        return points_within(outline.registers, self.points, self.shifts, direction, AXES, limit)
+        Of the first AXES it has the wheels alone.
+        """
+        return points_within(outline.registers, self.points, self.shifts, direction, count, limit)
 
     @micropython.native
     def squares(self, outline, asked, room=0):

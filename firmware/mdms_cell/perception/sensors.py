@@ -19,7 +19,7 @@ class Comparison:
     `wrong` is the mask of the sensors on the wrong side of it. `missing` is whether all sensors
     deep under it are free. `far` is whether a sensor far from it is covered. `clearly` is whether
     there are sensors deep under it or far from it. `nearly` is whether it covers a wheel or a
-    sensor, or nearly, as by `Footprint.covers`.
+    sensor, or nearly, as in `Tracking.look`.
     """
 
     def __init__(self):
@@ -88,8 +88,7 @@ class Sensors:
         if moved:
             self._compare(own, OWN)
         tracking.under = own.nearly
-        if missing:
-            missing = not (tracking.is_witnessed() and suspicion.has(OWN, PRESENCE))
+        missing = missing and not (tracking.is_witnessed() and suspicion.has(OWN, PRESENCE))
         if missing or not (bits & BITS or self.is_anything_there()):
             tracking.miss()
         else:
@@ -143,27 +142,14 @@ class Sensors:
         Sensors that one frame shows to have changed are as far from the edge, within 2 mm.
         """
         heard, outline = self._heard, self._tracking.belief
-        others = self._of_one_frame(number)
-        if not others:
-            return False
-        off = outline.edge(*self._edge_at(number, ago_ms))
-        for other in range(heard.edges):
-            if others >> other & 1:
-                between = off - outline.edge(*self._edge_at(other, ago_ms))
-                if abs(between) > 2_000 // STEP_UM:
+        direction, came_ms = heard.edge_bytes[number] >> 4, heard.edge_ms[number]
+        # The cell's own come in no frame.
+        for other in range(heard.edges if direction != OWN else 0):
+            if heard.edge_bytes[other] >> 4 == direction and heard.edge_ms[other] == came_ms:
+                off = outline.edge(*self._edge_at(number, ago_ms))
+                if abs(off - outline.edge(*self._edge_at(other, ago_ms))) > 2_000 // STEP_UM:
                     return True
         return False
-
-    @micropython.native
-    def _of_one_frame(self, number):
-        """The mask of the edges that came in the same frame as this one; the cell's own in none."""
-        heard, mask = self._heard, 0
-        direction = heard.edge_bytes[number] >> 4
-        for other in range(heard.edges if direction != OWN else 0):
-            together = heard.edge_ms[other] == heard.edge_ms[number]
-            if other != number and together and heard.edge_bytes[other] >> 4 == direction:
-                mask |= 1 << other
-        return mask
 
     @micropython.native
     def _passes(self, x, y, covered):

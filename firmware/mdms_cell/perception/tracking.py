@@ -10,7 +10,7 @@ under the same parcel. A cell beside the parcel follows the cells under it.
 from mdms_cell.perception.agreement import Agreement
 from mdms_cell.perception.belief import Belief
 from mdms_cell.perception.footprint import MARGIN
-from mdms_cell.perception.place import DIRECTIONS, OWN
+from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.sensors import Sensors
 from mdms_cell.perception.suspicion import SILENCE, WHEELS
 from mdms_cell.perception.twist import SLIPS, against, fit
@@ -49,12 +49,8 @@ class Tracking:
     def drop(self):
         """There is no parcel."""
         self.identity = self.others = 0
-        self.shaped = False
-        self.unplanned = False
-        self.under = False
-        self.missing_beats = self.jump_beats = self.alone_beats = 0
-        self._followed_beats = 0
-        self.follows = False
+        self.shaped = self.unplanned = self.under = self.follows = False
+        self.missing_beats = self.jump_beats = self.alone_beats = self._followed_beats = 0
         self.sent = -1
         self.sensors.reset()
         self.belief.reset()
@@ -79,8 +75,9 @@ class Tracking:
         self.look()
 
     def look(self):
-        """Find whether the cell is under the parcel, or nearly."""
-        self.under = self.belief.known and self._footprint.covers(self.belief)
+        """Find whether the parcel covers a wheel or a sensor of the cell, or nearly."""
+        belief = self.belief
+        self.under = belief.known and self._footprint.within(belief, OWN, MARGIN) != 0
 
     def miss(self):
         """The parcel is not seen in this beat."""
@@ -224,7 +221,7 @@ class Tracking:
             came = stamps[DIRECTIONS + cell] == heard.beat
             if came and not (self.others >> cell & 1 or out[cell] >> WHEELS & 1):
                 cells |= 1 << cell
-                wheels |= footprint.wheels_within(belief, cell, 0) << 2 * cell
+                wheels |= footprint.within(belief, cell, 0, AXES) << 2 * cell
         footprint.find_levers(belief, cells)
         twist, along, levers = belief.twist, footprint.along, footprint.levers
         fit(twist.speeds, twist.before, twist.shown, along, levers, heard.boxes.frames, wheels)
@@ -279,7 +276,7 @@ class Tracking:
     def _judge_wheels(self, cell):
         """A wheel deep under the parcel is wrong if it does not turn with it."""
         footprint, belief = self._footprint, self.belief
-        axes = footprint.wheels_within(belief, cell, -MARGIN)
+        axes = footprint.within(belief, cell, -MARGIN, AXES)
         footprint.find_levers(belief, 1 << cell)
         speeds, frames = belief.twist.speeds, self._heard.boxes.frames
         shown = against(speeds, footprint.along, footprint.levers, frames, cell, axes)

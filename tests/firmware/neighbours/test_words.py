@@ -172,7 +172,7 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
         wheels = 0
         for cell in range(9):
             if mask >> cell & 1:
-                wheels |= cells.wheels_within(belief, Word(cell), Word(0)) << 2 * cell
+                wheels |= cells.within(belief, Word(cell), Word(0), AXES) << 2 * cell
         cells.find_levers(belief, 511)
         shown = (twist.speeds, twist.before, twist.shown)
         fit(*shown, cells.along, cells.levers, frames, Word(wheels))
