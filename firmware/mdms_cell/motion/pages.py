@@ -76,10 +76,9 @@ class Comparison:
         """
         sequence = 0 if program is None else program.sequence
         if self._identity != identity or self._sequence != sequence:
-            deaf_beats = self._deaf_beats
-            if self._identity != identity:
-                self.settled = False
-                deaf_beats = 0
+            same_parcel = self._identity == identity
+            deaf_beats = self._deaf_beats if same_parcel else 0
+            self.settled = self.settled and same_parcel
             self._identity, self._sequence = identity, sequence
             self._forget()
             self._deaf_beats = deaf_beats
