@@ -27,6 +27,11 @@ _SHARE = const(64)
 #: The largest number of which `length` is exact.
 _LONG = const(3_000_000)
 
+# Numbers of a way behind the goal's place in table frame, as `read_way` reads them.
+_ACCELERATION = const(3)
+_SPEED = const(4)
+_FLAGS = const(5)
+
 
 class Steering:
     """The way of one parcel to the goal of its program, as one cell steers it.
@@ -41,9 +46,9 @@ class Steering:
         self.commanded = array("i", [0] * 3)
         self.wish = array("i", [0] * 3)
         self.left = array("i", [0] * 3)
-        #: As `read_way` reads it.
         self._way = array("i", [0] * 6)
         self._change = array("i", [0] * 3)
+        #: Until a cell has told its pitch.
         self.room_mm = 1_000
         self.reset()
 
@@ -63,14 +68,14 @@ class Steering:
 
     def acceleration_mm_s2(self):
         """The program's acceleration."""
-        return self._way[3] * wire.ACCELERATION_MM_S2
+        return self._way[_ACCELERATION] * wire.ACCELERATION_MM_S2
 
     def speed_mm_s(self):
         """The program's speed, or that from which the parcel can stand within the room."""
         braking = self.acceleration_mm_s2()
         slowed = braking * REACTION_MS // 1000
         most = root(slowed * slowed + 2 * braking * self.room_mm) - slowed
-        return min(self._way[4] * wire.SPEED_MM_S, most)
+        return min(self._way[_SPEED] * wire.SPEED_MM_S, most)
 
     @micropython.native
     def find_wish(self, parcel, x_um, y_um):
@@ -82,7 +87,7 @@ class Steering:
         left[0] = way[0] * wire.STEP_UM - x_um - pose[0]
         left[1] = way[1] * wire.STEP_UM - y_um - pose[1]
         left[2] = wrapped(turn_um(way[2]) - pose[2])
-        turn = 0 if way[5] & wire.ANY_YAW else left[2]
+        turn = 0 if way[_FLAGS] & wire.ANY_YAW else left[2]
         self._settle(turn)
         speed_um_s, length_um = 0, 1
         if not self.arrived:
