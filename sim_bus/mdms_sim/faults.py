@@ -357,7 +357,7 @@ _OF_WHEELS = {
 
 
 class Places:
-    """The place of each node, `of_node`, both from 0.
+    """The place of each node, `of_node`, and the node at each place, `node_at`, all from 0.
 
     The table tells each node of the bank the node id that belongs to its place, of `node_ids` by
     place, or nothing (0).
@@ -365,6 +365,7 @@ class Places:
 
     def __init__(self, bank: CellBank, node_ids: Sequence[int]) -> None:
         self.of_node = np.arange(len(node_ids))
+        self.node_at = np.arange(len(node_ids))
         self._bank = bank
         self._node_ids = node_ids
         for node in range(len(node_ids)):
@@ -374,6 +375,7 @@ class Places:
         """Two nodes change places."""
         pair = [one, other]
         self.of_node[pair] = self.of_node[pair[::-1]]
+        self.node_at[self.of_node[pair]] = pair
         for node in pair:
             self._tell(node)
 

@@ -215,8 +215,8 @@ class Simulation:
         ]
         told = addresses.node_ids if array.coded_places else (0,) * self._cells
         places = Places(bank, told)
-        #: The place of each node; they differ while cells have changed places.
-        self._places = places.of_node
+        #: The place of each node, and the node at each place: cells may change places.
+        self._places, self._nodes = places.of_node, places.node_at
         self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
         self.faults = Faults(
             scenario.fault,
@@ -314,10 +314,10 @@ class Simulation:
             self._move()
         _, counts, current_ma = self.world.sampled
         places = self._places
-        sensed = counts[places], current_ma[places], self.world.presence()[places]
-        driven_uv = self._bank.tick(*sensed)
-        self._voltage_uv = np.empty_like(driven_uv)
-        self._voltage_uv[places] = driven_uv
+        # `take` needs a third of the time of an index array.
+        presence = self.world.presence().take(places)
+        driven_uv = self._bank.tick(counts.take(places, 0), current_ma.take(places, 0), presence)
+        self._voltage_uv = driven_uv.take(self._nodes, 0)
         self.world.bridges.awake[places] = self._bank.awake
         if self._judges_ticks:
             self.referee.on_tick(now_ns, self._voltage_uv)

@@ -38,6 +38,7 @@ class CellReports:
         self._reported_s = np.full(len(centres_m), _NEVER_S)
         self._fields = array("i", bytes(4 * wire.ESTIMATE_FIELDS))
         self._last = np.zeros((len(centres_m), wire.ESTIMATE_FIELDS), np.int64)
+        self._nothing = self._sampled(0.0)
 
     def on_frame(self, bus: int, frame: Frame, now_s: float) -> None:
         """Take in a frame whose `can_id` is in `cells[bus]`; an invalid one changes nothing."""
@@ -49,6 +50,9 @@ class CellReports:
 
     def sample(self, now_s: float) -> dict[str, Floats]:
         """`identity` and `state` (C,), 0 where none, and `belief` (C, 3), NaN where none."""
+        return self._sampled(now_s) if self.any else self._nothing
+
+    def _sampled(self, now_s: float) -> dict[str, Floats]:
         silent = now_s - self._reported_s > SILENT_S
         last = np.where(silent[:, None], 0, self._last)
         unknown = last[:, wire.CERTAINTY] == 0

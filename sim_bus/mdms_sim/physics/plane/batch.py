@@ -201,9 +201,7 @@ class Batch:
         self._sense = for_types_of(sense, self.tables, 0, presence)
         self._pose, self._twist = np.zeros((2, tables, len(scenarios[0].parcel), 3))
         # Fields of record arrays are slow to come by, and these stay where they are.
-        self._away, self._tipped = (
-            np.asarray(self.tables.parcel_states[name]) for name in ("away", "tipped")
-        )
+        self._tipped = np.asarray(self.tables.parcel_states["tipped"])
         self._speed = np.asarray(self.tables.wheel_states["speed_m_s"])
         self._read = for_types_of(read_all_poses, self.tables, self._pose, self._twist)
 
@@ -299,8 +297,6 @@ class Batch:
         The arrays are filled anew by the next call.
         """
         self._read(self.tables, self._pose, self._twist)
-        if self._away.any():
-            self._pose[self._away != 0] = self._twist[self._away != 0] = np.nan
         return self._pose, self._twist
 
     @property

@@ -122,7 +122,8 @@ class PresenceSensors:
         return bits ^ (wrong @ (1 << np.arange(len(self._places.offset_m)))).astype(np.uint8)
 
     def _hold(self, bits: Bits) -> Bits:
-        if not self.stuck.any():
+        # `any` takes four times as long.
+        if not np.count_nonzero(self.stuck):
             return bits
         values = 1 << np.arange(len(self._places.offset_m))
         free, covered = ((self.stuck > 0) @ values).astype(np.uint8)

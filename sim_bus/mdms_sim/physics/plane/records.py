@@ -278,9 +278,12 @@ def _fit(records: Records, cell: Cell) -> None:
 
 @compiled
 def read_poses(constants: Records, parcels: Records, pose: Floats, twist: Floats) -> None:
-    """Pose and twist (P, 3) of the origins from those of the centres of mass."""
+    """Pose and twist (P, 3) of the origins from those of the centres of mass; NaN while away."""
     for p in range(parcels.size):
         centre, body = constants[p], parcels[p]
+        if body.away:
+            pose[p], twist[p] = np.nan, np.nan
+            continue
         arm_x, arm_y = turned(centre.centre_x_m, centre.centre_y_m, body.yaw_rad)
         pose[p, 0] = body.x_m - arm_x
         pose[p, 1] = body.y_m - arm_y

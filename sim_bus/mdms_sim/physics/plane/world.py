@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.array import build_cells, build_wheels
-from mdms_model.arrays import Floats
+from mdms_model.arrays import Floats, Records
 from mdms_model.compiled import for_types_of
 from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Parcel, Scenario
@@ -208,10 +208,14 @@ class World:
     def motion(self) -> tuple[Floats, Floats]:
         """Poses and twists at once."""
         pose, twist = np.empty((2, len(self.scene.model.parcels), 3))
-        read_poses(self.scene.model.parcels, self.scene.state.parcels, pose, twist)
-        away = self.scene.state.parcels["away"] != 0
-        pose[away] = twist[away] = np.nan
+        self._read_poses(self.scene.model.parcels, self.scene.state.parcels, pose, twist)
         return pose, twist
+
+    @cached_property
+    def _read_poses(self) -> Callable[[Records, Records, Floats, Floats], None]:
+        poses = np.empty((len(self.scene.model.parcels), 3))
+        types = self.scene.model.parcels, self.scene.state.parcels, poses, poses
+        return for_types_of(read_poses, *types)
 
     def put_back(self, parcels: Sequence[Parcel]) -> None:
         """Put the parcels that are on the table where these are, at rest."""
