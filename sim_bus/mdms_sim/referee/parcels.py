@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mdms_model.array import build_cells, cell_centres
 from mdms_model.arrays import Floats
-from mdms_model.outline import gap_m, outline_m, outline_of
+from mdms_model.outline import gap_m, outline_of, own_outline_m, placed_m
 from mdms_model.run.record import Contact, Event
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Scenario
@@ -86,6 +86,9 @@ class Parcels:
         self._keep(0.0)
         # One parcel a cell
         self._centres_m = cell_centres(scenario.array)
+        corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+        self._square_m = scenario.array.pitch_m * corners
+        self._own_m = [own_outline_m(parcel) for parcel in scenario.parcel]
         self._promised: dict[int, tuple[int, int]] = {}
         self._wrong_s: dict[int, float] = {}
 
@@ -256,14 +259,18 @@ class Parcels:
                 for cell in set(wheels.cell[under].tolist()):
                     yield cell, (number, f"cell {cell + 1} drives for another parcel under")
         driven = set(wheels.cell[turning].tolist())
+        outlines_m = self._outlines_m()
         for node, estimate in self._word.estimates.items():
             place = int(self._truth.places[node])
             served = self._word.parcels.get(estimate.identity)
             late = now_ns - estimate.time_ns > FRESH_NS
             if place not in driven or late or estimate.state != wire.UNDER or served is None:
                 continue
-            over = self._over(place)
-            if over and served not in over and not self._handled.keys() & {*over, served}:
+            square_m = self._centres_m[place] + self._square_m
+            if served in outlines_m and gap_m(outlines_m[served], square_m) < 0.0:
+                continue
+            over = [n for n, each_m in outlines_m.items() if gap_m(each_m, square_m) < 0.0]
+            if over and not self._handled.keys() & {*over, served}:
                 name = self._truth.scenario.parcel[served].name
                 yield node, (over[0], f"cell {node + 1} drives for {name} under")
 
@@ -275,19 +282,14 @@ class Parcels:
         pushed = voltage_uv[wheels.cell, axis] * np.sign(speed_m_s) > 0
         return np.asarray((abs(speed_m_s) > _TURNING_M_S) & pushed)
 
-    def _over(self, cell: int) -> list[int]:
-        """The parcels whose outlines lie over the square of a cell (from 0)."""
-        pitch_m = self._truth.scenario.array.pitch_m
-        corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-        square_m = self._centres_m[cell] + pitch_m * corners
-        parcels = self._world.scene.state.parcels
-        return [
-            number
-            for number, (pose, parcel) in enumerate(
-                zip(self._world.pose, self._truth.scenario.parcel, strict=True)
-            )
-            if not parcels["lifted"][number] and gap_m(outline_m(pose, parcel), square_m) < 0.0
-        ]
+    def _outlines_m(self) -> dict[int, Floats]:
+        """The outlines of the parcels on the table, by their numbers."""
+        lifted = self._world.scene.state.parcels["lifted"].tolist()
+        return {
+            number: placed_m(self._own_m[number], pose)
+            for number, pose in enumerate(self._world.pose)
+            if not lifted[number]
+        }
 
 
 def _touched(event: Event) -> str:
