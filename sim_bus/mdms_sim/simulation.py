@@ -340,7 +340,10 @@ class Simulation:
 
     def _collect(self, cells: list[int]) -> None:
         for cell in cells:
-            self._send(cell, self._bank.collect(cell))
+            frames = self._bank.collect(cell)
+            mailbox = self._mailboxes[cell]
+            if frames or mailbox.queue or mailbox.delayed:
+                self._send(cell, frames)
 
     def _collect_all(self) -> None:
         for cell, frames in self._bank.collect_all():

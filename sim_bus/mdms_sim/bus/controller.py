@@ -120,15 +120,16 @@ class Controller:
     __slots__ = (
         "_fifo",
         "_identifiers",
-        "_queue",
         "_stuck_at",
         "_stuck_ns",
         "accept",
         "delay_ns",
+        "delayed",
         "errors",
         "listen_only",
         "live",
         "overruns",
+        "queue",
         "refused",
         "segment",
         "sent",
@@ -146,12 +147,15 @@ class Controller:
         self.errors = Confinement()
         self.suspended_until_ns = 0
         self.delay_ns = 0
+        #: Whether frames have waited for a delay.
+        self.delayed = False
+        #: Frames in memory that no mailbox is free for.
+        self.queue: deque[Frame] = deque()
         self.sent = 0
         self.overruns = 0
         self.refused = 0
         #: Called with every frame that has passed the filter.
         self.take: Callable[[Frame, int], object] = station.on_frame
-        self._queue: deque[Frame] = deque()
         #: How many frames were sent when the queue was looked at, and since when.
         self._stuck_at = self._stuck_ns = 0
         self._identifiers: dict[int, Frame] = {}
@@ -160,7 +164,7 @@ class Controller:
     @property
     def pending(self) -> int:
         """Frames that wait to be sent, in mailboxes and before them."""
-        return len(self._queue) + len(self._identifiers)
+        return len(self.queue) + len(self._identifiers)
 
     @property
     def state(self) -> ErrorState:
@@ -170,7 +174,7 @@ class Controller:
     def has_room(self, can_id: int) -> bool:
         """Whether a frame of this identifier would stand in a mailbox at once."""
         taken = self._identifiers
-        return not self._queue and len(taken) < MAILBOXES and can_id not in taken
+        return not self.queue and len(taken) < MAILBOXES and can_id not in taken
 
     def send(self, frame: Frame) -> bool:
         """Queues a frame; False, and counted, when there is no room.
@@ -181,6 +185,7 @@ class Controller:
         so much later.
         """
         if self.delay_ns:
+            self.delayed = True
             self.segment.later(self.delay_ns, partial(self._queue_frame, frame))
             return True
         return self._queue_frame(frame)
@@ -188,8 +193,8 @@ class Controller:
     def _queue_frame(self, frame: Frame) -> bool:
         if self.has_room(frame.can_id):
             self._load(frame)
-        elif len(self._queue) < TRANSMIT_QUEUE:
-            self._queue.append(frame)
+        elif len(self.queue) < TRANSMIT_QUEUE:
+            self.queue.append(frame)
         else:
             self.refused += 1
             return False
@@ -203,17 +208,20 @@ class Controller:
     def on_sent(self, frame: Frame) -> None:
         """The bus has carried the frame: its mailbox is free for the next."""
         self.sent += 1
-        taken, queue = self._identifiers, self._queue
+        taken, queue = self._identifiers, self.queue
         del taken[frame.can_id]
         while queue and len(taken) < MAILBOXES and queue[0].can_id not in taken:
             self._load(queue.popleft())
 
     def drop_late(self, now_ns: int, wait_ns: int) -> None:
-        """Empties the queue if the bus has carried no frame of this node for so long."""
-        if not self._queue or self.sent != self._stuck_at:
+        """Empties the queue if the bus has carried no frame of this node for so long.
+
+        To be called often while there is a queue, or frames that are `delayed` may make one.
+        """
+        if not self.queue or self.sent != self._stuck_at:
             self._stuck_at, self._stuck_ns = self.sent, now_ns
         elif now_ns - self._stuck_ns > wait_ns:
-            self._queue.clear()
+            self.queue.clear()
 
     def request_again(self) -> None:
         """Asks for the bus with every mailbox, after a time without one."""
@@ -222,7 +230,7 @@ class Controller:
 
     def drop_queue(self) -> None:
         """Empties queue, mailboxes and FIFO, as a reset does; the bus is to be informed before."""
-        self._queue.clear()
+        self.queue.clear()
         self._identifiers.clear()
         self._fifo.clear()
         self.take = self.station.on_frame

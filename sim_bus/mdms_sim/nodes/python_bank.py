@@ -120,7 +120,9 @@ class PythonBank:
             target = self._cells[cell]
             now_ms = target.now_ms if self._slept_ms is None else self._slept_ms
             target.on_frame(frame.can_id, frame.data, now_ms)
-            self._wake_ms = min(self._wake_ms, target.wake_ms)
+            # `min` takes as long as the rest.
+            wake_ms = target.wake_ms
+            self._wake_ms = wake_ms if wake_ms < self._wake_ms else self._wake_ms
 
     def collect(self, cell: int) -> list[Frame]:
         """See `CellBank`."""
