@@ -63,14 +63,17 @@ class Way:
 
     def drain(self, send: Send, now_ms: int) -> None:
         """Send the frames that wait, the oldest first, until there is no room."""
-        for can_id, (data, since_ms) in list(self._frames.items()):
+        frames = self._frames
+        while frames:
+            can_id = next(iter(frames))
+            data, since_ms = frames[can_id]
             if now_ms - since_ms > self._limit_ms:
                 self.overdue += 1
             elif send(self._table[can_id], data) is None:
                 return
             else:
                 self.forwarded += 1
-            del self._frames[can_id]
+            del frames[can_id]
 
 
 class GatewayNode:
@@ -91,6 +94,11 @@ class GatewayNode:
             bus.attach(ear, frozenset(table))
             for bus, ear, table in zip(buses, ears, tables, strict=True)
         ]
+        #: Each direction, and how frames of it are sent.
+        self._ways_out = [
+            (way, partial(_send, controller))
+            for way, controller in zip(self.ways, reversed(self.controllers), strict=True)
+        ]
         self._turning = False
         for bus in buses:
             BusOffWatch(kernel, bus, self.controllers, self)
@@ -110,9 +118,10 @@ class GatewayNode:
     def _turn(self) -> None:
         """One turn of its background loop, and another while anything waits."""
         self._turning = False
-        for way, controller in zip(self.ways, reversed(self.controllers), strict=True):
-            way.drain(partial(_send, controller), self._kernel.now_ns // NS_PER_MS)
-        if any(way.waiting for way in self.ways):
+        now_ms = self._kernel.now_ns // NS_PER_MS
+        for way, send in self._ways_out:
+            way.drain(send, now_ms)
+        if self.ways[0].waiting or self.ways[1].waiting:
             self._turn_soon()
 
 
