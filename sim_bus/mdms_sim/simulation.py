@@ -185,7 +185,7 @@ class Simulation:
         self._presence = Presence(addresses)
         for number, bus in enumerate(self.buses):
             interface = interface_of(number, len(self.buses))
-            bus.observe(partial(self.log.on_frame, interface=interface))
+            bus.observe(partial(self.log.on_frame, interface))
             bus.observe(partial(self._references.on_frame, number), self._references.cells[number])
             bus.observe(partial(self._on_report, number), self._reports.cells[number])
             bus.observe(partial(self._presence.on_frame, number), self._presence.cells[number])

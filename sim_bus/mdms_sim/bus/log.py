@@ -4,7 +4,7 @@ from functools import lru_cache
 from hashlib import sha256
 from typing import BinaryIO
 
-from mdms_model.run.folder import INTERFACE, START_S
+from mdms_model.run.folder import START_S
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
@@ -35,7 +35,7 @@ class BusLog:
         self._digest = sha256()
         self._waiting: list[tuple[Frame, int, str]] = []
 
-    def on_frame(self, frame: Frame, now_ns: int, interface: str = INTERFACE) -> None:
+    def on_frame(self, interface: str, frame: Frame, now_ns: int) -> None:
         """Appends one line; an observer of the bus of that name."""
         self._waiting.append((frame, now_ns, interface))
         if len(self._waiting) >= BATCH_LINES:

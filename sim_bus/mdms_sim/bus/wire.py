@@ -160,5 +160,5 @@ _quick_length = for_types_of(_length, 0, 0, np.uint64(0))
 
 def frame_bits(frame: Frame) -> int:
     """Length on the wire with the frame's real stuff bits, without the inter-frame space [bits]."""
-    can_id, data = frame
-    return int(_quick_length(can_id, len(data), int.from_bytes(data, "big")))
+    data = frame.data
+    return _quick_length(frame.can_id, len(data), int.from_bytes(data, "big"))

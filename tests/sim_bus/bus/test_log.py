@@ -4,7 +4,7 @@ from io import BytesIO
 
 from can.io.canutils import CanutilsLogReader
 
-from mdms_model.run.folder import START_S
+from mdms_model.run.folder import INTERFACE, START_S
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.log import BusLog
 from mdms_sim.bus.wire import EXTENDED, REMOTE
@@ -31,7 +31,7 @@ def test_lines_are_those_of_candump_and_the_digest_is_of_lines_from_time_zero():
     file = BytesIO()
     log = BusLog(file)
     for frame, now_ns in FRAMES:
-        log.on_frame(frame, now_ns)
+        log.on_frame(INTERFACE, frame, now_ns)
     assert log.log_sha256 == sha256(FROM_ZERO).hexdigest()
     assert file.getvalue() == TEXT
 
@@ -40,7 +40,7 @@ def test_a_long_log_is_written_whole_and_in_order():
     file = BytesIO()
     log = BusLog(file)
     for number in range(1000):
-        log.on_frame(Frame(number, b""), number * 1000)
+        log.on_frame(INTERFACE, Frame(number, b""), number * 1000)
     log.flush()
     lines = file.getvalue().decode().splitlines()
     assert lines == [f"(946684800.{number:06d}) mdms {number:03X}#" for number in range(1000)]
@@ -51,7 +51,7 @@ def test_a_long_log_is_written_whole_and_in_order():
 def test_log_begins_at_a_date():
     file = BytesIO()
     log = BusLog(file)
-    log.on_frame(Frame(0x80, b""), 0)
+    log.on_frame(INTERFACE, Frame(0x80, b""), 0)
     log.flush()
     began = datetime.fromtimestamp(float(file.getvalue()[1:17]), UTC)
     assert began == datetime(2000, 1, 1, tzinfo=UTC)
