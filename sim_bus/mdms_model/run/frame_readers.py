@@ -1,6 +1,5 @@
 """Readers of frames for the record: reports of cells, references, presence bits."""
 
-from array import array
 from math import pi
 
 import numpy as np
@@ -36,17 +35,18 @@ class CellReports:
         self.any = False
         self._centres_m = centres_m
         self._reported_s = np.full(len(centres_m), _NEVER_S)
-        self._fields = array("i", bytes(4 * wire.ESTIMATE_FIELDS))
-        self._last = np.zeros((len(centres_m), wire.ESTIMATE_FIELDS), np.int64)
+        self._fresh = bytearray(1)
+        self._last = np.zeros((len(centres_m), wire.ESTIMATE_FIELDS), np.int16)
         self._nothing = self._sampled(0.0)
 
     def on_frame(self, bus: int, frame: Frame, now_s: float) -> None:
         """Take in a frame whose `can_id` is in `cells[bus]`; an invalid one changes nothing."""
-        cell = self.cells[bus][frame.can_id]
-        if wire.unpack_estimate(frame.data, self._fields, 0):
-            self.any = True
-            self._reported_s[cell] = now_s
-            self._last[cell] = self._fields
+        cell, data = self.cells[bus][frame.can_id], frame.data
+        self._fresh[0] = 1
+        if len(data) != wire.LENGTH or wire.read_estimates(data, self._fresh, self._last[cell], 1):
+            return
+        self.any = True
+        self._reported_s[cell] = now_s
 
     def sample(self, now_s: float) -> dict[str, Floats]:
         """`identity` and `state` (C,), 0 where none, and `belief` (C, 3), NaN where none."""
