@@ -126,8 +126,11 @@ class Task(Generic[Result]):
         except (Exception, SystemExit) as error:
             self.error = error
 
-    def go_on(self) -> bool:
-        """Go on to its next condition; returns False while its condition does not hold."""
+    def go_on(self, dropped: list[str]) -> bool:
+        """Go on to its next condition; returns False while its condition does not hold.
+
+        Messages of coroutines that nobody awaited are added to those `dropped`.
+        """
         if self.done:
             return False
         try:
@@ -136,6 +139,11 @@ class Task(Generic[Result]):
         except Exception as error:
             self._fail(error)
             return True
+        with _dropped_coroutines(dropped):
+            self._resume()
+        return True
+
+    def _resume(self) -> None:
         try:
             condition = self._routine.send(None)
         except StopIteration as end:
@@ -152,7 +160,6 @@ class Task(Generic[Result]):
                 self._fail(refused)
             else:
                 self._condition = condition
-        return True
 
     def _fail(self, error: BaseException) -> None:
         """End it by an error where it waits; `finally` in it still runs."""
@@ -192,15 +199,15 @@ class Script:
 
         Raises `ScriptError` for a task that never waits, and for a call without `await`.
         """
-        with _dropped_coroutines() as dropped:
-            for _ in range(_MOST_ROUNDS):
-                # Tasks that are started meanwhile go on within the same cycle.
-                progress = [self._go_on(task) for task in list(self._tasks)]
-                if not any(progress) and len(progress) == len(self._tasks):
-                    break
-            else:
-                self.cancel()
-                raise ScriptError("a task of the program goes round without waiting for anything")
+        dropped: list[str] = []
+        for _ in range(_MOST_ROUNDS):
+            # Tasks that are started meanwhile go on within the same cycle.
+            progress = [self._go_on(task, dropped) for task in list(self._tasks)]
+            if not any(progress) and len(progress) == len(self._tasks):
+                break
+        else:
+            self.cancel()
+            raise ScriptError("a task of the program goes round without waiting for anything")
         if dropped:
             self.cancel()
             raise ScriptError(dropped[0])
@@ -209,10 +216,10 @@ class Script:
         self._tasks = [task for task in self._tasks if not task.done]
         return unheeded
 
-    def _go_on(self, task: Task[Any]) -> bool:
+    def _go_on(self, task: Task[Any], dropped: list[str]) -> bool:
         """Have a task go on, and note it if that takes too long."""
         begun_s, line = self._now_s(), task.line
-        went_on = task.go_on()
+        went_on = task.go_on(dropped)
         if (took_s := self._now_s() - begun_s) >= BLOCKED_S:
             end = "its end" if task.line is None else f"line {task.line}"
             where = f"{task.file}, from line {line} to {end}"
@@ -232,15 +239,14 @@ class Script:
 
 
 @contextmanager
-def _dropped_coroutines() -> Iterator[list[str]]:
-    """Yield a list that has, in the end, the messages of coroutines that nobody awaited.
+def _dropped_coroutines(dropped: list[str]) -> Iterator[None]:
+    """Add the messages of coroutines that nobody awaited, in the end.
 
     Python warns of each where it is dropped; other warnings go their way.
     """
-    dropped: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.filterwarnings("always", f".*{_DROPPED}", RuntimeWarning)
-        yield dropped
+        yield
     for each in caught:
         if _DROPPED in str(each.message):
             name = str(each.message).split("'")[1].rpartition(".")[2]
