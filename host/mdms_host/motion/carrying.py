@@ -74,13 +74,16 @@ class Carrying:
 
         `places` are the believed poses of all parcels that may lie on wheels.
         """
+        wheels_m = self._layout.wheel_positions_m
+        references_m_s = np.zeros(len(wheels_m))
+        self.speeds_m_s = np.zeros(len(wheels_m))
+        self.gains = {name: one.gain for name, one in carried.items() if one.gain is not None}
+        if not carried:
+            return references_m_s
         claims = [
             Claim(outlines[name], place, name not in carried) for name, place in places.items()
         ]
-        serves = allocate(self._layout.wheel_positions_m, claims)
-        references_m_s = np.zeros(len(serves))
-        self.speeds_m_s = np.zeros(len(serves))
-        self.gains = {name: one.gain for name, one in carried.items() if one.gain is not None}
+        serves = allocate(wheels_m, claims)
         for number, name in enumerate(places):
             one = carried.get(name)
             if one is not None:

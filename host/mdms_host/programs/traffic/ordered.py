@@ -229,8 +229,11 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def _is_planned(self, name: str, place: Floats) -> bool:
         timetable = self._timetable
-        planned = timetable.has_at(name, place) or timetable.leads_beside(name, place)
-        return name in self._rides or planned
+        return (
+            name in self._rides
+            or timetable.has_at(name, place)
+            or timetable.leads_beside(name, place)
+        )
 
     def _settle(self, beliefs: Mapping[str, Belief]) -> None:
         """End rides that have come to their end, and orders with them."""
