@@ -77,6 +77,15 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
+class Under:
+    """The wheels around a parcel, and which of them are under it, (V,), and how many."""
+
+    near: Near
+    under: Bools
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
 class Shown:
     """Bits of the sensors of a view, (N,): whether each is `covered`, and whether it is `mine`.
 
@@ -128,6 +137,9 @@ class ParcelEstimator:
         #: The last steps: the time of each, and how far wheels have carried the parcel by then.
         self._way: deque[tuple[float, Floats]] = deque(maxlen=_STEPS)
         self.corrected = False
+        #: What was found at the last pose: a parcel that rests has the same again and again.
+        self._view: tuple[Footprint, list[float], View] | None = None
+        self._under: tuple[Footprint, list[float], Under] | None = None
         #: Sensors that have not told of an edge that most others have told of, by their places.
         self._untold_m: set[tuple[float, ...]] = set()
 
@@ -196,8 +208,21 @@ class ParcelEstimator:
         pose = self.pose_at(now_s)
         if pose is None:
             return None
-        near = self.near(pose)
-        return View(near, self.footprint.distance_m(near.sensors_m, pose))
+        at, last = pose.tolist(), self._view
+        if last is None or last[1] != at or last[0] is not self.footprint:
+            near = self.near(pose)
+            view = View(near, self.footprint.distance_m(near.sensors_m, pose))
+            self._view = last = self.footprint, at, view
+        return last[2]
+
+    def wheels_under(self, pose: Floats) -> Under:
+        """The wheels around the parcel at a pose, and which of them are under it."""
+        at, last = pose.tolist(), self._under
+        if last is None or last[1] != at or last[0] is not self.footprint:
+            near = self.near(pose)
+            under = self.footprint.distance_m(near.wheels_m, pose) < 0
+            self._under = last = self.footprint, at, Under(near, under, int(under.sum()))
+        return last[2]
 
     @property
     def rests(self) -> bool:

@@ -18,8 +18,8 @@ _ROUNDS = 5
 #: Keeps a fit solvable, and at zero, where no wheel shows a motion (a row: neither y nor yaw).
 _RIDGE = 1e-10
 #: The nine sums of a round are of products of two of the columns (u, v, w, speed).
-_LEFT = [0, 0, 0, 1, 1, 2, 3, 3, 3]
-_RIGHT = [0, 1, 2, 1, 2, 2, 0, 1, 2]
+_LEFT = np.array([0, 0, 0, 1, 1, 2, 3, 3, 3])
+_RIGHT = np.array([0, 1, 2, 1, 2, 2, 0, 1, 2])
 
 
 def fit_twists(jacobians: Sequence[Floats], speeds_m_s: Sequence[Floats], starts: Floats) -> Floats:
@@ -34,7 +34,8 @@ def fit_twists(jacobians: Sequence[Floats], speeds_m_s: Sequence[Floats], starts
     for number, (jacobian, speeds) in enumerate(zip(jacobians, speeds_m_s, strict=True)):
         columns[number, :3, : len(speeds)] = jacobian.T
         columns[number, 3, : len(speeds)] = speeds
-    is_wheel = np.arange(counts.max()) < counts[:, None]
+    u, v, w, speed_m_s = columns.transpose(1, 0, 2)
+    is_wheel = (np.arange(counts.max()) < counts[:, None]).astype(np.float64)
     nothing = np.where(is_wheel, 0.0, np.inf)
     products = columns[:, _LEFT] * columns[:, _RIGHT]
     # The middle one, or the upper of the two.
@@ -42,17 +43,20 @@ def fit_twists(jacobians: Sequence[Floats], speeds_m_s: Sequence[Floats], starts
     twists = starts
     for _ in range(_ROUNDS):
         x, y, z = twists.T[:, :, None]
-        squares = (columns[:, 3] - columns[:, 0] * x - columns[:, 1] * y - columns[:, 2] * z) ** 2
-        median = np.sort(squares + nothing, axis=1)[middle]
-        weight = is_wheel / (np.maximum(_SLIPPING_M_S**2, 2.25 * median)[:, None] + squares)
+        squares = (speed_m_s - u * x - v * y - w * z) ** 2
+        ranked = squares + nothing
+        ranked.sort(axis=1)
+        limit_m2_s2 = np.maximum(_SLIPPING_M_S**2, 2.25 * ranked[middle])
+        weight = is_wheel / (limit_m2_s2[:, None] + squares)
         # Summed one after the other, so that the result is the same on every machine.
-        twists = _solve((weight[:, None] * products).cumsum(axis=2)[:, :, -1])
+        sums = (weight[:, None] * products).cumsum(axis=2)[:, :, -1]
+        twists = np.array([_solve(each) for each in sums.tolist()])
     return twists
 
 
-def _solve(sums: Floats) -> Floats:
-    """Solutions of [[a b c] [b d e] [c e f]] (x y z) = (p q r), by L D L^T, with a ridge."""
-    a, b, c, d, e, f, p, q, r = sums.T
+def _solve(sums: Sequence[float]) -> tuple[float, float, float]:
+    """The solution of [[a b c] [b d e] [c e f]] (x y z) = (p q r), by L D L^T, with a ridge."""
+    a, b, c, d, e, f, p, q, r = sums
     ridge = _RIDGE * (a + d + f)
     a, d, f = a + ridge, d + ridge, f + ridge
     low_b, low_c = b / a, c / a
@@ -60,7 +64,7 @@ def _solve(sums: Floats) -> Floats:
     low_e = e / d
     z = (r - low_e * q) / (f - low_e * e)
     y = (q - e * z) / d
-    return np.column_stack(((p - b * y - c * z) / a, y, z))
+    return (p - b * y - c * z) / a, y, z
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,19 +88,19 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
         pose = one.pose
         if pose is None:
             continue
-        near = one.near(pose)
-        under = one.footprint.distance_m(near.wheels_m, pose) < 0
-        count = under.sum()
+        around = one.wheels_under(pose)
+        near, under, shown = around.near, around.under, around.count
         if speeds.known is not None:
-            under &= speeds.known[near.wheels]
-        if count and not under.any():
+            under = under & speeds.known[near.wheels]
+            shown = int(under.sum())
+        if around.count and not shown:
             one.roll(now_s, None)
-        elif not count or _all_stand(speeds, near, under):
+        elif not around.count or _all_stand(speeds, near, under):
             one.roll(now_s, np.zeros(3))
         else:
             # Columns in metres per second alike.
             jacobian = near.surface_jacobian(pose)[under] * one.corner_m
-            missing = bool(under.sum() < count)
+            missing = shown < around.count
             kept = one.kept_twist(now_s, missing=missing) / one.corner_m
             moving.append((one, jacobian, speeds.speed_m_s[near.wheels[under]], kept))
     if not moving:
