@@ -30,6 +30,8 @@ class SensorReliability:
 
     def step(self, wrong: Bools, right: Bools, step_s: float) -> list[int]:
         """Take in which sensors are wrong, and right; those not believed from now on."""
+        if not (wrong.any() or self._wrong_s.any()):
+            return []  # as nearly always
         change_s = step_s * (wrong.astype(np.float64) - right / _SLOWER)
         return self._settle(np.clip(self._wrong_s + change_s, 0.0, _MOST_S))
 
@@ -90,7 +92,7 @@ class PresenceMap:
         self._noise_hz = 0.0
         self._period_s = status_period_s
         self._valid_s = _PERIODS * status_period_s
-        self._debounce_s = tuple(debounce_s) or (0.0,) * cells
+        self._debounce_s: Floats = np.array(tuple(debounce_s) or (0.0,) * cells)
         self._worth = SensorReliability(cells * sensors)
         self._judged_s = inf
         self._ignored: Collection[int] = ()
@@ -131,7 +133,7 @@ class PresenceMap:
             self.changed_s[first + place] = now_s
             self.since_s[first + place] = reported_s if lossy else now_s
             if before is not None and timely and self._worth.believed[first + place]:
-                yield now_s - self._debounce_s[cell - 1], first + place
+                yield now_s - float(self._debounce_s[cell - 1]), first + place
 
     def on_loss(self, now_s: float) -> None:
         """A frame of some cell has got lost."""
@@ -160,8 +162,7 @@ class PresenceMap:
 
     def silent_s(self, now_s: float) -> Floats:
         """Age of the last reported state of each sensor [s], shape (S,)."""
-        seen_s = self._reported_s - np.array(self._debounce_s)
-        return np.repeat(now_s - seen_s, self._sensors)
+        return np.repeat(now_s - (self._reported_s - self._debounce_s), self._sensors)
 
     def _current(self, now_s: float) -> Bools:
         """Sensors whose cells have reported of late, and are not ignored, shape (S,)."""

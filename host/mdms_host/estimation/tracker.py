@@ -258,9 +258,8 @@ class Tracker:
         known.
         """
         believed = {}
-        valid = self._presence.valid(now_s)
         for name, each in self._known.items():
-            belief = each.belief(at_s, valid if name in near else None)
+            belief = each.belief(at_s, self._presence.valid(now_s) if name in near else None)
             if belief is not None:
                 believed[name] = replace(belief, noisy=True) if self.noisy else belief
         return believed | {belief.name: belief for belief in self._unknowns.beliefs()}
