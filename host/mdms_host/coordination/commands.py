@@ -132,7 +132,7 @@ class Commands:
         running = (kept or self._phase is Phase.RUNNING) and not self._roster.out
         settled = running or self._phase in STOPPED
         due_s = self._schedule.next_s("command")
-        if settled and due_s > now_s:
+        if settled and now_s < due_s < inf:
             self._schedule.cancel("command")
         elif not settled and due_s == inf:
             self._schedule.set("command", now_s)

@@ -179,9 +179,10 @@ class ControlCycle:
             self._journal.warn(now_s, text)
 
     def _report_standings(self, time_s: float, now_s: float) -> None:
-        poses = self._tracker.poses(time_s)
-        for text, is_trouble in self.standings.step(time_s, self._tracker.take_changes(), poses):
-            (self._journal.warn if is_trouble else self._journal.note)(now_s, text)
+        if changes := self._tracker.take_changes():
+            poses = self._tracker.poses(time_s)
+            for text, is_trouble in self.standings.step(time_s, changes, poses):
+                (self._journal.warn if is_trouble else self._journal.note)(now_s, text)
         if self._tracker.noisy and not self._noisy:
             text = (
                 "sensors are wrong too often to show where parcels are: none arrives while they are"

@@ -87,6 +87,7 @@ class Coordinator:
             policy or Policy(),
             on_lost=self._on_lost_cells,
             on_back=lambda: self.tracker.look_again(_UNSEEN_M),
+            unsure=lambda: bool(self.tracker.doubtful),
         )
         self._schedule = Schedule()
         steering = CellsControl(self.cells, program) if isinstance(program, ByCells) else None
@@ -100,7 +101,6 @@ class Coordinator:
             self._recovery,
             self._frame_router,
             on_phase=self._on_phase,
-            unsure=lambda: bool(self.tracker.doubtful),
         )
         self._cycle = ControlCycle(array, program, self.tracker, self._velocities, steering)
         self._buses = range(layout.bus_count)

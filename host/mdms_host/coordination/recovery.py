@@ -235,6 +235,7 @@ class Recovery:
 
     `pauses` is how often all parcels have been held. `on_lost` gets the numbers of the cells that
     the run does without, whenever they change, and `on_back` is called when all cells are back.
+    `unsure()` returns whether a parcel is doubtful.
     """
 
     def __init__(
@@ -244,6 +245,7 @@ class Recovery:
         *,
         on_lost: Callable[[frozenset[int]], None],
         on_back: Callable[[], None],
+        unsure: Callable[[], bool],
     ) -> None:
         self.pauses = 0
         self._roster = array.roster
@@ -253,6 +255,7 @@ class Recovery:
         self._journal = array.journal
         self._on_lost = on_lost
         self._on_back = on_back
+        self._unsure = unsure
         self._lost: frozenset[int] = frozenset()
         self._begun_s: deque[float] = deque()
         self._since_s = 0.0
@@ -265,8 +268,8 @@ class Recovery:
         ways = ((cell, self._roster.out[cell]) for cell in self._roster.given_up)
         return {cell.number: way.refused or way.text for cell, way in ways}
 
-    def step(self, phase: Phase, now_s: float, unsure: bool) -> Decision | None:
-        """The decision of the run now; None to go on. `unsure` is whether a parcel is doubtful."""
+    def step(self, phase: Phase, now_s: float) -> Decision | None:
+        """The decision of the run now; None to go on."""
         if asleep := self._asleep(now_s):
             return Decision(Signal.FAULT, asleep)
         troubles = self._troubles(now_s)
@@ -277,7 +280,7 @@ class Recovery:
             return Decision(Signal.FAULT, _told(each.text for each in troubles))
         decision = None
         if phase in TROUBLED:
-            decision = self._while_held(phase, now_s, unsure)
+            decision = self._while_held(phase, now_s)
         elif troubles:
             decision = self._on_troubles(troubles, now_s)
         self._report_lost()
@@ -292,6 +295,8 @@ class Recovery:
 
     def bring_back(self, now_s: float) -> None:
         """Take the cells that are out further on their way back."""
+        if not self._roster.out:
+            return  # as nearly always
         silent = self._supervision.silent
         back = self._roster.step(now_s, lambda cell: silent(cell, now_s), self._odometry.answers)
         for cell in back:
@@ -311,13 +316,13 @@ class Recovery:
 
     def _troubles(self, now_s: float) -> list[Trouble]:
         """Troubles of cells that take part, one for each cell."""
+        taking_part = self._roster.taking_part
+        found = {each.cell: each for each in self._supervision.troubles(taking_part, now_s)}
         limit_s, late = self._odometry.late()
-        silence = f"has fallen silent: no speeds for {limit_s:.3g} s"
-        troubles = self._supervision.troubles(self._roster.taking_part, now_s)
-        found = {each.cell: each for each in troubles}
-        for cell in self._roster.taking_part:
+        for cell in taking_part if late else ():
             if cell in late and cell not in found:
-                found[cell] = Trouble(cell, f"{cell.name} {silence}")
+                text = f"{cell.name} has fallen silent: no speeds for {limit_s:.3g} s"
+                found[cell] = Trouble(cell, text)
         return list(found.values())
 
     # While parcels move
@@ -362,7 +367,7 @@ class Recovery:
 
     # While they are held
 
-    def _while_held(self, phase: Phase, now_s: float, unsure: bool) -> Decision | None:
+    def _while_held(self, phase: Phase, now_s: float) -> Decision | None:
         if refusal := self._power_cut() or self._refusal(now_s):
             return Decision(Signal.FAULT, refusal)
         awaited = self._roster.awaited
@@ -372,7 +377,7 @@ class Recovery:
         heard = all(way.heard for way in awaited)
         if heard is not (phase is Phase.RECOVERING):
             return Decision(Signal.DONE if heard else Signal.TROUBLE)
-        return self._settle(unsure, held_s, now_s) if heard else None
+        return self._settle(held_s, now_s) if heard else None
 
     def _power_cut(self) -> str | None:
         """Why a run ends if most cells have lost their supply, or that of their motors.
@@ -404,14 +409,14 @@ class Recovery:
         self._go_without([way.cell for way in refused], text, now_s)
         return None
 
-    def _settle(self, unsure: bool, held_s: float, now_s: float) -> Decision | None:
+    def _settle(self, held_s: float, now_s: float) -> Decision | None:
         """Go on once all cells are back, and all parcels have been found again."""
         if self._roster.awaited:
             self._settled_s = None
             return None
         if self._settled_s is None:
             self._on_back()
-        if self._settled_s is None or unsure:
+        if self._settled_s is None or self._unsure():
             self._settled_s = now_s
         if now_s - self._settled_s < _SETTLED_S:
             return None

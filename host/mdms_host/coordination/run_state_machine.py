@@ -15,8 +15,7 @@ class RunStateMachine:
     """`phase` is the phase of a run, `fault` the cause of its end, None as long as it goes on.
 
     While it `keeps`, all parcels stand as soon as the cells run, also when lost cells come back.
-    `on_phase(before, phase, now_s)` is called when a phase begins, and `unsure()` returns whether a
-    parcel is doubtful.
+    `on_phase(before, phase, now_s)` is called when a phase begins.
     """
 
     def __init__(
@@ -26,7 +25,6 @@ class RunStateMachine:
         frame_router: FrameRouter,
         *,
         on_phase: Callable[[Phase, Phase, float], None],
-        unsure: Callable[[], bool],
     ) -> None:
         self.phase = Phase.WAITING
         self.fault: str | None = None
@@ -37,7 +35,6 @@ class RunStateMachine:
         self._recovery = recovery
         self._frame_router = frame_router
         self._on_phase = on_phase
-        self._unsure = unsure
         self._since_s: float | None = None
         self._stop_requested = False
         self._failure: str | None = None
@@ -93,7 +90,7 @@ class RunStateMachine:
         return self._supervision.without_supply(self._roster.taking_part, now_s)
 
     def _look_after_cells(self, now_s: float) -> None:
-        decision = self._recovery.step(self.phase, now_s, self._unsure())
+        decision = self._recovery.step(self.phase, now_s)
         if decision is None:
             return
         if decision.signal is Signal.FAULT:

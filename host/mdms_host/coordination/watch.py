@@ -40,6 +40,9 @@ class Following:
     def step(self, commanded_m_s: Floats, speed_m_s: Floats, step_s: float) -> list[int]:
         """Take in speeds commanded and reported; the wheels (from 0) found standing now."""
         commanded = abs(commanded_m_s) >= _COMMANDED_M_S
+        if not commanded.any():
+            self._standing_s[:] = self._missed_m[:] = 0.0
+            return []
         slow_m_s = np.maximum(_STANDING_M_S, _STANDING_SHARE * abs(commanded_m_s))
         standing = commanded & (abs(speed_m_s) <= slow_m_s)
         self._standing_s = np.where(standing, self._standing_s + step_s, 0.0)

@@ -106,6 +106,8 @@ class VelocityFrames:
         self._axes = axes
         self._can_ids = [_TARGET.can_id(node_id) for node_id in node_ids]
         self._targets_um_s = np.zeros((len(node_ids), len(_TARGET.entries)), _WIRE)
+        #: The data of all frames that were encoded last, in one, and the frames.
+        self._last: tuple[bytes, list[Frame]] = (b"", [])
 
     def targets(self, references_m_s: Floats) -> list[Frame]:
         """Each cell's setpoints, zero for axes that are not used. Raises OutOfRangeError."""
@@ -114,8 +116,11 @@ class VelocityFrames:
             _refuse(um_s)
         self._targets_um_s[:, : self._axes] = um_s
         data, size = self._targets_um_s.tobytes(), _TARGET.length
-        cells = zip(self._can_ids, range(0, len(data), size), strict=True)
-        return [Frame(can_id, data[start : start + size]) for can_id, start in cells]
+        if data != self._last[0]:
+            cells = zip(self._can_ids, range(0, len(data), size), strict=True)
+            frames = [Frame(can_id, data[start : start + size]) for can_id, start in cells]
+            self._last = data, frames
+        return self._last[1]
 
     def actual_m_s(self, data: Sequence[bytes]) -> Floats:
         """The speeds in the state frames of all cells, shape (W,)."""
@@ -219,8 +224,10 @@ class Odometry:
 
         Where no cell answers it is the link that is silent, and has as long as for a heartbeat.
         """
+        if not self._mute:
+            return self._timing.speeds_limit_s, []
         limit_s = self._timing.silence_s if self.silent else self._timing.speeds_limit_s
-        return limit_s, self._missing(limit_s) if self._mute else []
+        return limit_s, self._missing(limit_s)
 
     def _missing(self, limit_s: float) -> list[RemoteCell]:
         """Cells that have left as many SYNCs unanswered as fall into so long."""
