@@ -101,6 +101,8 @@ class PresenceMap:
     @property
     def complete(self) -> bool:
         """Whether every cell has reported, but for those that are ignored."""
+        if None not in self._bits:
+            return True
         silent = (cell for cell, bits in enumerate(self._bits, 1) if bits is None)
         return all(cell in self._ignored for cell in silent)
 
@@ -142,7 +144,7 @@ class PresenceMap:
     def may_be_old(self, now_s: float) -> Bools:
         """Sensors that may have changed unheard: a report has got lost, or may have, shape (S,)."""
         overdue = now_s - self._reported_s > self._period_s + _LATE_S
-        return np.repeat(overdue | self._is_lossy(now_s), self._sensors)
+        return (overdue | self._is_lossy(now_s)).repeat(self._sensors)
 
     def _is_lossy(self, now_s: float) -> bool:
         return now_s < self._lost_s + _LOSSY_S
@@ -162,12 +164,12 @@ class PresenceMap:
 
     def silent_s(self, now_s: float) -> Floats:
         """Age of the last reported state of each sensor [s], shape (S,)."""
-        return np.repeat(now_s - (self._reported_s - self._debounce_s), self._sensors)
+        return (now_s - (self._reported_s - self._debounce_s)).repeat(self._sensors)
 
     def _current(self, now_s: float) -> Bools:
         """Sensors whose cells have reported of late, and are not ignored, shape (S,)."""
         lately = now_s - self._reported_s <= self._valid_s
-        return np.repeat(lately, self._sensors) & self._counted
+        return lately.repeat(self._sensors) & self._counted
 
     def judge(self, now_s: float, distance_m: Floats, other: Bools) -> list[tuple[int, list[int]]]:
         """Compare with the places of all parcels: `distance_m` (S,) from the nearest edge.

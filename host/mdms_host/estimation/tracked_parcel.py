@@ -174,15 +174,19 @@ class TrackedParcel:
         lost = self.standing is Standing.LOST and bool(self.infeed.holds(self.last[None, :2])[0])
         return lost and now_s < self._found_s + _PROVEN_S
 
-    def judged_early(
-        self, now_s: float, view: View, covered: Bools, since_s: Floats, learned_s: Floats
-    ) -> bool:
+    def is_judged_again(self, now_s: float) -> bool:
+        """Whether it came so lately that its outline may turn out to be another."""
+        if self.infeed is None or self._found_s is None:
+            return False
+        return now_s <= self._found_s + _REOPENED_S
+
+    def judged_early(self, view: View, covered: Bools, since_s: Floats, learned_s: Floats) -> bool:
         """Whether a parcel that has just come has another outline than it was taken for.
 
         All are of the sensors of the view, (N,). A change that was learned after the parcel was
         found, and may be older, was there by then, and contradicts it.
         """
-        if self.infeed is None or self._found_s is None or now_s > self._found_s + _REOPENED_S:
+        if self._found_s is None:
             return False
         deep = abs(view.distance_m) > self.estimator.unsure_m
         near = view.distance_m < _OUTSIDE_M

@@ -291,7 +291,7 @@ class Tracker:
     def estimate(self, name: str, now_s: float) -> Estimate | None:
         """Where the parcel is believed to be; None as long as it has not been found."""
         pose = self._known[name].estimator.pose_at(now_s) if name in self._known else None
-        return None if pose is None else Estimate(*map(float, pose))
+        return None if pose is None else Estimate(*pose.tolist())
 
     def poses(self, now_s: float) -> Mapping[str, Floats]:
         """Pose [m, m, rad; table frame] of every parcel that has been found."""
@@ -387,6 +387,8 @@ class Tracker:
         """Take in groups that no parcel explains, but for those that may be a doubtful parcel."""
         if not self._presence.complete:
             return
+        if not groups and self._unknowns.idle:
+            return  # as nearly always
         claimed = coverage.disputed & ~self._unexplained.foreign & ~self._unknowns.sensors
         parts = [part for group in groups if len(part := group[~claimed[group]])]
         free = valid & ~self._presence.covered
@@ -448,14 +450,14 @@ class Tracker:
         self, now_s: float, name: str, views: Mapping[str, View], coverage: Coverage
     ) -> bool:
         """Whether reports that were late show that something else has come."""
-        if name not in views:
+        if name not in views or not self._known[name].is_judged_again(now_s):
             return False
         view = views[name]
         sensors = view.near.sensors
         presence, own = self._presence, coverage.owner[sensors] == coverage.number[name]
         learned_s = np.where(own, presence.changed_s[sensors], -inf)
         since_s, covered = presence.since_s[sensors], presence.covered[sensors]
-        return self._known[name].judged_early(now_s, view, covered, since_s, learned_s)
+        return self._known[name].judged_early(view, covered, since_s, learned_s)
 
     def _withdraw(self, name: str) -> None:
         """A parcel has not come; sensors that contradicted it are believed again."""

@@ -139,12 +139,19 @@ class Unknowns:
         self._since_s: Floats = np.full(len(self._sensors_m), inf)
         self._all: dict[str, Unknown] = {}
         self._count = 0
+        #: Whether any sensor has been covered since a known time.
+        self._ages = False
         self._changes: list[BeliefChange] = []
 
     @property
     def all(self) -> Mapping[str, Unknown]:
         """Everything unknown that is there now."""
         return self._all
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is there, nor seemed to be at the last step."""
+        return not (self._all or self._ages)
 
     @property
     def sensors(self) -> Bools:
@@ -221,6 +228,7 @@ class Unknowns:
         It need not be steady first.
         """
         self._since_s[sensors] = -inf
+        self._ages = True
 
     def explain(self, parcel: str, inside: Bools) -> None:
         """A parcel has been found over the sensors `inside` (S,): what covered them is that."""
@@ -253,7 +261,7 @@ class Unknowns:
         since_s = np.full(len(self._since_s), inf)
         for group in groups:
             since_s[group] = np.minimum(self._since_s[group], now_s)
-        self._since_s = since_s
+        self._since_s, self._ages = since_s, bool(groups)
 
     def _is_something(self, now_s: float, group: Ints) -> bool:
         steady = group[self._since_s[group] <= now_s - _STEADY_S]
