@@ -31,12 +31,17 @@ class CellsControl:
     def __init__(self, cells: Sequence[BringUpCell], program: ByCells) -> None:
         self._cells = cells
         self._program = program
+        #: The states of all drives, and the references that follow from these.
+        self._last: tuple[list[object], Floats] = ([], np.zeros(0))
 
     @property
     def references_m_s(self) -> Floats:
         """The wheels' references, shape (W,): 0 where a drive is off, NaN where a cell drives."""
-        driven = np.array([driven for cell in self._cells for driven in cell.driven])
-        return np.where(driven, np.nan, 0.0)
+        states: list[object] = [cell.drive_states for cell in self._cells]
+        if states != self._last[0]:
+            driven = np.array([driven for cell in self._cells for driven in cell.driven])
+            self._last = states, np.where(driven, np.nan, 0.0)
+        return self._last[1]
 
     def on_estimate(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         """The third TPDO of a cell; one that cannot be decoded is counted and dropped."""

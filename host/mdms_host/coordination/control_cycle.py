@@ -1,6 +1,6 @@
 """Joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -43,6 +43,7 @@ class ControlCycle:
         self.standings = Standings()
         self.watch = Watch(cells, wheels // len(cells), program.controllers)
         self._cells = cells
+        self._buses = [cell.bus for cell in cells]
         self._program = program
         self._of_wheels = None if isinstance(program, ByCells) else program
         self._roster = array.roster
@@ -60,17 +61,14 @@ class ControlCycle:
 
     def frames(
         self, phase: Phase, now_s: float, sync_s: float
-    ) -> Iterator[tuple[int | None, Frame]]:
+    ) -> Iterable[tuple[int | None, Frame]]:
         """Frames to send for the SYNC at `sync_s`, each with its bus, None for all buses."""
         self._track(phase, now_s)
         if self._by_cells is not None:
-            yield from self._pages(self._by_cells, phase, now_s, sync_s)
-            return
+            return self._pages(self._by_cells, phase, now_s, sync_s)
         self.references_m_s = self._references_m_s(phase, now_s, sync_s)
         self._odometry.on_references(self.references_m_s)
-        targets = self._velocities.targets(self.references_m_s)
-        for cell, frame in zip(self._cells, targets, strict=True):
-            yield cell.bus, frame
+        return zip(self._buses, self._velocities.targets(self.references_m_s), strict=True)
 
     # Plan and allocation
 

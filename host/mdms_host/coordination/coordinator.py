@@ -3,7 +3,7 @@
 Frames and time are passed in: the simulation and a real bus drive it alike.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple
 from types import MappingProxyType
 
@@ -269,17 +269,20 @@ class Coordinator:
             for each in (self._buses if bus is None else (bus,))
         ]
 
-    def _frames(self, now_s: float) -> Iterator[tuple[int | None, Frame]]:
+    def _frames(self, now_s: float) -> list[tuple[int | None, Frame]]:
         """Frames to send now, each with its bus, None for all buses."""
+        frames: list[tuple[int | None, Frame]] = []
         sync_period_s = self._timing.sync_period_s
         if self._schedule.take("heartbeat", now_s, self._heartbeat_period_s):
-            yield None, self._alive
-        yield from self._commands.due(now_s)
+            frames.append((None, self._alive))
+        frames += self._commands.due(now_s)
         if self._schedule.take("sync", now_s, sync_period_s):
             self._odometry.on_sync(now_s)
-            yield None, _SYNC
+            frames.append((None, _SYNC))
         if self._schedule.take("setpoint", now_s, sync_period_s):
-            yield from self._cycle.frames(self._machine.phase, now_s, self._schedule.next_s("sync"))
+            next_s = self._schedule.next_s("sync")
+            frames += self._cycle.frames(self._machine.phase, now_s, next_s)
+        return frames
 
     # Consequences
 

@@ -102,7 +102,7 @@ class RunStateMachine:
         """End the phase when all cells have reached its end, or when its time limit has passed."""
         if self.phase in (*UP, *STOPPED):
             return
-        late = [cell for cell in self._roster.taking_part if not self._done(cell, now_s)]
+        late = self._late(now_s)
         waited_s = now_s - (self._since_s or 0.0)
         # Each start is refused anew, so nothing that was misread once ends the run.
         hopeless = waited_s >= REFUSED_S and all(cell.elsewhere for cell in late)
@@ -126,10 +126,12 @@ class RunStateMachine:
         else:
             self._signal(Signal.DONE, now_s)
 
-    def _done(self, cell: BringUpCell, now_s: float) -> bool:
-        """Whether the phase need not wait for a cell; when stopping, nor for a silent one."""
-        lost = self.phase not in BRING_UP and self._supervision.silent(cell, now_s)
-        return lost or cell.has_reached(self.phase)
+    def _late(self, now_s: float) -> list[BringUpCell]:
+        """The cells that the phase waits for; when stopping, none that is silent."""
+        late = [cell for cell in self._roster.taking_part if not cell.has_reached(self.phase)]
+        if self.phase in BRING_UP:
+            return late
+        return [cell for cell in late if not self._supervision.silent(cell, now_s)]
 
     def _signal(self, signal: Signal, now_s: float) -> None:
         self._enter(TRANSITIONS[self.phase, signal], now_s)

@@ -82,6 +82,7 @@ class Supervision:
     def __init__(self, cells: Sequence[BringUpCell], timing: Timing) -> None:
         self._count = len(cells)
         self._timing = timing
+        self._silence_s = timing.silence_s
         self._valid_until_s = -inf
         self._low: dict[BringUpCell, None] = {}
         self._low_since_s = inf
@@ -92,8 +93,10 @@ class Supervision:
 
     def fault(self, phase: Phase, taking_part: Collection[BringUpCell], now_s: float) -> str | None:
         """The fault of the first cell that has one while all come up, or end; None without any."""
-        texts = (self._silence_of(cell, now_s) or cell.fault(phase) for cell in taking_part)
-        return next(filter(None, texts), None)
+        for cell in taking_part:
+            if text := self._silence_of(cell, now_s) or cell.fault(phase):
+                return text
+        return None
 
     def without_supply(
         self, taking_part: Collection[BringUpCell], now_s: float
@@ -124,15 +127,12 @@ class Supervision:
         found = (self._trouble_of(cell, now_s) for cell in taking_part)
         troubles = [each for each in found if each is not None]
         oldest_s = min((cell.last_heartbeat_s or 0.0 for cell in taking_part), default=inf)
-        self._valid_until_s = -inf if troubles else oldest_s + self._timing.silence_s
+        self._valid_until_s = -inf if troubles else oldest_s + self._silence_s
         return troubles
 
     def silent(self, cell: BringUpCell, now_s: float) -> bool:
         """Whether a cell has sent heartbeats, and the next is overdue."""
-        return (
-            cell.last_heartbeat_s is not None
-            and now_s - cell.last_heartbeat_s > self._timing.silence_s
-        )
+        return cell.last_heartbeat_s is not None and now_s - cell.last_heartbeat_s > self._silence_s
 
     def late_text(self, phase: Phase, late: list[BringUpCell]) -> str:
         """Which cells exceeded the phase's time limit, and with what."""
@@ -182,7 +182,7 @@ class Supervision:
     def _silence_of(self, cell: BringUpCell, now_s: float) -> str | None:
         if not self.silent(cell, now_s):
             return None
-        return f"{cell.name} has fallen silent: no heartbeat for {self._timing.silence_s:.3g} s"
+        return f"{cell.name} has fallen silent: no heartbeat for {self._silence_s:.3g} s"
 
 
 def _listed(reasons: Mapping[str, str | None]) -> Iterator[str]:

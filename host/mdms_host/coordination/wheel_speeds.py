@@ -202,7 +202,7 @@ class Odometry:
             return None
         numbers = range(len(self._cells))
         speed_m_s = self._velocities.actual_m_s([sync.data.get(n, _NO_SPEEDS) for n in numbers])
-        known = np.repeat([number in sync.data for number in numbers], self._axes)
+        known = np.array([number in sync.data for number in numbers]).repeat(self._axes)
         standing = (self._held_syncs >= _STANDSTILL_SYNCS) & (abs(speed_m_s) < _STANDSTILL_M_S)
         lost = bool((self._known & ~known).any())
         self._known = known
