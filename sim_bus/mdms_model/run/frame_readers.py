@@ -37,6 +37,7 @@ class CellReports:
         self._reported_s = np.full(len(centres_m), _NEVER_S)
         self._fresh = bytearray(1)
         self._last = np.zeros((len(centres_m), wire.ESTIMATE_FIELDS), np.int16)
+        #: The sample of a run in which no cell has reported.
         self._nothing = self._sampled(0.0)
 
     def on_frame(self, bus: int, frame: Frame, now_s: float) -> None:
