@@ -126,7 +126,7 @@ class Schedule:
 
     def take(self, name: str, now_s: float, period_s: float) -> bool:
         """Whether the thing is due; if so it is due again a period on, times missed left out."""
-        late_s = now_s - self.next_s(name) + _EPSILON_S
+        late_s = now_s - self._due_s.get(name, inf) + _EPSILON_S
         if late_s < 0:
             return False
         self.set(name, self._due_s[name] + period_s * (1 + late_s // period_s))
