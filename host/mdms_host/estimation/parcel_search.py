@@ -66,16 +66,17 @@ class ParcelSearch:
         `taken` by found parcels.
         """
         missing = [each for each in known.values() if each.standing is not Standing.FOUND]
-        sought = [each.sought for each in missing if each.estimator.rests]
-        if not sought or not self._presence.complete:
+        if not any(each.estimator.rests for each in missing) or not self._presence.complete:
             self.settled = not missing
             return []
         groups = self._whole(now_s, missing, groups)
         still = self._unexplained.still(now_s, groups, self._presence.changed_s)
         self.settled = not groups
-        still = self._parted(now_s, missing, still)
+        if still:
+            still = self._parted(now_s, missing, still)
         if not still:
             return []
+        sought = [each.sought for each in missing if each.estimator.rests]
         disputed = self._disputed(now_s, missing)
         scene = Scene(self._presence.covered, valid, still, taken, disputed)
         found = self._roll_call.step(sought, scene)

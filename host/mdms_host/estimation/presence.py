@@ -249,12 +249,12 @@ class Near:
 
 
 class Surroundings:
-    """Finds the cells near places of a layout."""
+    """Finds the cells near places of a layout, whose sensors are at `sensors_m` (S, 2)."""
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
         self._shape = layout.rows, layout.columns
-        self._sensors_m = layout.sensors_m
+        self.sensors_m = layout.sensors_m
         self._jacobian = layout.surface_jacobian(0.0, 0.0)
         offsets_m = [*layout.sensor_offsets_m, *(wheel.offset_m for wheel in layout.wheels)]
         self._offset_m = float(np.abs(offsets_m).max())
@@ -286,7 +286,7 @@ class Surroundings:
         wheels = _members(cells, len(layout.wheels))
         return Near(
             sensors,
-            self._sensors_m[sensors],
+            self.sensors_m[sensors],
             wheels,
             layout.wheel_positions_m[wheels],
             self._jacobian[wheels],

@@ -48,6 +48,8 @@ class TrackedParcel:
         self.parcel = parcel
         self.estimator = ParcelEstimator(surroundings, parcel.footprint, parcel.spread_m)
         self.region = region
+        #: The sensors (S,) of that region.
+        self.awaited_at = None if region is None else region.holds(surroundings.sensors_m)
         #: Where it was announced.
         self.infeed = region if unknown is None else None
         #: Sensors (S,) that contradicted where it was found, and are not believed.
@@ -162,7 +164,8 @@ class TrackedParcel:
             if self.elsewhere is None:
                 told_m = self.last[:2] if self.parcel.near_m is None else self.parcel.near_m
                 self.elsewhere = bool(np.hypot(*(self.last[:2] - told_m)) > _ELSEWHERE_M)
-            self.place, self.region, self.expected = self.last, None, False
+            self.place, self.expected = self.last, False
+            self.region = self.awaited_at = None
 
     def was_none(self, now_s: float) -> bool:
         """Whether something else was taken for it as it was to come.

@@ -405,8 +405,8 @@ class Tracker:
         other = self._unexplained.large(groups) | self._unexplained.foreign
         other |= self._unexplained.just_left(now_s)
         for each in waiting:
-            if each.region is not None:
-                other |= each.region.holds(self._sensors_m)
+            if each.awaited_at is not None:
+                other |= each.awaited_at
         self._faulty += self._presence.judge(now_s, coverage.distance_m, other)
 
     def _expect_obstacles(self, groups: tuple[Ints, ...], coverage: Coverage) -> None:

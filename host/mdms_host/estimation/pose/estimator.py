@@ -227,7 +227,7 @@ class ParcelEstimator:
     @property
     def rests(self) -> bool:
         """Whether the parcel hardly moves, as far as that is known."""
-        return bool(np.abs(self.twist / self.corner_m).max() < _RESTING_M_S)
+        return all(abs(speed) < _RESTING_M_S for speed in (self.twist / self.corner_m).tolist())
 
     @property
     def unsure_m(self) -> float:
