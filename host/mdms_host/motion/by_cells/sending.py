@@ -250,6 +250,10 @@ class Sending:
     def pages(self, pose: Floats | None, now_s: float) -> Iterator[Page]:
         """The pages to send now; once a cycle. Without a pose [table frame] no program is sent."""
         self._change_way(now_s)
+        if self._reports.of(self.identity):
+            self._gone_s = None
+        elif self._gone_s is None:
+            self._gone_s = now_s
         if (self.way is None or pose is None) and self._is_missed(now_s):
             self._ends = 1
         if self._ends:
@@ -334,11 +338,7 @@ class Sending:
         return now_s - self._lacked_s >= _LACKING_S
 
     def _check_gone(self, now_s: float) -> None:
-        if self._reports.of(self.identity):
-            self._gone_s = None
-            return
-        self._gone_s = now_s if self._gone_s is None else self._gone_s
-        if now_s - self._gone_s >= _GONE_S:
+        if self._gone_s is not None and now_s - self._gone_s >= _GONE_S:
             self._note(f"no cell has {self.parcel.name} any more: its program is sent again")
             self._begin(-inf)
 

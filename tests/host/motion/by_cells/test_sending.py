@@ -1,5 +1,6 @@
 """The frames to the cells of a parcel, and the time until which they are sent."""
 
+import pytest
 from tests.host.motion.by_cells.table import (
     BOX,
     STEP_S,
@@ -99,6 +100,14 @@ def test_program_is_sent_again_when_no_cell_has_the_parcel_any_more():
     assert not table.run(0.2)
     assert table.run(0.5)
     assert "no cell has box any more: its program is sent again" in table.notices
+
+
+def test_program_is_sent_at_once_when_a_parcel_is_found_that_no_cell_has_had_for_long():
+    table = Table()
+    table.run(0.5, reports=reports())
+    assert not any(isinstance(page, messages.Place) for _, page in table.run(0.5, poses={}))
+    (first_s, _), *_ = table.run(0.1)
+    assert first_s == pytest.approx(1.01)
 
 
 def test_cells_that_have_a_parcel_elsewhere_drop_it_and_get_it_where_it_is():
