@@ -426,7 +426,7 @@ class Layer:
     def _reported_outline(self, direction):
         """Return the outline of the parcel over a neighbour, None where it is not known."""
         estimates, at = self._heard.estimates, direction * wire.ESTIMATE_FIELDS
-        if estimates[at + wire.STATE] != wire.UNDER or not estimates[at + wire.CERTAINTY]:
+        if not estimates[at + wire.CERTAINTY]:
             return None
         program = self._pages.programs.find(estimates[at + wire.IDENTITY])
         if program is None or not program.has_parcel:

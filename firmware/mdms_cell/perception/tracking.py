@@ -179,8 +179,10 @@ class Tracking:
         """
         if self.identity and self.shaped:
             belief, heard, identity = self.belief, self._heard, self.identity
-            promised = heard.having(wire.STATE, wire.PROMISED, wire.UNDER)
-            self.others = promised & ~heard.having(wire.IDENTITY, identity)
+            # One whose promise to another has not run out yet has a pose before it is under it.
+            at_any = heard.having(wire.STATE, wire.PROMISED, wire.UNDER)
+            at_any |= heard.having(wire.CERTAINTY, 1, 15)
+            self.others = at_any & ~heard.having(wire.IDENTITY, identity)
             if belief.known:
                 # By the belief of before.
                 self._fit_twist()
