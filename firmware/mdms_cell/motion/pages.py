@@ -22,7 +22,7 @@ _OUTDATED_BEATS = const(6)
 _LONG_BEATS = const(10)
 
 
-class Comparison:
+class ProgramComparison:
     """The neighbours' programs for the cell's parcel, by their estimates.
 
     Sequence numbers come round again after three. So two of them alone do not tell which program is
@@ -154,7 +154,7 @@ class Pages:
         #: program, or is back.
         self._ended = bytearray(wire.IDENTITY_MAX + 1)
         self.precedence = Precedence()
-        self.comparison = Comparison(heard)
+        self.comparison = ProgramComparison(heard)
         self.reset()
 
     def reset(self):

@@ -18,7 +18,7 @@ from mdms_array.experiments.settings import (
     uniform,
 )
 from mdms_array.experiments.sweep import Design, design_of
-from mdms_array.experiments.tuning import Bound, Task, task_of
+from mdms_array.experiments.tuning import Bound, TuningProblem, task_of
 from mdms_array.source import Source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import builtin_names
@@ -69,7 +69,7 @@ def read_sweep(path: Path) -> tuple[Design, tuple[Plot, ...]]:
     return design, _plots(path, tree.get("plot", []), design)
 
 
-def read_tuning(path: Path) -> Task:
+def read_tuning(path: Path) -> TuningProblem:
     """The task of tuning that a file describes. Raises `InputError`."""
     tree = read_table(path, TUNE_KEYS)
     _check_numbers(path, tree)

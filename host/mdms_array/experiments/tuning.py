@@ -48,7 +48,7 @@ class Bound:
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class TuningProblem:
     """What is tuned: `design` has the base as its only setting, and all measures.
 
     `objective` is the measure whose mean is to be small, or with `maximise` large. `unseen` is the
@@ -113,7 +113,7 @@ def task_of(
     trials: int,
     seed: int,
     unseen: int,
-) -> Task:
+) -> TuningProblem:
     """A checked task, with the base's values as the first setting. Raises `InputError`."""
     check_count("trials", trials)
     # One pair has no interval.
@@ -141,7 +141,7 @@ def task_of(
                 "trial is the scenario itself; give it uniform, or a whole number in the scenario"
             )
     tree_of(design.base, base, design.seeds[0])
-    return Task(
+    return TuningProblem(
         replace(design, settings=[base]),
         *(vary, objective, maximise, tuple(bounds), trials, seed, unseen),
     )
@@ -161,7 +161,7 @@ def _base_value(base: Mapping[str, Any], key: str) -> float:
     return value
 
 
-def tune(task: Task, run: Callable[[Design], SweepResult]) -> Tuned:
+def tune(task: TuningProblem, run: Callable[[Design], SweepResult]) -> Tuned:
     """Try settings, and compare the best with the base. `run` does the runs that a journal lacks.
 
     Raises `Error` where the extra is not installed.
@@ -204,7 +204,9 @@ def _suggest(trial: Any, key: str, values: Distribution) -> float:
     return float(trial.suggest_float(key, values.low, values.high, log=log))
 
 
-def _trials(task: Task, result: SweepResult, settings: Sequence[Mapping[str, Any]]) -> list[Trial]:
+def _trials(
+    task: TuningProblem, result: SweepResult, settings: Sequence[Mapping[str, Any]]
+) -> list[Trial]:
     """The trial of each setting, from its rows."""
     trials = []
     for setting in settings:
@@ -230,7 +232,7 @@ def _once(trials: Sequence[Trial]) -> list[Trial]:
     return list({repr(sorted(each.setting.items())): each for each in trials}.values())
 
 
-def _best(task: Task, trials: Sequence[Trial]) -> Trial:
+def _best(task: TuningProblem, trials: Sequence[Trial]) -> Trial:
     """The best of the trials within bounds; the trial with the least excess where none is."""
     sign = -1.0 if task.maximise else 1.0
     valid = [each for each in trials if each.mean is not None] or list(trials[:1])
@@ -238,7 +240,7 @@ def _best(task: Task, trials: Sequence[Trial]) -> Trial:
 
 
 def _compare(
-    task: Task, run: Callable[[Design], SweepResult], base: Trial, best: Trial
+    task: TuningProblem, run: Callable[[Design], SweepResult], base: Trial, best: Trial
 ) -> tuple[Trial, Trial, tuple[float, float, float] | None]:
     """Base and best on seeds that no trial has seen, and the gain."""
     settings = [dict(each.setting) for each in _once([base, best])]

@@ -24,7 +24,7 @@ from mdms_array.learning.tables import (
     IdealTables,
     Tables,
 )
-from mdms_array.learning.tasks import Judgement, ParcelTask, SortTask, Task
+from mdms_array.learning.tasks import Judgement, LearningTask, ParcelTask, SortTask
 from mdms_array.source import Source
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Bools, Floats, Ints
@@ -66,7 +66,9 @@ class EnvOptions:
 class Episode:
     """N tables with a task: their observations, and their steps under actions."""
 
-    def __init__(self, task: Callable[..., Task], options: EnvOptions, tables: int = 1) -> None:
+    def __init__(
+        self, task: Callable[..., LearningTask], options: EnvOptions, tables: int = 1
+    ) -> None:
         self._episodes = Episodes(options.scenario, options.randomise)
         base = self._episodes.base
         self.actions = Actions(base, options.action, options.most_m_s)
@@ -193,7 +195,7 @@ class _TableEnv(gymnasium.Env[Observation, Any]):
     """One table; `defaults` are those of its task."""
 
     metadata: dict[str, Any] = {"render_modes": [], "render_fps": round(1 / PERIOD_S)}  # noqa: RUF012
-    task: ClassVar[Callable[..., Task]]
+    task: ClassVar[Callable[..., LearningTask]]
     defaults: ClassVar[Mapping[str, Any]]
 
     def __init__(self, render_mode: str | None = None, **options: Any) -> None:
@@ -233,7 +235,7 @@ class _TableVectorEnv(VectorEnv[Observation, Any, Any]):
     """Many tables. One whose episode has ended begins another at the next step."""
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
-    task: ClassVar[Callable[..., Task]]
+    task: ClassVar[Callable[..., LearningTask]]
     defaults: ClassVar[Mapping[str, Any]]
 
     def __init__(self, num_envs: int = 1, **options: Any) -> None:

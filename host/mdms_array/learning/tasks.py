@@ -29,7 +29,7 @@ class Judgement:
     infos: dict[str, Any] = field(default_factory=dict)
 
 
-class Task(Protocol):
+class LearningTask(Protocol):
     """A task of N tables."""
 
     @property
@@ -79,7 +79,10 @@ class ParcelTask:
         self._goal_seen = as_seen(self._goal)
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
-        """See `Task`. Raises `InputError` for a parcel without a goal, or that does not stay."""
+        """See `LearningTask`.
+
+        Raises `InputError` for a parcel without a goal, or that does not stay.
+        """
         _check_stays(scenario)
         goal = scenario.parcel[0].goal
         if goal is None:
@@ -96,7 +99,7 @@ class ParcelTask:
         return place_m, yaw_rad, place_m + YAW_M_PER_RAD * yaw_rad
 
     def judge(self, tables: Tables) -> Judgement:
-        """See `Task`."""
+        """See `LearningTask`."""
         place_m, yaw_rad, distance_m = self._errors(tables)
         twist = tables.motion[1][:, 0]
         stands = abs(twist[:, 0]) + abs(twist[:, 1]) + YAW_M_PER_RAD * abs(twist[:, 2])
@@ -109,7 +112,7 @@ class ParcelTask:
         return Judgement(reward, reached | fallen, infos)
 
     def seen(self, tables: Tables) -> dict[str, Floats]:
-        """See `Task`."""
+        """See `LearningTask`."""
         pose, twist = tables.motion
         return {"pose": as_seen(pose[:, 0]), "twist": twist[:, 0], "goal": self._goal_seen}
 
@@ -141,7 +144,7 @@ class SortTask:
         self._right, self._wrong = np.zeros((2, tables), np.int64)
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
-        """See `Task`. Raises `InputError` for a scenario without exits or a stream."""
+        """See `LearningTask`. Raises `InputError` for a scenario without exits or a stream."""
         self._exit_m[k] = _exits_m(scenario)
         self._events[k] = len(tables.worlds[k].events)
         self._right[k] = self._wrong[k] = 0
@@ -153,7 +156,7 @@ class SortTask:
         return np.asarray(np.hypot(*np.moveaxis(pose[..., :2] - self._exit_m, -1, 0)))
 
     def judge(self, tables: Tables) -> Judgement:
-        """See `Task`."""
+        """See `LearningTask`."""
         before = self._right - self._wrong
         for k, world in enumerate(tables.worlds):
             for event in world.events[self._events[k] :]:
@@ -170,7 +173,7 @@ class SortTask:
         return Judgement(reward, fallen, infos)
 
     def seen(self, tables: Tables) -> dict[str, Floats]:
-        """See `Task`."""
+        """See `LearningTask`."""
         pose, twist = tables.motion
         here = ~np.isnan(pose[..., 0])
         poses, twists = (np.where(here[..., None], each, 0.0) for each in (as_seen(pose), twist))

@@ -129,7 +129,7 @@ _SYNC = "os.sync() if hasattr(os, 'sync') else None"
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class FlashPlan:
     """Files to remove from a board and files to write to it, by path, in bytes together.
 
     `rom` is the image for its ROMFS, None where that stays as it is.
@@ -141,11 +141,11 @@ class Plan:
     size: int = 0
 
 
-def plan_flash(found: Survey, firmware: Firmware, *, force: bool = False) -> Plan:
+def plan_flash(found: Survey, firmware: Firmware, *, force: bool = False) -> FlashPlan:
     """The changes that bring a board to the firmware; all of it when forced."""
     wanted = hashes_of(firmware)
     if found.has(firmware) and not force:
-        return Plan()
+        return FlashPlan()
     stale = tuple(path for path in found.hashes if path not in wanted)
     # Whatever changes, main.py is away meanwhile, so it is written anew.
     written = [
@@ -156,13 +156,13 @@ def plan_flash(found: Survey, firmware: Firmware, *, force: bool = False) -> Pla
     written.sort(key=lambda path: path == START)
     rom = firmware.rom if force or not found.rom else None
     size = sum(len(firmware.files[path]) for path in written) + len(rom or b"")
-    return Plan(stale, tuple(written), rom, size)
+    return FlashPlan(stale, tuple(written), rom, size)
 
 
 def carry_out(
     link: BoardLink,
     firmware: Firmware,
-    plan: Plan,
+    plan: FlashPlan,
     found: Survey,
     progress: Callable[[float], None],
 ) -> None:

@@ -57,7 +57,7 @@ _NOT_RUNNING = (State.STOPPING, State.STOPPED, *_UNCLEARED)
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class LineVariable:
     """A variable of the object `Line`: its name, type, meaning, and value in a snapshot."""
 
     name: str
@@ -79,51 +79,55 @@ def _alarm(name: str) -> Callable[[Plant], str]:
 
 
 SHOWN = (
-    Shown("State", _V.Int32, "number of the state, as in ISA-TR88.00.02", _plain("state")),
-    Shown("StateName", _V.String, "the state", lambda p: _name(State(p.snapshot["state"]))),
-    Shown("Reason", _V.String, "why the machine is in it", _plain("reason")),
-    Shown("Recipe", _V.String, "the recipe of the next Start, or of this run", _plain("recipe")),
-    Shown("TableHeartbeat", _V.UInt32, "counts on while the table lives", lambda p: p.beats),
-    Shown("ParcelsIn", _V.UInt32, "parcels that have come", _figure("parcels_in")),
-    Shown(
+    LineVariable("State", _V.Int32, "number of the state, as in ISA-TR88.00.02", _plain("state")),
+    LineVariable("StateName", _V.String, "the state", lambda p: _name(State(p.snapshot["state"]))),
+    LineVariable("Reason", _V.String, "why the machine is in it", _plain("reason")),
+    LineVariable(
+        "Recipe", _V.String, "the recipe of the next Start, or of this run", _plain("recipe")
+    ),
+    LineVariable("TableHeartbeat", _V.UInt32, "counts on while the table lives", lambda p: p.beats),
+    LineVariable("ParcelsIn", _V.UInt32, "parcels that have come", _figure("parcels_in")),
+    LineVariable(
         "ParcelsOut",
         _V.UInt32,
         "parcels that have left by an exit",
         lambda p: sum(p.snapshot["figures"]["out"].values()),
     ),
-    Shown(
+    LineVariable(
         "ParcelsOutByExit",
         _V.UInt32,
         "the same by each of `Exits`, an array",
         lambda p: p.out_by_exit or [0],
     ),
-    Shown("ParcelsLost", _V.UInt32, "parcels that were lost", _figure("parcels_lost")),
-    Shown(
+    LineVariable("ParcelsLost", _V.UInt32, "parcels that were lost", _figure("parcels_lost")),
+    LineVariable(
         "ParcelsRejected",
         _V.UInt32,
         "parcels that were lost, or have left otherwise than ordered",
         _figure("parcels_rejected"),
     ),
-    Shown("ParcelsPerHour", _V.Double, "rate in Execute", _plain("parcels_per_hour")),
-    Shown("Availability", _V.Double, "factor of OEE, 0 to 1", _plain("availability")),
-    Shown("Performance", _V.Double, "factor of OEE", _plain("performance")),
-    Shown("Quality", _V.Double, "factor of OEE, 0 to 1", _plain("quality")),
-    Shown(
+    LineVariable("ParcelsPerHour", _V.Double, "rate in Execute", _plain("parcels_per_hour")),
+    LineVariable("Availability", _V.Double, "factor of OEE, 0 to 1", _plain("availability")),
+    LineVariable("Performance", _V.Double, "factor of OEE", _plain("performance")),
+    LineVariable("Quality", _V.Double, "factor of OEE, 0 to 1", _plain("quality")),
+    LineVariable(
         "StateTimes",
         _V.Double,
         "time in each state [s], by its number from 1, an array",
         lambda p: p.state_times_s,
     ),
-    Shown("OrdersOpen", _V.UInt32, "orders that wait or are under way", _plain("orders_open")),
-    Shown(
+    LineVariable(
+        "OrdersOpen", _V.UInt32, "orders that wait or are under way", _plain("orders_open")
+    ),
+    LineVariable(
         "OrdersInDoubt",
         _V.UInt32,
         "orders that were under way when a run or the host ended",
         lambda p: p.book.counts().get("in doubt", 0),
     ),
-    Shown("Alarm", _V.String, "text of the alarm that stands, else empty", _alarm("text")),
-    Shown("AlarmCause", _V.String, "its cause", _alarm("cause")),
-    Shown("AlarmCure", _V.String, "its cure", _alarm("cure")),
+    LineVariable("Alarm", _V.String, "text of the alarm that stands, else empty", _alarm("text")),
+    LineVariable("AlarmCause", _V.String, "its cause", _alarm("cause")),
+    LineVariable("AlarmCure", _V.String, "its cure", _alarm("cure")),
 )
 
 

@@ -19,7 +19,7 @@ from mdms_model.arrays import Floats
 _AROUND_M = 0.10
 
 
-class Register(Protocol):
+class ParcelRegister(Protocol):
     """Where parcels are announced and taken off: the tracker."""
 
     @property
@@ -83,7 +83,7 @@ class Comings:
         stocks = (parcels for infeed in self._infeeds for parcels in infeed.stock.values())
         return any(name == parcel.name for parcels in stocks for parcel in parcels)
 
-    def step(self, register: Register, there: Collection[str]) -> None:
+    def step(self, register: ParcelRegister, there: Collection[str]) -> None:
         """Announce the parcels that may come next; `there` are all believed on the table."""
         expected = {key: name for key, name in self._expected.items() if name not in there}
         self._expected = expected
@@ -107,7 +107,7 @@ def tracker_gate(gate: Gate) -> TrackerGate:
     return TrackerGate(x_m, y_m, atan2(heading[1], heading[0]))
 
 
-class NamingRegister(Register, Protocol):
+class NamingRegister(ParcelRegister, Protocol):
     """Where parcels are announced, named and taken off: the tracker."""
 
     def name(self, unknown: str, parcel: Parcel) -> None:

@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 
-from mdms_host.routes.interval_search import Found, SearchEnds, search
+from mdms_host.routes.interval_search import FoundWay, SearchEnds, search
 from mdms_host.routes.planning_problem import Ground, PlanningProblem
 from mdms_host.routes.route import Route
 from mdms_host.routes.safe_intervals import TakenTiles
@@ -191,7 +191,7 @@ class Attempt:
             found = self._searched(problem, blocked)
         return None if found is None else problem.route(found)
 
-    def _searched(self, problem: PlanningProblem, blocked: Bools) -> Found | None:
+    def _searched(self, problem: PlanningProblem, blocked: Bools) -> FoundWay | None:
         """The way that the first effort finds which comes to an end; None: there is none."""
         roadmap, task = problem.roadmap, problem.task
         guide = guide_of(problem, blocked)

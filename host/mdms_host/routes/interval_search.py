@@ -70,7 +70,7 @@ def doubled(states: States) -> States:
     )
 
 
-class State(NamedTuple):
+class SearchState(NamedTuple):
     """One state, as `States` has it."""
 
     node: int
@@ -82,7 +82,7 @@ class State(NamedTuple):
 
 
 @compiled
-def entered(states: States, head: Ints, number: int, state: State) -> None:
+def entered(states: States, head: Ints, number: int, state: SearchState) -> None:
     """Enter a state, which becomes the first of its node."""
     states.node[number], states.came[number], states.by[number] = state.node, state.came, state.by
     states.begun_s[number], states.at_s[number] = state.begun_s, state.at_s
@@ -108,7 +108,7 @@ class SearchEnds(NamedTuple):
     stay_s: float
 
 
-class Found(NamedTuple):
+class FoundWay(NamedTuple):
     """The moves of a way, in order: nodes (L + 1,), when each move begins and ends [s], (L,).
 
     `reached` is False where there is no way, `tried` counts moves that were looked at.
@@ -126,7 +126,7 @@ class Found(NamedTuple):
 @compiled
 def search(
     graph: Graph, guide: Guide, taken: Taken, ends: SearchEnds, effort: tuple[float, int]
-) -> Found:
+) -> FoundWay:
     """The way from start to goal, given up after so many moves, the second of `effort`.
 
     The first weighs the time that is left to the goal: with more than 1 the search looks at fewer
@@ -142,7 +142,7 @@ def search(
     heap = [(0.0, 0.0, 0, _STATE, ends.ready_s)]
     until_s = node_free_until(graph, taken, ends.start, ends.ready_s)
     if until_s > -np.inf and guide.cost_s[ends.start] < np.inf:
-        first = State(ends.start, -1, 0, ends.ready_s, ends.ready_s, until_s)
+        first = SearchState(ends.start, -1, 0, ends.ready_s, ends.ready_s, until_s)
         entered(states, head, 0, first)
         count = 1
     # The goal is not come to for good before all others have passed it.
@@ -176,7 +176,9 @@ def search(
         if sooner(states, head[there], arrive_s, until_s):
             if count == states.node.size:
                 states = doubled(states)
-            entered(states, head, count, State(there, state, move, leave_s, arrive_s, until_s))
+            entered(
+                states, head, count, SearchState(there, state, move, leave_s, arrive_s, until_s)
+            )
             total_s = arrive_s + weight * left_s
             heappush(heap, (max(total_s, least_s), left_s, count, _STATE, arrive_s))
             count += 1
@@ -258,7 +260,7 @@ def node_free_from(graph: Graph, taken: Taken, node: int, stay_s: float) -> floa
 
 
 @compiled
-def way_to(states: States, last: int, start: int, tried: int) -> Found:
+def way_to(states: States, last: int, start: int, tried: int) -> FoundWay:
     """The way to a state, -1 for none."""
     length, state = 0, last
     while state > 0:
@@ -270,4 +272,4 @@ def way_to(states: States, last: int, start: int, tried: int) -> Found:
         moves[index], nodes[index + 1] = states.by[state], states.node[state]
         begins_s[index], arrives_s[index] = states.begun_s[state], states.at_s[state]
         state = states.came[state]
-    return Found(last >= 0, nodes, moves, begins_s, arrives_s, tried)
+    return FoundWay(last >= 0, nodes, moves, begins_s, arrives_s, tried)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.interval_search import Found
+from mdms_host.routes.interval_search import FoundWay
 from mdms_host.routes.moves import LatticeMoves
 from mdms_host.routes.roadmap import Roadmap
 from mdms_host.routes.route import Pace, Route, Visits, among, merged
@@ -109,7 +109,7 @@ class PlanningProblem:
         """When it is where it can be planned anew [s]."""
         return self.now_s if self.is_at_rest else max(self.prefix.end_s, self.now_s)
 
-    def route(self, found: Found) -> Route:
+    def route(self, found: FoundWay) -> Route:
         """The route along the result of a search."""
         poses = [self.roadmap.pose(node) for node in found.nodes[1:].tolist()]
         turned = np.array(poses).reshape(-1, 3) + np.array([0.0, 0.0, self.turned_rad])

@@ -33,7 +33,7 @@ SUSPEND_BITS = 8
 
 
 @dataclass(slots=True)
-class Outcome:
+class ExchangeOutcome:
     """How it ended; all bits are counted from the start of the exchange.
 
     `frame` got through to somebody and ended after `frame_bits`; None if it did not. `free_bits` is
@@ -84,11 +84,11 @@ class Exchange:
                 parties.append(replace(party, controllers=controllers, seen=seen))
         return parties
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> ExchangeOutcome:
         """How it ends if nobody comes or goes."""
         return self._plain_outcome() or self._followed_outcome()
 
-    def _plain_outcome(self) -> Outcome | None:
+    def _plain_outcome(self) -> ExchangeOutcome | None:
         """Without a look at the bits: one sends, others listen, and nothing disturbs them."""
         senders = [party for party in self._parties if party.frame is not None]
         listeners = [party for party in self._parties if party.frame is None]
@@ -103,7 +103,7 @@ class Exchange:
         frame = senders[0].frame
         assert frame is not None
         bits = frame_bits(frame)
-        outcome = Outcome(bits + INTERFRAME_BITS, frame, bits)
+        outcome = ExchangeOutcome(bits + INTERFRAME_BITS, frame, bits)
         outcome.sent = outcome.tried = list(senders[0].controllers)
         for party in self._parties:
             errors = party.errors.copy()
@@ -127,9 +127,9 @@ class Exchange:
                 node.see(1 - level if party.misled and bit == self.flip else level)
             bit += 1
 
-    def _followed_outcome(self) -> Outcome:
+    def _followed_outcome(self) -> ExchangeOutcome:
         self._follow()
-        outcome = Outcome(self._free_bits())
+        outcome = ExchangeOutcome(self._free_bits())
         for party, node in zip(self._parties, self._nodes, strict=True):
             self._tell(outcome, party, node)
         outcome.error |= outcome.frame is None
@@ -146,7 +146,7 @@ class Exchange:
         ]
 
     @staticmethod
-    def _tell(outcome: Outcome, party: Party, node: Node) -> None:
+    def _tell(outcome: ExchangeOutcome, party: Party, node: Node) -> None:
         """Adds what became of one party."""
         before = len(party.seen)
         outcome.errors += [(each, node.errors) for each in party.controllers]
@@ -204,7 +204,7 @@ class Traffic:
         self._arbitrating = False
         # The frame on the wire: a frame that all is well with, or an exchange and how it will end.
         self._sending: tuple[Controller, Frame] | None = None
-        self._exchange: tuple[Exchange, Outcome] | None = None
+        self._exchange: tuple[Exchange, ExchangeOutcome] | None = None
         self._lost_by: Collection[Controller] = ()
         self._start_ns = 0
         self._end_ns = -1
@@ -337,7 +337,7 @@ class Traffic:
             self._kernel.at(error_ns, PRIORITY_END, self._bus.on_error)
         self._ended(states)
 
-    def _hand_over(self, frame: Frame, outcome: Outcome) -> None:
+    def _hand_over(self, frame: Frame, outcome: ExchangeOutcome) -> None:
         now_ns = self._kernel.now_ns
         self._bus.frames += 1
         observers, receivers = self.receivers[frame.can_id]

@@ -10,7 +10,7 @@ from mdms_host.flashing.firmware import START, Firmware
 from mdms_host.flashing.flashing import (
     COPIES_HEAP,
     ROM_HEAP,
-    Plan,
+    FlashPlan,
     VersionError,
     firmware_for,
     plan_flash,
@@ -40,13 +40,13 @@ def test_whatever_is_there_main_comes_last_and_all_is_right_in_the_end(
 
 def test_nothing_is_written_where_nothing_differs():
     firmware = Firmware({START: b"new", "cell.mpy": b"1"}, "v")
-    assert plan_flash(Survey(hashes_of(firmware), "v"), firmware) == Plan()
+    assert plan_flash(Survey(hashes_of(firmware), "v"), firmware) == FlashPlan()
 
 
 def test_image_is_written_only_where_another_is():
     firmware = Firmware({START: b"new"}, "v", rom=b"image")
     hashes = hashes_of(firmware)
-    assert plan_flash(Survey(hashes, "v", rom=True), firmware) == Plan()
+    assert plan_flash(Survey(hashes, "v", rom=True), firmware) == FlashPlan()
     assert plan_flash(Survey(hashes, "v", rom=False), firmware).rom == b"image"
     assert plan_flash(Survey({}, None, rom=True), firmware).rom is None
     assert plan_flash(Survey(hashes, "v", rom=True), firmware, force=True).rom == b"image"

@@ -11,7 +11,7 @@ from mdms_array.experiments.journal import writing
 from mdms_array.experiments.pictures import draw_tuning
 from mdms_array.experiments.settings import TRUTH, numbered
 from mdms_array.experiments.sweep import Design, SweepResult
-from mdms_array.experiments.tuning import Task, Trial, Tuned, tune
+from mdms_array.experiments.tuning import Trial, Tuned, TuningProblem, tune
 from mdms_array.extras import TUNE, require
 from mdms_host.cli.exits import Exit
 from mdms_host.cli.experiments.sweep import running, tell_failures
@@ -44,7 +44,7 @@ def run(arguments: Namespace) -> Exit:
     return Exit.OK if tuned.best.is_within else Exit.FAILURE
 
 
-def _figures(task: Task, tuned: Tuned, folder: Path) -> dict[str, Any]:
+def _figures(task: TuningProblem, tuned: Tuned, folder: Path) -> dict[str, Any]:
     def figures(trial: Trial) -> dict[str, Any]:
         return {"setting": trial.setting, "mean": trial.mean, "within_bounds": trial.is_within}
 
@@ -62,7 +62,7 @@ def _figures(task: Task, tuned: Tuned, folder: Path) -> dict[str, Any]:
     }
 
 
-def _report(task: Task, tuned: Tuned) -> list[str]:
+def _report(task: TuningProblem, tuned: Tuned) -> list[str]:
     unseen = f"on {task.unseen} unseen seeds"
     lines = [
         f"{len(tuned.trials)} trials of {len(task.design.seeds)} seeds, mean {task.objective}",
@@ -85,7 +85,7 @@ def _report(task: Task, tuned: Tuned) -> list[str]:
     return lines
 
 
-def _shown_value(task: Task, key: str, value: float) -> str:
+def _shown_value(task: TuningProblem, key: str, value: float) -> str:
     """A value as `mdms simulate` takes it; as a key of this file where it takes none."""
     shown = value if isinstance(value, int) else f"{value:.6g}"
     if key.startswith(TRUTH):

@@ -18,7 +18,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.flashing.board_link import BoardError, BoardLink, BoardPort, NoBoardError
 from mdms_host.flashing.board_survey import MACHINES, BoardInfo, identify, survey
 from mdms_host.flashing.firmware import Firmware
-from mdms_host.flashing.flashing import Plan, VersionError, carry_out, firmware_for, plan_flash
+from mdms_host.flashing.flashing import FlashPlan, VersionError, carry_out, firmware_for, plan_flash
 from mdms_protocol.version import VERSION
 
 if TYPE_CHECKING:
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class FlashOutcome:
     """The result of a board: versions of its firmware before and after, or what went wrong."""
 
     port: BoardPort
     info: BoardInfo | None = None
     before: str | None = None
     after: str | None = None
-    plan: Plan | None = None
+    plan: FlashPlan | None = None
     duration_s: float = 0.0
     dry: bool = False
     problem: str | None = None
@@ -52,7 +52,7 @@ class Outcome:
         if self.info is None or self.plan is None:
             return self.port.device
         head = f"{self.port.device}: {self.info.board or self.info.machine}"
-        if self.plan == Plan():
+        if self.plan == FlashPlan():
             return f"{head} has {self.after} already"
         count = "1 file" if len(self.plan.written) == 1 else f"{len(self.plan.written)} files"
         image = " and a ROMFS image" if self.plan.rom else ""
@@ -86,7 +86,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
+class FlashJob:
     """A board to flash, the command line, what compiles for it, and a listener."""
 
     port: BoardPort
@@ -95,13 +95,13 @@ class Job:
     progress: Callable[[float], None]
 
 
-def flash_board(job: Job) -> Outcome:
+def flash_board(job: FlashJob) -> FlashOutcome:
     """Look at a board, flash it unless told otherwise, and restart it.
 
     Raises MpremoteMissingError, FirmwareError; all else that fails is told by the outcome.
     """
     clock = MonotonicClock()
-    outcome = Outcome(job.port, dry=job.arguments.dry_run)
+    outcome = FlashOutcome(job.port, dry=job.arguments.dry_run)
     try:
         with BoardLink(job.port.device, clock) as link:
             try:
@@ -114,14 +114,16 @@ def flash_board(job: Job) -> Outcome:
     return replace(outcome, duration_s=clock.now_s())
 
 
-def _flash_files(job: Job, link: BoardLink, info: BoardInfo, outcome: Outcome) -> Outcome:
+def _flash_files(
+    job: FlashJob, link: BoardLink, info: BoardInfo, outcome: FlashOutcome
+) -> FlashOutcome:
     if job.arguments.list:
         return replace(outcome, before=survey(link).version)
     _check_known(info, job.arguments.board)
     firmware = firmware_for(info, job.compiled)
     found = survey(link, firmware)
     plan = plan_flash(found, firmware, force=job.arguments.force)
-    if plan != Plan() and not job.arguments.dry_run:
+    if plan != FlashPlan() and not job.arguments.dry_run:
         carry_out(link, firmware, plan, found, job.progress)
     job.progress(1.0)
     return replace(outcome, before=found.version, after=firmware.version, plan=plan)
@@ -238,7 +240,7 @@ def _chosen(arguments: Namespace) -> "list[BoardPort]":
     return found
 
 
-def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]":
+def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[FlashOutcome]":
     """The results of the boards, in the order of the ports."""
     from concurrent.futures import ThreadPoolExecutor, as_completed
 
@@ -251,7 +253,9 @@ def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[Outcome]
     with bars(devices) as share, ThreadPoolExecutor(arguments.jobs) as pool:
         compiled = _Compiled()
         work = [
-            pool.submit(flash_board, Job(port, arguments, compiled, partial(share, port.device)))
+            pool.submit(
+                flash_board, FlashJob(port, arguments, compiled, partial(share, port.device))
+            )
             for port in ports
         ]
         for done in as_completed(work):
@@ -276,14 +280,14 @@ class _Compiled:
             return self._made[architecture]
 
 
-def _tell(outcome: "Outcome", arguments: Namespace) -> None:
+def _tell(outcome: "FlashOutcome", arguments: Namespace) -> None:
     if outcome.problem:
         say(f"mdms: {outcome.port.device}: {outcome.problem}")
     elif not (arguments.json or arguments.list):
         print(outcome.line(), flush=True)
 
 
-def _show(outcomes: "Sequence[Outcome]") -> None:
+def _show(outcomes: "Sequence[FlashOutcome]") -> None:
     from rich.table import Table
 
     table = Table("port", "board", "serial", "firmware", "MicroPython", "chip", "USB serial")

@@ -177,7 +177,7 @@ class TableSurface:
         return {"cubes": cubes, "lines": lines, "texts": texts}
 
 
-class Wheels:
+class WheelBlocks:
     """Wheels as blocks: grey at rest, blue ahead, violet back, stronger if faster; red slips."""
 
     topic, rate_hz = "/scene/wheels", 10.0
@@ -488,7 +488,7 @@ class Layer(Protocol):
 
 def layers(scenario: Scenario, record: Record) -> list[Layer]:
     """All that there is to be seen of a run."""
-    found: list[Layer] = [TableSurface(scenario), Wheels(scenario, record)]
+    found: list[Layer] = [TableSurface(scenario), WheelBlocks(scenario, record)]
     if record.presence is not None:
         found.append(CoveredSensors(scenario, record))
     if record.identity is not None:
