@@ -17,7 +17,7 @@ from mdms_host.coordination.run_state import (
     TROUBLED,
     EventJournal,
     Phase,
-    Signal,
+    RunSignal,
     Timing,
 )
 from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
@@ -116,7 +116,7 @@ class CellRecovery:
     def _advance(self, now_s: float) -> None:
         """Take the cell into its next phase, unless it is not to be taken."""
         cell, reached = self.cell, self.phase
-        self.phase, self._step_s = TRANSITIONS[reached, Signal.DONE], now_s
+        self.phase, self._step_s = TRANSITIONS[reached, RunSignal.DONE], now_s
         if reached is Phase.WAITING:
             cell.restarted = False
         reason = {Phase.IDENTIFYING: cell.refusal, Phase.CONFIGURING: cell.mismatch}.get(reached)
@@ -226,7 +226,7 @@ _LISTED = 3
 class Decision:
     """The next step of the run, and the reason in words."""
 
-    signal: Signal
+    signal: RunSignal
     text: str = ""
 
 
@@ -271,13 +271,13 @@ class Recovery:
     def step(self, phase: Phase, now_s: float) -> Decision | None:
         """The decision of the run now; None to go on."""
         if asleep := self._asleep(now_s):
-            return Decision(Signal.FAULT, asleep)
+            return Decision(RunSignal.FAULT, asleep)
         troubles = self._troubles(now_s)
         for trouble in troubles:
             self._roster.lose(trouble.cell, trouble.text, now_s)
         self.bring_back(now_s)
         if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
-            return Decision(Signal.FAULT, _told(each.text for each in troubles))
+            return Decision(RunSignal.FAULT, _told(each.text for each in troubles))
         decision = None
         if phase in TROUBLED:
             decision = self._while_held(phase, now_s)
@@ -333,7 +333,7 @@ class Recovery:
             self._go_without([each.cell for each in troubles], text, now_s)
             return None
         if all(each.nature is TroubleNature.LASTING for each in troubles) and not self._waits:
-            return Decision(Signal.FAULT, text)
+            return Decision(RunSignal.FAULT, text)
         return self._hold(text, now_s)
 
     def _hold(self, text: str, now_s: float) -> Decision:
@@ -341,14 +341,14 @@ class Recovery:
             self._begun_s.popleft()
         if len(self._begun_s) >= self._policy.pauses and not self._waits:
             held = f"; held {len(self._begun_s)} times in a minute before"
-            return Decision(Signal.FAULT, text + (held if self._begun_s else ""))
+            return Decision(RunSignal.FAULT, text + (held if self._begun_s else ""))
         self._begun_s.append(now_s)
         self.pauses += 1
         self._since_s, self._settled_s = now_s, None
         # Those that fell out just before may have the same reason, and come back as soon.
         self._roster.await_since(now_s - self._policy.pause_s)
         self._journal.warn(now_s, f"all parcels are held: {text}")
-        return Decision(Signal.TROUBLE)
+        return Decision(RunSignal.TROUBLE)
 
     @property
     def _waits(self) -> bool:
@@ -369,14 +369,14 @@ class Recovery:
 
     def _while_held(self, phase: Phase, now_s: float) -> Decision | None:
         if refusal := self._power_cut() or self._refusal(now_s):
-            return Decision(Signal.FAULT, refusal)
+            return Decision(RunSignal.FAULT, refusal)
         awaited = self._roster.awaited
         held_s = now_s - self._since_s
         if awaited and held_s >= self._policy.limit_s:
             return self._overdue(awaited, now_s)
         heard = all(way.heard for way in awaited)
         if heard is not (phase is Phase.RECOVERING):
-            return Decision(Signal.DONE if heard else Signal.TROUBLE)
+            return Decision(RunSignal.DONE if heard else RunSignal.TROUBLE)
         return self._settle(held_s, now_s) if heard else None
 
     def _power_cut(self) -> str | None:
@@ -421,16 +421,16 @@ class Recovery:
         if now_s - self._settled_s < _SETTLED_S:
             return None
         self._journal.note(now_s, f"all cells are back after {held_s:.2f} s")
-        return Decision(Signal.DONE)
+        return Decision(RunSignal.DONE)
 
     def _overdue(self, awaited: list[CellRecovery], now_s: float) -> Decision:
         """The array has been held for long enough."""
         limit = f"not back within {self._policy.limit_s:g} s"
         text = f"{_told(way.refused or way.text for way in awaited)}; {limit}"
         if not self._may_lose(len(self._roster.out)):
-            return Decision(Signal.FAULT, text)
+            return Decision(RunSignal.FAULT, text)
         self._go_without([way.cell for way in awaited], text, now_s)
-        return Decision(Signal.WITHOUT)
+        return Decision(RunSignal.WITHOUT)
 
     def _report_lost(self) -> None:
         lost = frozenset(cell.number for cell in self._roster.given_up)

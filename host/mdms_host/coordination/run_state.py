@@ -26,7 +26,7 @@ class Phase(StrEnum):
     FAILED = "stopped after a fault"
 
 
-class Signal(StrEnum):
+class RunSignal(StrEnum):
     """Cause for the end of a phase."""
 
     DONE = "done"
@@ -52,24 +52,24 @@ HELD = (*TROUBLED, Phase.KEEPING)
 UP = (Phase.RUNNING, *HELD)
 STOPPED = (Phase.STOPPED, Phase.FAILED)
 
-TRANSITIONS: dict[tuple[Phase, Signal], Phase] = {
-    (Phase.WAITING, Signal.DONE): Phase.IDENTIFYING,
-    (Phase.IDENTIFYING, Signal.DONE): Phase.CONFIGURING,
-    (Phase.CONFIGURING, Signal.DONE): Phase.STARTING,
-    (Phase.STARTING, Signal.DONE): Phase.ENABLING,
-    (Phase.ENABLING, Signal.DONE): Phase.RUNNING,
-    (Phase.RUNNING, Signal.TROUBLE): Phase.HOLDING,
-    (Phase.HOLDING, Signal.DONE): Phase.RECOVERING,
-    (Phase.RECOVERING, Signal.TROUBLE): Phase.HOLDING,
-    (Phase.RECOVERING, Signal.DONE): Phase.RUNNING,
-    **{(phase, Signal.WITHOUT): Phase.RUNNING for phase in TROUBLED},
-    (Phase.RUNNING, Signal.KEEP): Phase.KEEPING,
-    (Phase.KEEPING, Signal.TROUBLE): Phase.HOLDING,
-    (Phase.KEEPING, Signal.DONE): Phase.RUNNING,
-    (Phase.STOPPING, Signal.DONE): Phase.STOPPED,
-    (Phase.FAILING, Signal.DONE): Phase.FAILED,
-    **{(phase, Signal.STOP): Phase.STOPPING for phase in (*BRING_UP, *UP)},
-    **{(phase, Signal.FAULT): Phase.FAILING for phase in (*BRING_UP, *UP, Phase.STOPPING)},
+TRANSITIONS: dict[tuple[Phase, RunSignal], Phase] = {
+    (Phase.WAITING, RunSignal.DONE): Phase.IDENTIFYING,
+    (Phase.IDENTIFYING, RunSignal.DONE): Phase.CONFIGURING,
+    (Phase.CONFIGURING, RunSignal.DONE): Phase.STARTING,
+    (Phase.STARTING, RunSignal.DONE): Phase.ENABLING,
+    (Phase.ENABLING, RunSignal.DONE): Phase.RUNNING,
+    (Phase.RUNNING, RunSignal.TROUBLE): Phase.HOLDING,
+    (Phase.HOLDING, RunSignal.DONE): Phase.RECOVERING,
+    (Phase.RECOVERING, RunSignal.TROUBLE): Phase.HOLDING,
+    (Phase.RECOVERING, RunSignal.DONE): Phase.RUNNING,
+    **{(phase, RunSignal.WITHOUT): Phase.RUNNING for phase in TROUBLED},
+    (Phase.RUNNING, RunSignal.KEEP): Phase.KEEPING,
+    (Phase.KEEPING, RunSignal.TROUBLE): Phase.HOLDING,
+    (Phase.KEEPING, RunSignal.DONE): Phase.RUNNING,
+    (Phase.STOPPING, RunSignal.DONE): Phase.STOPPED,
+    (Phase.FAILING, RunSignal.DONE): Phase.FAILED,
+    **{(phase, RunSignal.STOP): Phase.STOPPING for phase in (*BRING_UP, *UP)},
+    **{(phase, RunSignal.FAULT): Phase.FAILING for phase in (*BRING_UP, *UP, Phase.STOPPING)},
 }
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
 from mdms_host.coordination.frame_router import FrameRouter
 from mdms_host.coordination.recovery import ArrayState, Recovery
-from mdms_host.coordination.run_state import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, Signal
+from mdms_host.coordination.run_state import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, RunSignal
 from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, names
 
 _OVER = (Phase.FAILING, *STOPPED)
@@ -56,9 +56,9 @@ class RunStateMachine:
         self._advance(now_s)
         # No cycle lies between: a run that comes up, or recovers, moves nothing that is to stand.
         if self.keeps and self.phase is Phase.RUNNING:
-            self._signal(Signal.KEEP, now_s)
+            self._signal(RunSignal.KEEP, now_s)
         elif self.phase is Phase.KEEPING and not self.keeps:
-            self._signal(Signal.DONE, now_s)
+            self._signal(RunSignal.DONE, now_s)
 
     def _check(self, now_s: float) -> None:
         """Act on troubles of cells, on another host, or on a request to stop."""
@@ -70,8 +70,8 @@ class RunStateMachine:
             self._fail(OTHER_HOST, now_s)
         elif self._frame_router.switched_off:
             self._fail(SWITCHED_OFF, now_s)
-        elif self._stop_requested and (self.phase, Signal.STOP) in TRANSITIONS:
-            self._signal(Signal.STOP, now_s)
+        elif self._stop_requested and (self.phase, RunSignal.STOP) in TRANSITIONS:
+            self._signal(RunSignal.STOP, now_s)
         elif self.phase in UP:
             self._look_after_cells(now_s)
         elif fault := self._supervision.fault(self.phase, self._roster.taking_part, now_s):
@@ -93,7 +93,7 @@ class RunStateMachine:
         decision = self._recovery.step(self.phase, now_s)
         if decision is None:
             return
-        if decision.signal is Signal.FAULT:
+        if decision.signal is RunSignal.FAULT:
             self._fail(decision.text, now_s)
         else:
             self._signal(decision.signal, now_s)
@@ -116,7 +116,7 @@ class RunStateMachine:
                 self._fail(text, now_s)
         elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
             self._journal.note(now_s, f"not confirmed to be off: {names(late)}")
-            self._signal(Signal.DONE, now_s)
+            self._signal(RunSignal.DONE, now_s)
 
     def _conclude(self, now_s: float) -> None:
         """End a phase that all cells have reached, if none of them is other than it should be."""
@@ -124,7 +124,7 @@ class RunStateMachine:
         if misfits:
             self._fail(misfits, now_s)
         else:
-            self._signal(Signal.DONE, now_s)
+            self._signal(RunSignal.DONE, now_s)
 
     def _late(self, now_s: float) -> list[BringUpCell]:
         """The cells that the phase waits for; when stopping, none that is silent."""
@@ -133,7 +133,7 @@ class RunStateMachine:
             return late
         return [cell for cell in late if not self._supervision.silent(cell, now_s)]
 
-    def _signal(self, signal: Signal, now_s: float) -> None:
+    def _signal(self, signal: RunSignal, now_s: float) -> None:
         self._enter(TRANSITIONS[self.phase, signal], now_s)
 
     def _enter(self, phase: Phase, now_s: float) -> None:
@@ -145,4 +145,4 @@ class RunStateMachine:
     def _fail(self, text: str, now_s: float) -> None:
         self.fault = text
         self._journal.note(now_s, f"fault: {text}")
-        self._signal(Signal.FAULT, now_s)
+        self._signal(RunSignal.FAULT, now_s)

@@ -78,7 +78,7 @@ _SEQUENCE_BIT = 59
 _FLAGS_BIT = 61
 
 
-class Estimate(NamedTuple):
+class HeardEstimate(NamedTuple):
     """A cell's report of its parcel; codes as in `mdms_protocol.neighbours.frames`."""
 
     time_ns: int
@@ -113,7 +113,7 @@ class Word:
             for number, node_id in zip(addresses.on_bus(bus), nodes, strict=True):
                 cells[cob.ESTIMATE_BASE + node_id] = number - 1
             self._emergencies.append({cob.EMCY_BASE + node_id for node_id in nodes})
-        self.estimates: dict[int, Estimate] = {}
+        self.estimates: dict[int, HeardEstimate] = {}
         self.parcels: dict[int, int] = {}
         self.told_ns = -NS_PER_S
         self._world = truth.world
@@ -139,7 +139,7 @@ class Word:
         elif frame.data in _STOPS_OF_ALL:
             self.told_ns = now_ns
 
-    def under(self, identity: int, now_ns: int) -> list[Estimate]:
+    def under(self, identity: int, now_ns: int) -> list[HeardEstimate]:
         """The reports of the cells under the parcel of this identity."""
         return [
             each
@@ -191,9 +191,9 @@ class Word:
             places.append(pose)
 
 
-def _estimate_of(data: bytes, now_ns: int) -> Estimate:
+def _estimate_of(data: bytes, now_ns: int) -> HeardEstimate:
     number = int.from_bytes(data, "little")
-    return Estimate(
+    return HeardEstimate(
         now_ns,
         number >> _IDENTITY_BIT & wire.IDENTITY_MAX,
         number >> _STATE_BIT & wire.UNDER,
