@@ -83,6 +83,8 @@ class UnexplainedSensors:
         self.foreign: Bools = np.zeros(len(self._sensors_m), dtype=bool)
         #: Covered ones (S,) that a parcel explains only where it was when their cells reported.
         self._left_behind: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+        #: Those (S,) that a parcel alone explains, whatever they show.
+        self._explained: Bools = np.zeros(len(self._sensors_m), dtype=bool)
 
     def leave(self, now_s: float, sensors: Ints) -> None:
         """A parcel over these sensors has left, or is about to fall off."""
@@ -121,6 +123,7 @@ class UnexplainedSensors:
         # Sensors that a parcel has moved over since then are its own.
         self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
         strange = covered & valid & (~explained | self.foreign) & ~self.just_left(now_s)
+        self._explained = coverage.explained & ~strange
         key = strange.tobytes() + valid.tobytes()
         if key != self._last[0]:
             groups = tuple(self._grouping.of(strange, ~valid)) if strange.any() else ()
@@ -141,17 +144,13 @@ class UnexplainedSensors:
         return others
 
     def still(self, now_s: float, groups: Iterable[Ints], changed_s: Floats) -> tuple[Ints, ...]:
-        """Those of the groups in and around which no sensor has changed of late.
+        """Those of the groups in and around which no unexplained sensor has changed of late.
 
         Nor has a parcel just left any of these: whether such a sensor belongs to the group is known
         once its cell reports again.
         """
-        around = [(group, self._around(group)) for group in groups]
-        return tuple(
-            group
-            for group, near in around
-            if changed_s[near].max() <= now_s - _STILL_S and not self._left_behind[near].any()
-        )
+        changes = (changed_s > now_s - _STILL_S) & ~self._explained | self._left_behind
+        return tuple(group for group in groups if not changes[self._around(group)].any())
 
     def _around(self, group: Ints) -> Ints:
         low_m, high_m = self._sensors_m[group].min(axis=0), self._sensors_m[group].max(axis=0)

@@ -28,3 +28,18 @@ def test_a_group_is_judged_once_it_is_known_what_a_parcel_left_behind() -> None:
     assert judged(1.0, 0.0, edge) == [{*np.flatnonzero(covered & ~edge).tolist()}]
     assert judged(1.1, 0.15, nowhere) == []
     assert judged(1.2, 0.05, nowhere) == [{*np.flatnonzero(covered).tolist()}]
+
+
+def test_what_is_set_down_is_judged_while_a_parcel_moves_beside_it() -> None:
+    unexplained = UnexplainedSensors(LAYOUT, Surroundings(LAYOUT))
+    away_m = np.hypot(*(LAYOUT.sensors_m - (-0.35, 0.0)).T)
+    thing, valid = away_m < 0.2, np.ones(SENSORS, dtype=bool)
+    moving = (np.abs(LAYOUT.sensors_m - (0.02, 0.0)) < 0.15).all(axis=1)
+    assert not (moving & thing).any()
+    coverage = Coverage(SENSORS, {}, {})
+    coverage.explained |= moving
+    for changing, seen in ((moving, [{*np.flatnonzero(thing).tolist()}]), (~moving & ~thing, [])):
+        changed_s = np.where(changing, 0.99, 0.0)
+        groups = unexplained.groups(1.0, thing | moving, valid, coverage, np.zeros(SENSORS))
+        still = unexplained.still(1.0, groups, changed_s)
+        assert [{*group.tolist()} for group in still] == seen
