@@ -35,6 +35,8 @@ LATE_MS = const(2)
 #: The host is gone once it has been missed for so long. Until then no cell begins another leg, for
 #: it may be the only one that has missed some heartbeats [ms].
 _GONE_MS = const(500)
+#: For so long most neighbours have no supply until the cell takes its own for gone [beats].
+_UNSUPPLIED_BEATS = const(5)
 
 
 class Layer:
@@ -131,7 +133,7 @@ class Layer:
         for field in range(wire.ESTIMATE_FIELDS):
             self._estimate[field] = 0
         self._due = False
-        self._skipped_beats = 0
+        self._skipped_beats = self._unsupplied_beats = 0
         # Reports of the last update to the right of way: the parcel over the cell, the neighbours
         # that it needs, and whether a sensor is covered.
         self._over = self._needs = 0
@@ -271,6 +273,7 @@ class Layer:
         self._updated_ms = self._came_ms
         # Take in the frames of neighbours, and choose the parcel to be at.
         sent = self._take_in()
+        self._heed_supplies()
         if not self._tracking.under:
             self._choose_parcel()
         # Believe: where the parcel is and how it moves.
@@ -312,6 +315,17 @@ class Layer:
         if rights.unsure:
             self._look_around(sent)
         return sent
+
+    def _heed_supplies(self):
+        """Take the supply for gone if most neighbours have none: the emergency stop cuts them all.
+
+        A cell whose measurement is stuck would go on when the button is released.
+        """
+        heard = self._heard
+        gone = heard.unsupplied and heard.supply_is_gone(self._came_ms)
+        self._unsupplied_beats = self._unsupplied_beats + 1 if gone else 0
+        if self._unsupplied_beats >= _UNSUPPLIED_BEATS:
+            self._axes.lose_supply()
 
     @micropython.native
     def _find_program(self, sent):

@@ -252,6 +252,13 @@ class Axes:
             elif emcy.errors:
                 emcy.clear(source)
 
+    def lose_supply(self):
+        """Take the supply of axes that are on for too low, whatever is measured."""
+        for source, drive in enumerate(self._drives, 1):
+            if drive.state in _ON:
+                drive.fail(UNDERVOLTAGE)
+                self._emcy.report(source, UNDERVOLTAGE)
+
     def driving(self):
         """Whether any motor is on."""
         return any(drive.state in DRIVING for drive in self._drives)

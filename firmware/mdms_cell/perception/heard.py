@@ -9,6 +9,7 @@ from mdms_cell.drive import speed_loop
 from mdms_cell.mailboxes import LENGTH, STAMP, Mailboxes
 from mdms_cell.perception.place import DIRECTIONS, OWN, SENSORS
 from mdms_cell.ticks import diff
+from mdms_protocol.codecs import cia402
 from mdms_protocol.compat import const, micropython, ptr8, ptr16, ptr32
 from mdms_protocol.neighbours import frames as wire
 
@@ -31,13 +32,15 @@ class Heard:
     cell's sensor bits, known with `SEEN`. `estimates` has the fields of `neighbours.frames`, and
     `estimate_beat[d]` the beat in which they came. They are to be passed on once, while their box
     is fresh. Of the waiting `edges`, `edge_ms` has the times and `edge_bytes` the rest; see `edge`.
+    `unsupplied` is the mask of the directions whose last statusword says that their motors' supply
+    is too low.
     """
 
     def __init__(self):
         self.beat = 0
         self.boxes = Mailboxes(2 * DIRECTIONS + 1, NEVER)
         self.presence = bytearray(DIRECTIONS + 1)
-        self.repeat_ms = 0
+        self.repeat_ms = self.unsupplied = 0
         self._state_ms = array("i", [0] * DIRECTIONS)
         self._words = array("H", [0] * (2 * DIRECTIONS))
         self.estimates = array("h", [0] * (wire.ESTIMATE_FIELDS * DIRECTIONS))
@@ -56,7 +59,7 @@ class Heard:
         for field in range(len(self.estimates)):
             self.estimates[field] = 0
         self.pass_over()
-        self.edges = 0
+        self.edges = self.unsupplied = 0
 
     @micropython.native
     def begin_beat(self, registers):
@@ -132,6 +135,9 @@ class Heard:
             self.presence[direction] &= BITS
         words[at] = first
         words[at + 1] = second
+        self.unsupplied |= 1 << direction
+        if first & cia402.VOLTAGE_ENABLED:
+            self.unsupplied ^= 1 << direction
         self._state_ms[direction] = now_ms
         self.take_presence(direction, data[4], now_ms)
         return True
@@ -149,6 +155,15 @@ class Heard:
             return 0
         age_ms = abs(diff(now_ms, self._state_ms[direction]))
         return age_ms if age_ms <= repeat_ms + 20 else -1
+
+    def supply_is_gone(self, now_ms):
+        """Whether most neighbours that are heard, two at least, say that of their motors."""
+        heard = low = 0
+        for direction in range(DIRECTIONS):
+            if self.age_ms(direction, now_ms) >= 0:
+                heard += 1
+                low += self.unsupplied >> direction & 1
+        return low >= 2 and 2 * low > heard
 
     @micropython.native
     def take_presence(self, direction, bits, now_ms):

@@ -22,6 +22,8 @@ class Powered(Middle):
     travel_nm = 0
     #: Whether any wheel has had a voltage since this was set to False.
     driven = False
+    #: The nodes whose statuswords say that their supply is gone, and those whose states get lost.
+    unsupplied = losing_of = ()
 
     def __init__(self, speed_um_s):
         #: The codes of the emergencies that it has sent since this was emptied.
@@ -41,6 +43,15 @@ class Powered(Middle):
     def beat(self, moving=True):
         super().beat(moving)
         self.listen()
+
+    def _presence(self, direction):
+        node = NEIGHBOURS[direction]
+        words = self.words
+        if node in self.unsupplied:
+            self.words = bytes((words[0] & ~cia402.VOLTAGE_ENABLED, *words[1:]))
+        self.losing = node in self.losing_of
+        super()._presence(direction)
+        self.words = words
 
     def listen(self):
         for can_id, data in self.board.take():
@@ -198,3 +209,36 @@ def test_low_supply_of_a_cell_that_is_off_is_reported_and_is_no_fault():
         middle._pass(20)
         assert emergencies(middle) == {0}
         assert middle.states() == [state] * 2
+
+
+def test_cell_that_measures_a_supply_heeds_the_stop_by_what_most_neighbours_say():
+    for most, begin in ((True, moving), (True, waiting), (False, moving)):
+        middle = begin()
+        emergencies(middle)
+        middle.unsupplied = NEIGHBOURS[: 5 if most else 4]
+        middle.beats(4, moving=most)
+        assert cia402.FAULT not in middle.states()
+        middle.beats(20, moving=False)
+        assert (middle.states() == [cia402.FAULT] * 2) == most
+        assert (UNDERVOLTAGE in emergencies(middle)) == most
+        if not most:
+            continue
+        middle.driven = False
+        middle.unsupplied = ()
+        middle.silent = None
+        middle.beats(100, moving=False)
+        assert not middle.driven
+        middle.control(cia402.DISABLE_VOLTAGE, cia402.FAULT_RESET)
+        middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON)
+        middle.beats(20, moving=False)
+        assert middle.driven
+        assert emergencies(middle) == {0}
+
+
+def test_neighbours_whose_supply_is_gone_count_while_they_are_heard():
+    middle = moving()
+    middle.unsupplied = NEIGHBOURS[:2]
+    middle.losing_of = NEIGHBOURS[2:]
+    # The six others say nothing, and count for 0.22 s.
+    middle.beats(40, moving=True)
+    assert middle.states() == [cia402.FAULT] * 2
