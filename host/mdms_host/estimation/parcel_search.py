@@ -70,7 +70,10 @@ class ParcelSearch:
             self.settled = not missing
             return []
         groups = self._whole(now_s, missing, groups)
-        still = self._unexplained.still(now_s, groups, self._presence.changed_s)
+        # One that has been lost may be set down before another. Newcomers come where nobody goes.
+        lost = any(each.last is not None for each in missing)
+        changed_s = self._presence.changed_s
+        still = self._unexplained.still(now_s, groups, changed_s, at_once=lost)
         self.settled = not groups
         if still:
             still = self._parted(now_s, missing, still)

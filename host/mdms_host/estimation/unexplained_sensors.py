@@ -143,13 +143,19 @@ class UnexplainedSensors:
                 others[group] = 2 * far.sum() > len(group)
         return others
 
-    def still(self, now_s: float, groups: Iterable[Ints], changed_s: Floats) -> tuple[Ints, ...]:
-        """Those of the groups in and around which no unexplained sensor has changed of late.
+    def still(
+        self, now_s: float, groups: Iterable[Ints], changed_s: Floats, *, at_once: bool
+    ) -> tuple[Ints, ...]:
+        """Those of the groups in and around which no sensor has changed of late.
 
-        Nor has a parcel just left any of these: whether such a sensor belongs to the group is known
-        once its cell reports again.
+        Those that a parcel explains, which may move, do not count `at_once`. Nor has a parcel just
+        left any of these: whether such a sensor belongs to the group is known once its cell reports
+        again.
         """
-        changes = (changed_s > now_s - _STILL_S) & ~self._explained | self._left_behind
+        changes = changed_s > now_s - _STILL_S
+        if at_once:
+            changes &= ~self._explained
+        changes |= self._left_behind
         return tuple(group for group in groups if not changes[self._around(group)].any())
 
     def _around(self, group: Ints) -> Ints:

@@ -22,7 +22,7 @@ def test_a_group_is_judged_once_it_is_known_what_a_parcel_left_behind() -> None:
         coverage.explained |= reached
         silent = np.full(SENSORS, silent_s)
         groups = unexplained.groups(now_s, covered, valid, coverage, silent)
-        return [{*group.tolist()} for group in unexplained.still(now_s, groups, changed_s)]
+        return [{*group.tolist()} for group in unexplained.still(now_s, groups, changed_s, at_once=False)]
 
     nowhere = np.zeros(SENSORS, dtype=bool)
     assert judged(1.0, 0.0, edge) == [{*np.flatnonzero(covered & ~edge).tolist()}]
@@ -30,7 +30,7 @@ def test_a_group_is_judged_once_it_is_known_what_a_parcel_left_behind() -> None:
     assert judged(1.2, 0.05, nowhere) == [{*np.flatnonzero(covered).tolist()}]
 
 
-def test_what_is_set_down_is_judged_while_a_parcel_moves_beside_it() -> None:
+def test_what_is_judged_at_once_is_judged_while_a_parcel_moves_beside_it() -> None:
     unexplained = UnexplainedSensors(LAYOUT, Surroundings(LAYOUT))
     away_m = np.hypot(*(LAYOUT.sensors_m - (-0.35, 0.0)).T)
     thing, valid = away_m < 0.2, np.ones(SENSORS, dtype=bool)
@@ -38,8 +38,12 @@ def test_what_is_set_down_is_judged_while_a_parcel_moves_beside_it() -> None:
     assert not (moving & thing).any()
     coverage = Coverage(SENSORS, {}, {})
     coverage.explained |= moving
-    for changing, seen in ((moving, [{*np.flatnonzero(thing).tolist()}]), (~moving & ~thing, [])):
+    for changing, at_once, seen in (
+        (moving, True, 1),
+        (moving, False, 0),
+        (~moving & ~thing, True, 0),
+    ):
         changed_s = np.where(changing, 0.99, 0.0)
         groups = unexplained.groups(1.0, thing | moving, valid, coverage, np.zeros(SENSORS))
-        still = unexplained.still(1.0, groups, changed_s)
-        assert [{*group.tolist()} for group in still] == seen
+        still = unexplained.still(1.0, groups, changed_s, at_once=at_once)
+        assert [group.tolist() for group in still] == [np.flatnonzero(thing).tolist()] * seen
