@@ -343,12 +343,18 @@ class Sending:
             self._begin(-inf)
 
     def _cells_having(self) -> set[int]:
-        """The cells that have acknowledged the program by their estimates."""
-        sequence = 0 if self.way is None else self._sequence
+        """The cells that have acknowledged the program by their estimates.
+
+        One whose program has ended has no way either, but is under the parcel only once it has the
+        parcel's data again.
+        """
+        if self.way is None:
+            under = self._reports.under(self.identity)
+            return {cell for cell, estimate in under.items() if not estimate.sequence}
         return {
             cell
             for cell, estimate in self._reports.of(self.identity).items()
-            if estimate.sequence == sequence and not (sequence and estimate.flags & wire.LACKING)
+            if estimate.sequence == self._sequence and not estimate.flags & wire.LACKING
         }
 
 
