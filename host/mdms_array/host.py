@@ -179,9 +179,13 @@ def cells_program(
 ) -> CellsTableProgram:
     """The same for cells that steer."""
     loads = _loads({parcel.name: parcel for parcel in parcels}, masses)
-    traffic = CellsTraffic(layout, executor or VirtualExecutor(), loads, cells)
+    hangs = scenario.motion.field == "goal"
+    traffic = CellsTraffic(layout, executor or VirtualExecutor(), loads, cells, hangs=hangs)
     table, main = Table(half_table_m(scenario), (), traffic), main or main_of(scenario.task)
-    return CellsTableProgram(main, table, _members(scenario), traffic, cells)
+    program = CellsTableProgram(main, table, _members(scenario), traffic, cells)
+    if (goals := goals_of(scenario)) is not None:
+        program.keep_goals(goals)
+    return program
 
 
 def _loads(named: Mapping[str, Parcel], masses: Mapping[str, Mass]) -> dict[str, Load]:
@@ -321,12 +325,10 @@ def coordinator_of(
     goals = goals_of(scenario)
     if scenario.motion.field not in ("goal", "program"):
         program = _field_program(scenario)
-    elif goals is not None and scenario.motion.control == "cells":
-        program = _program(scenario, layout, parcels, goals)
     elif scenario.motion.control == "cells":
         _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario))
         motion = CellsMotion(limits_of(scenario), scenario.motion.go_on)
-        led = CellsProgram(layout, parcels, {}, motion, centres_of_mass_m=centres_m)
+        led = CellsProgram(layout, parcels, motion, centres_of_mass_m=centres_m)
         masses = masses_of(scenario)
         program = cells_program(
             scenario, parcels, masses, led, layout=layout, main=main, executor=executor
@@ -526,16 +528,6 @@ def _field_program(scenario: Scenario) -> FieldProgram:
         fastest_m_s *= drive_of(scenario.cell).droop
         _refuse_faster(scenario.stop, "motion.field moves parcels at [m/s]", fastest_m_s)
     return FieldProgram(field_m_s)
-
-
-def _program(
-    scenario: Scenario, layout: Layout, parcels: tuple[Parcel, ...], goals: Mapping[str, Goal]
-) -> CellsProgram:
-    droop = drive_of(scenario.cell).droop
-    _check_speed(scenario, scenario.motion.speed_m_s * _wheel_share(scenario) / droop)
-    motion = CellsMotion(limits_of(scenario), scenario.motion.go_on, planned=len(parcels) < 2)
-    centres_m = centres_of_mass_m(scenario)
-    return CellsProgram(layout, parcels, goals, motion, centres_of_mass_m=centres_m)
 
 
 def limits_of(scenario: Scenario) -> Limits:

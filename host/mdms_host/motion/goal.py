@@ -190,7 +190,7 @@ class GoalController:
         """The follower of the way from here; None while a way is sought."""
         if self._search is None:
             footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-            self._search = WaySearch(footholds, belief, self._target(belief.pose), room=False)
+            self._search = WaySearch(footholds, belief, self._target(belief.pose))
         path = self._search.step()
         if path is None:
             return None

@@ -6,7 +6,7 @@ A parcel that stands though it is commanded to move is tried again, a few times.
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import degrees, hypot, inf
+from math import degrees, hypot
 
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import shorter_turn_rad
@@ -77,11 +77,6 @@ _LEAST_M = 0.0015
 #: However slowly it is to go, it stands when it has made less than this way in so long.
 _LONG_S = 1.6
 _CREEP_M = 0.0005
-#: A parcel that does not get on is tried so often, each time after so long [s], unless it has got
-#: on by so much since the first time [m].
-TRIES = 5
-_REST_S = 0.5
-_GOT_ON_M = 0.05
 
 
 class Standstill:
@@ -124,23 +119,3 @@ def _stands(before: tuple[float, float], after: tuple[float, float]) -> bool:
 def _creeps(before: tuple[float, float], after: tuple[float, float]) -> bool:
     """Whether it has made hardly any way, though it was commanded to go."""
     return after[1] > before[1] and before[0] - after[0] < _CREEP_M
-
-
-class Tries:
-    """How often a parcel has not got on, and until when it rests."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._first_m = inf
-        self._until_s = -inf
-
-    def stand(self, left_m: float, now_s: float) -> bool:
-        """Take in that it stands, with so much left to go; whether it is to be tried again."""
-        if left_m < self._first_m - _GOT_ON_M:
-            self.count, self._first_m = 0, left_m
-        self.count, self._until_s = self.count + 1, now_s + _REST_S
-        return self.count < TRIES
-
-    def rests(self, now_s: float) -> bool:
-        """Whether it is not to be tried yet."""
-        return now_s < self._until_s

@@ -26,16 +26,13 @@ _SAFE = 0.2
 class WaySearch:
     """Looks for a way of a parcel from the pose where it is believed to rest to another pose.
 
-    The straight way does if nothing on it is less safe than its ends. It also does to an end that
-    is not safe itself. Without `room` beside it, it also does if a parcel that kept to it would not
-    tip. Otherwise ways are tried that turn first, turn last or lead around, one a step, so no cycle
-    is held up. The first safe one is taken. If there is none, the way that is safe for most of its
-    length is taken.
+    The straight way does if a parcel that keeps to it does not tip. It also does to an end that is
+    not safe itself. Otherwise ways are tried that turn first, turn last or lead around, one a step,
+    so no cycle is held up. The first safe one is taken. If there is none, the way that is safe for
+    most of its length is taken.
     """
 
-    def __init__(
-        self, footholds: Footholds, belief: Belief, target: Floats, *, room: bool = True
-    ) -> None:
+    def __init__(self, footholds: Footholds, belief: Belief, target: Floats) -> None:
         self._footholds = footholds
         self._reach_m = belief.outline.reach_m
         self._start = belief.pose
@@ -45,7 +42,6 @@ class WaySearch:
         # not safe at all is to be left.
         self._goal_m = self._safe_within_m(self._end)
         self._within_m = min(self._goal_m, self._safe_within_m(self._start) or BESIDE_M)
-        self._room = room
         self._ways: Iterator[list[Floats]] | None = None
         self._best: Path | None = None
         self._least = 0.0
@@ -69,9 +65,9 @@ class WaySearch:
         path = Path(np.array([self._start, self._end]), self._reach_m)
         if self._footholds.in_line or not self._goal_m:
             return path
-        unsafe_m, worst = self._unsafe(path)
-        if not unsafe_m or not (self._room or self._tips(_poses_on(path)).any()):
+        if not self._tips(_poses_on(path)).any():
             return path
+        unsafe_m, worst = self._unsafe(path)
         self._ways = self._around(worst)
         self._best, self._least = path, unsafe_m + _SAFE * path.length_m
         return None

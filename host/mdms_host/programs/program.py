@@ -349,7 +349,7 @@ class TableProgram:
 class CellsTableProgram(TableProgram):
     """The same as `TableProgram`, with goals for cells where that has references for wheels.
 
-    See `motion.by_cells.steering.ByCells`.
+    See `motion.program.ByCells`.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """Has the cells steer parcels: sends each parcel's program until they have it, then only listens.
 
-Without any IO: poses and estimates in; pages, notices and the outcome out.
+Without any IO: ways, poses and estimates in; pages and notices out.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -12,14 +12,13 @@ from mdms_host.estimation.footprint import Footprint
 from mdms_host.estimation.tracked_parcel import LEARNED_M
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.followed import Followed, LastLeg
 from mdms_host.motion.by_cells.lost_cells import LostCells
 from mdms_host.motion.by_cells.reports import Observed, Reports
 from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn, Precedences, Sending, Way
-from mdms_host.motion.by_cells.stages import Followed, Stages
-from mdms_host.motion.contact import has_room, has_room_to
+from mdms_host.motion.contact import has_room
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import Goal
-from mdms_host.motion.outcome import TRIES, Tries
 from mdms_host.motion.safe_goals import Places
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
@@ -36,20 +35,18 @@ _NEAR_M = 0.01
 
 
 class CellsProgram:
-    """The goals of parcels for cells that steer; identities count from 1 in the parcels' order.
+    """The programs of parcels for cells that steer; identities count from 1 in the parcels' order.
 
-    A parcel without a goal gets an identity too, so that its cells keep others away. A parcel that
-    does not get on although nothing holds it rests, and gets its program anew. After some tries it
-    is stopped for good: its identity is dropped. If the way is the caller's, new tries are up to
-    the caller. If all identities are taken, a parcel gets that of a parcel that has left the table.
-    `goes_on` is whether the cells bring a parcel to its goal without the host.
+    A parcel without a way gets an identity too, so that its cells keep others away. A parcel that
+    does not get on although nothing holds it is stopped. If all identities are taken, a parcel gets
+    that of a parcel that has left the table. `goes_on` is whether the cells bring a parcel to its
+    goal without the host.
     """
 
     def __init__(
         self,
         layout: Layout,
         parcels: tuple[Parcel, ...],
-        goals: Mapping[str, Goal],
         motion: CellsMotion | None = None,
         *,
         centres_of_mass_m: Places = MappingProxyType({}),
@@ -67,82 +64,38 @@ class CellsProgram:
         self._sendings: dict[str, Sending] = {}
         self._observed: dict[str, Observed] = {}
         self._followed: dict[str, Followed] = {}
-        self._stages: dict[str, Stages] = {}
-        self._tries: dict[str, Tries] = {}
+        self._last_legs: dict[str, LastLeg] = {}
         self._poses: dict[str, Floats] = {}
         self._notices: list[str] = []
         self._lost_cells = LostCells(layout, self._reports, self._notices.append)
         for parcel in parcels:
             self.add(parcel)
-        for name, sending in self._sendings.items():
-            if name in goals:
-                sending.way = Way((goals[name],))
-                self.set_goal(name, goals[name])
-
-    @property
-    def controllers(self) -> Mapping[str, Followed]:
-        """The follower of each parcel that has a goal, by the parcel's name."""
-        return self._followed
-
-    @property
-    def stuck(self) -> str | None:
-        """Why no parcel is steered any more though some have not arrived; None while one is."""
-        left = [name for name, followed in self._followed.items() if not followed.arrived]
-        if not left or not all(self._followed[name].stopped for name in left):
-            return None
-        return "; ".join(map(_stopped_text, left))
-
-    @property
-    def finished(self) -> bool:
-        """Whether all parcels have arrived."""
-        return all(followed.arrived for followed in self._followed.values())
-
-    @property
-    def awaits(self) -> Collection[str]:
-        """See `Program`: parcels that have goals."""
-        return self._followed.keys()
 
     @property
     def near(self) -> Collection[str]:
         """See `Program`: parcels whose cells the host leads place by place."""
         return [
             name
-            for name, stages in self._stages.items()
-            if stages.felt or self._followed[name].left_m <= _NEAR_M
+            for name, last in self._last_legs.items()
+            if last.felt or self._followed[name].left_m <= _NEAR_M
         ]
-
-    @property
-    def endless(self) -> bool:
-        """Goals are reached at some time."""
-        return False
-
-    def set_goal(self, name: str, goal: Goal) -> None:
-        """Have a parcel steered to this goal from now on, stopped or not.
-
-        Its cells get a program of the next sequence number, which takes the place of the old one.
-        They get it only once they have the old one, for they tell no more than three apart. Raises
-        KeyError for a parcel that is not the program's.
-        """
-        sending = self._sendings[name]
-        self._followed[name] = Followed(goal, self.motion.limits, self._footprints[name].reach_m)
-        self._stages[name] = self._stages_to(name, goal)
-        self._tries[name] = Tries()
-        sending.want(None)
 
     def lead(
         self, name: str, goal: Goal, legs: Sequence[Goal] = (), *, last: bool = False
     ) -> Followed:
-        """The same, on a way that is the caller's; returns the follower of the parcel to this goal.
+        """Have a parcel steered to this goal from now on; returns the follower of the parcel to it.
+
+        Its cells get a program of the next sequence number, which takes the place of the old one.
+        They get it only once they have the old one, for they tell no more than three apart.
 
         If the cells are to go on without the host, they also get the first of the `legs` that
         follow. They go along these while the host is gone; each leg needs another call until then.
         At the `last` goal the parcel is moved until its place is sure.
         """
-        self._stages.pop(name, None)
-        self._tries.pop(name, None)
         self._followed[name] = Followed(goal, self.motion.limits, self._footprints[name].reach_m)
+        self._last_legs.pop(name, None)
         if last:
-            self._stages[name] = self._stages_to(name, goal, led=True)
+            self._last_legs[name] = self._last_leg_to(name, goal)
         way = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
         if name in self._sendings:
             self._sendings[name].want(way)
@@ -191,8 +144,7 @@ class CellsProgram:
     def end(self, name: str) -> None:
         """Have the cells bring a parcel to rest, and steer it no more; they keep others away."""
         self._followed.pop(name, None)
-        self._stages.pop(name, None)
-        self._tries.pop(name, None)
+        self._last_legs.pop(name, None)
         if name in self._sendings:
             self._sendings[name].end()
 
@@ -230,15 +182,16 @@ class CellsProgram:
             if sending.overtaken() and sending.is_latest_there:
                 self._overtaken(name)
             if name in self._followed and self._stands(name, belief, now_s, step_s):
-                self._followed[name].stopped = not self._is_tried_again(name, now_s)
+                self._followed[name].stopped = True
                 sending.give_anew()
-            if name in self._stages and belief is not None:
+            if name in self._last_legs and belief is not None:
                 self._guide(name, _felt(name, beliefs), name in asked)
             observed = self._observed[name]
             if observed.is_elsewhere(belief, now_s) or (name in self._followed and observed.apart):
                 observed.apart = False
                 sending.give_anew()
-            shown = belief if self._may_send(name, now_s) else None
+            stopped = name in self._followed and self._followed[name].stopped
+            shown = None if stopped else belief
             pages += sending.pages(None if shown is None else shown.pose, now_s)
         identities = {name: sending.identity for name, sending in self._sendings.items()}
         if not self.goes_on:
@@ -252,9 +205,8 @@ class CellsProgram:
         for name, sending in self._sendings.items():
             sending.begin_again()
             self._observed[name].begin_again()
-        self._stages = {
-            name: self._stages_to(name, self._followed[name].goal, led=stages.led)
-            for name, stages in self._stages.items()
+        self._last_legs = {
+            name: self._last_leg_to(name, self._followed[name].goal) for name in self._last_legs
         }
         for followed in self._followed.values():
             followed.lose()
@@ -308,15 +260,9 @@ class CellsProgram:
 
     # Parcels on their way
 
-    def _stages_to(self, name: str, goal: Goal, *, led: bool = False) -> Stages:
+    def _last_leg_to(self, name: str, goal: Goal) -> LastLeg:
         centre_m = self._centres_of_mass_m.get(name, (0.0, 0.0))
-        footholds = Footholds(self._layout, self._footprints[name], centre_m)
-        return Stages(
-            goal,
-            footholds,
-            lambda end: has_room_to(end, name, self._poses, self._footprints),
-            led=led,
-        )
+        return LastLeg(goal, Footholds(self._layout, self._footprints[name], centre_m))
 
     def _stands(self, name: str, belief: Belief | None, now_s: float, step_s: float) -> bool:
         """Whether a parcel stands against its program."""
@@ -325,57 +271,30 @@ class CellsProgram:
             followed, belief, has_program=has_program, now_s=now_s, step_s=step_s
         )
 
-    def _is_tried_again(self, name: str, now_s: float) -> bool:
-        """Whether a parcel that stands rests, and is tried again, rather than be stopped."""
-        if name not in self._tries:
-            return False
-        tries, followed = self._tries[name], self._followed[name]
-        again = tries.stand(followed.left_m, now_s)
-        followed.lose()
-        if not again:
-            self._notices.append(_stopped_text(name))
-        elif tries.count == 1:
-            self._notices.append(f"{name} does not move as its cells command: it is tried again")
-        return again
-
     def _overtaken(self, name: str) -> None:
         """The cells missed the host meanwhile, and are on the next leg."""
         way, followed = self._sendings[name].way, self._followed.get(name)
         if way is None or followed is None:
             return
-        if name in self._stages:
-            self._stages[name].overtaken()
+        if name in self._last_legs:
+            self._last_legs[name].overtaken()
         else:
             followed.goal, followed.overtaken = way.goal, True
             followed.lead(followed.goal)
 
     def _guide(self, name: str, belief: Belief, asked: bool) -> None:
-        """Have a parcel taken to the next place on its way to its goal, if it is time.
+        """Have a parcel at its goal moved until its place is sure, and then back.
 
         It is at its goal only where it was `asked` whether that is sure.
         """
-        stages, followed, sending = self._stages[name], self._followed[name], self._sendings[name]
+        last, followed, sending = self._last_legs[name], self._followed[name], self._sendings[name]
         reported = followed.reported and sending.is_latest_there
-        there = followed.there and (asked if stages.final else sending.is_latest_there)
-        followed.arrived = stages.step(belief, reported, there)
-        if not stages.places:
-            return
-        way = Way(stages.places[: wire.LEGS_MAX + 1] if self.goes_on else stages.places[:1])
+        there = followed.there and (sending.is_latest_there if last.felt else asked)
+        followed.arrived = last.step(belief, reported, there)
+        way = Way(last.places if self.goes_on else last.places[:1])
         if sending.latest is None or sending.latest.places != way.places:
             sending.want(way)
-        followed.lead(stages.places[0])
-
-    def _may_send(self, name: str, now_s: float) -> bool:
-        """Whether a parcel is not stopped, nor rests, nor its way is looked for."""
-        stopped = name in self._followed and self._followed[name].stopped
-        rests = name in self._tries and self._tries[name].rests(now_s)
-        return not (stopped or rests) and (
-            name not in self._stages or bool(self._stages[name].places)
-        )
-
-
-def _stopped_text(name: str) -> str:
-    return f"{name} does not move as its cells command, tried {TRIES} times: stopped"
+        followed.lead(last.places[0])
 
 
 def _felt(name: str, beliefs: Mapping[str, Belief]) -> Belief:

@@ -13,7 +13,7 @@ import numpy as np
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.layout import Layout
-from mdms_host.motion.by_cells.stages import Followed
+from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.places import neighbours_of
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire

@@ -11,19 +11,19 @@ from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.footprint import Disc
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
+from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn
-from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.dispatch import WayRules
-from mdms_host.programs.traffic.ordered import OrderedTraffic
+from mdms_host.programs.traffic.ordered import OrderedTraffic, planner_of
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.planner import Margins, Planner, SearchSettings
+from mdms_host.routes.planner import SearchSettings
 from mdms_host.routes.reservations import Reservations, Visit
 from mdms_host.routes.route import Route, TrapezoidPace
 from mdms_model.arrays import Floats
@@ -259,7 +259,7 @@ _LEGS = wire.LEGS_MAX
 
 
 class CellsTraffic(OrderedTraffic[Legs]):
-    """Traffic by way of `cells`; see `carrier.Traffic`. No way leads over a lost cell."""
+    """Traffic by way of `cells`; see `carrier.Traffic`."""
 
     def __init__(
         self,
@@ -267,16 +267,22 @@ class CellsTraffic(OrderedTraffic[Legs]):
         executor: PlanExecutor,
         loads: Mapping[str, Load],
         cells: CellsProgram,
+        *,
+        hangs: bool = False,
     ) -> None:
         limits = cells.motion.limits
-        pace = TrapezoidPace(limits.speed_m_s, limits.acceleration_m_s2)
-        planner = Planner(
-            Tiles(layout, _TILES),
-            pace,
-            Margins(_CLEARANCE_M, _GAP_S),
+        planner = planner_of(
+            layout,
+            _TILES,
+            TrapezoidPace(limits.speed_m_s, limits.acceleration_m_s2),
             SearchSettings(legs=_LEGS),
+            clearance_m=_CLEARANCE_M,
+            gap_s=_GAP_S,
+            hangs=hangs,
         )
-        super().__init__(planner, executor, loads, WayRules(over_lost=False, beside=False))
+        # A parcel that goes on without the host crosses no lost cell; see `by_cells.lost_cells`.
+        rules = WayRules(over_lost=not cells.goes_on, beside=False)
+        super().__init__(planner, executor, loads, rules)
         self._cells = cells
         self._orders_due_s = -inf
         self._still: Floats = np.zeros(len(layout.wheel_cells))

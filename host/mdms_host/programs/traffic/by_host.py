@@ -10,11 +10,10 @@ from mdms_host.motion.trajectory.grip import Grip
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.dispatch import KeptFree, WayRules
-from mdms_host.programs.traffic.ordered import OrderedTraffic
+from mdms_host.programs.traffic.ordered import OrderedTraffic, planner_of
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Ride
-from mdms_host.routes.grid import RIM_M, Tiles
-from mdms_host.routes.planner import Margins, Planner, SearchSettings
+from mdms_host.routes.planner import SearchSettings
 from mdms_host.routes.route import Pace, Route
 from mdms_model.arrays import Floats
 
@@ -24,11 +23,6 @@ _TILES, _STEP = 4, 2
 #: Outlines are planned so much larger on all sides [m], and so much apart in time [s].
 _CLEARANCE_M = 0.008
 _GAP_S = 0.1
-#: Tiles reach so far beyond the edge of the table where parcels may hang far over it [m].
-_RIM_M = 0.15
-#: There a parcel may also be so far off its way [m], where its wheels slip and as its belief is
-#: off; a box with sides of 0.28 m does not tip so far off any.
-_OFF_M = 0.006
 
 
 class TableTraffic(OrderedTraffic[Ride]):
@@ -45,12 +39,13 @@ class TableTraffic(OrderedTraffic[Ride]):
         told: Mapping[str, Floats] = MappingProxyType({}),
         hangs: bool = False,
     ) -> None:
-        tiles = Tiles(traction.layout, _TILES, _RIM_M if hangs else RIM_M)
-        planner = Planner(
-            tiles,
+        planner = planner_of(
+            traction.layout,
+            _TILES,
             pace,
-            Margins(_CLEARANCE_M, _GAP_S, _OFF_M if hangs else 0.0),
             SearchSettings(step=_STEP),
+            clearance_m=_CLEARANCE_M,
+            gap_s=_GAP_S,
             hangs=hangs,
         )
         super().__init__(planner, executor, loads, WayRules(kept_free), told=told)

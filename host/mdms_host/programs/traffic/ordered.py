@@ -15,6 +15,7 @@ from typing import Generic, TypeVar
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.parcel import Parcel
+from mdms_host.layout import Layout
 from mdms_host.motion.goal import Goal
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
@@ -22,9 +23,40 @@ from mdms_host.programs.traffic.dispatch import Dispatch, NoWay, WayRules
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Riding, due_in_s_of, reserved_by, ways_of
 from mdms_host.programs.traffic.world_state import Timetable, WorldState
-from mdms_host.routes.planner import Plan, Planner
-from mdms_host.routes.route import Route
+from mdms_host.routes.grid import RIM_M, Tiles
+from mdms_host.routes.planner import Margins, Plan, Planner, SearchSettings
+from mdms_host.routes.route import Pace, Route
 from mdms_model.arrays import Floats
+
+#: Tiles reach so far beyond the edge of the table where parcels may hang far over it [m].
+_RIM_M = 0.15
+#: There a parcel may also be so far off its way [m], where its wheels slip and as its belief is
+#: off; a box with sides of 0.28 m does not tip so far off any.
+_OFF_M = 0.006
+
+
+def planner_of(
+    layout: Layout,
+    tiles: int,
+    pace: Pace,
+    settings: SearchSettings,
+    *,
+    clearance_m: float,
+    gap_s: float,
+    hangs: bool,
+) -> Planner:
+    """A planner on so many tiles along a cell's side; see `routes.planner.Margins`.
+
+    Where it `hangs`, a parcel may hang over the edge of the table, as its goal does.
+    """
+    return Planner(
+        Tiles(layout, tiles, _RIM_M if hangs else RIM_M),
+        pace,
+        Margins(clearance_m, gap_s, _OFF_M if hangs else 0.0),
+        settings,
+        hangs=hangs,
+    )
+
 
 #: A parcel that is not found for so long is lost to its order [s].
 _LOST_S = 6.0

@@ -22,7 +22,10 @@ def test_a_group_is_judged_once_it_is_known_what_a_parcel_left_behind() -> None:
         coverage.explained |= reached
         silent = np.full(SENSORS, silent_s)
         groups = unexplained.groups(now_s, covered, valid, coverage, silent)
-        return [{*group.tolist()} for group in unexplained.still(now_s, groups, changed_s, at_once=False)]
+        return [
+            {*group.tolist()}
+            for group in unexplained.still(now_s, groups, changed_s, at_once=False)
+        ]
 
     nowhere = np.zeros(SENSORS, dtype=bool)
     assert judged(1.0, 0.0, edge) == [{*np.flatnonzero(covered & ~edge).tolist()}]

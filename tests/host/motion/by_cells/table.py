@@ -24,14 +24,20 @@ HELD = 1
 
 
 class Table:
-    """A program, and cells that report the box as a test says.
+    """The programs of cells, and cells that report the box as a test says.
 
     After the end of their program they have none until they get a goal. Those in `missing` miss it.
+    If there is a goal, it is the last of its way, and the first program has it.
     """
 
     def __init__(self, goal=GOAL, **options):
-        goals = {} if goal is None else {"box": goal}
-        self.program = CellsProgram(LAYOUT, (BOX,), goals, CellsMotion(**options))
+        self.program = CellsProgram(LAYOUT, (BOX,), CellsMotion(**options))
+        self.followed = None
+        if goal is not None:
+            self.followed = self.program.lead("box", goal, last=True)
+            sending = self.program._sendings["box"]
+            sending.way = sending.latest
+            sending.want(None)
         self.now_s = 0.0
         self.notices = []
         self.ended = False

@@ -18,20 +18,20 @@ def test_parcel_has_arrived_when_most_of_its_cells_say_so_and_the_host_agrees():
     table = Table()
     arrived = reports(UNDER[:5], flags=wire.ARRIVED) | reports(UNDER[5:])
     table.run(0.5, poses=AT, reports=arrived)
-    assert not table.program.finished
+    assert not table.followed.arrived
     table.run(0.5, poses=THERE, reports=reports(UNDER))
-    assert not table.program.finished
+    assert not table.followed.arrived
     table.run(0.5, poses=THERE, reports=arrived)
-    assert table.program.finished
+    assert table.followed.arrived
 
 
 def test_cells_without_a_pose_of_the_parcel_have_no_say_in_its_arrival():
     table = Table()
     arrived = reports(UNDER[:4], flags=wire.ARRIVED) | reports(UNDER[4:], certainty=0)
     table.run(0.5, poses=THERE, reports=arrived)
-    assert table.program.finished
+    assert table.followed.arrived
     table.run(0.5, poses=THERE, reports=reports(UNDER, flags=wire.ARRIVED, certainty=0))
-    assert not table.program.finished
+    assert not table.followed.arrived
 
 
 def test_cells_that_take_the_parcel_for_arrived_elsewhere_are_contradicted_once():
@@ -55,45 +55,25 @@ def test_box_that_is_held_is_reported_with_the_cells_that_it_lacks():
     held = reports(UNDER) | reports((10,), hold=0, wants=east)
     table.run(3.0, reports=held)
     assert table.notices == ["box is blocked: cell 10 want the way ahead and lack cell 11"]
-    assert not table.program.controllers["box"].stopped
+    assert not table.followed.stopped
 
 
-def test_a_parcel_that_stands_against_the_plan_is_rested_within_a_second_and_tried_again():
+def test_a_parcel_that_stands_against_the_plan_is_stopped_within_a_second():
     table, standing = Table(), reports(hold=wire.HOLD_NONE)
     table.run(0.1, reports=reports())
     sent = table.run(1.0, reports=standing)
-    assert table.notices == ["box does not move as its cells command: it is tried again"]
     assert {page for _, page in sent} == {messages.End(1, 1)}
-    again = {type(page) for _, page in table.run(0.5, reports={})}
-    assert again == {messages.Parcel, messages.Place, messages.Goal}
-    assert table.program.stuck is None
-
-
-def test_a_parcel_that_never_moves_as_its_cells_command_is_stopped_after_five_tries():
-    table = Table()
-    table.run(12.0, reports=reports(hold=wire.HOLD_NONE))
-    stopped = "box does not move as its cells command, tried 5 times: stopped"
-    first = "box does not move as its cells command: it is tried again"
-    assert table.notices == [first, stopped]
-    assert table.program.stuck == stopped
+    assert table.followed.stopped
     assert not table.run(1.0, reports={})
-
-
-def test_a_parcel_that_moves_again_in_time_is_not_stopped():
-    table = Table()
-    table.run(4.0, reports=reports(hold=wire.HOLD_NONE))
-    table.run(1.0, poses=THERE, reports=reports(flags=wire.ARRIVED))
-    assert table.program.finished
-    assert not table.program.controllers["box"].stopped
 
 
 @pytest.mark.parametrize("age_s", [0.03, 0.1])
 def test_an_old_report_of_a_cell_counts_for_nothing(age_s):
     table = Table()
     table.run(0.5, poses=THERE, reports=reports(flags=wire.ARRIVED))
-    assert table.program.finished
+    assert table.followed.arrived
     table.run(age_s, poses=THERE)
-    assert table.program.finished == (age_s < 0.05)
+    assert table.followed.arrived == (age_s < 0.05)
 
 
 def test_cells_that_take_the_parcel_for_arrived_elsewhere_get_it_anew_where_it_is_believed():
@@ -113,4 +93,4 @@ def test_cells_that_take_the_parcel_for_arrived_elsewhere_get_it_anew_where_it_i
 def test_parcel_has_arrived_within_3_mm_of_its_goal_as_the_host_believes(off, arrived):
     table, beside = Table(), {"box": THERE["box"] - (off, 0.0, 0.0)}
     table.run(0.3, poses=beside, reports=reports(flags=wire.ARRIVED))
-    assert table.program.finished == arrived
+    assert table.followed.arrived == arrived

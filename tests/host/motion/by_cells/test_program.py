@@ -1,14 +1,12 @@
 """Where cells are to take parcels, goal by goal."""
 
 import numpy as np
-import pytest
 from tests.host.motion.believing import beliefs
 from tests.host.motion.by_cells.table import (
     LAYOUT,
     STEP_S,
     THERE,
     Table,
-    estimate,
     reports,
 )
 
@@ -34,7 +32,7 @@ def test_all_programs_are_ended():
 def test_new_goal_is_a_program_of_the_next_sequence_number():
     table = Table()
     table.run(0.2, reports=reports())
-    table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
+    table.program.lead("box", Goal(0.0, 0.0, 0.0))
     sent = table.run(STEP_S, reports=reports())
     assert [page.sequence for _, page in sent] == [2, 2, 2]
     assert sent[-1][1] == messages.Goal(1, 2, 0, 0, 0, 0, 0)
@@ -48,7 +46,7 @@ def test_goals_that_follow_each_other_faster_than_cells_take_them_are_left_out()
     table.run(0.2, reports=reports())
     sent = []
     for number in range(8):
-        table.program.set_goal("box", Goal(0.01 * number, 0.0, 0.0))
+        table.program.lead("box", Goal(0.01 * number, 0.0, 0.0))
         sent += table.run(2 * STEP_S, reports=reports())
     assert {page.sequence for _, page in sent} == {2}
     sent = table.run(0.3, reports=reports(sequence=2))
@@ -56,34 +54,13 @@ def test_goals_that_follow_each_other_faster_than_cells_take_them_are_left_out()
     assert sent[-1][1] == messages.Goal(1, 3, 280, 0, 0, 0, 0)
 
 
-def test_parcel_that_was_stopped_for_good_goes_on_with_a_new_goal():
+def test_parcel_that_was_stopped_goes_on_with_a_new_goal():
     table = Table()
-    table.run(12.0, reports=reports(hold=wire.HOLD_NONE))
-    assert table.program.stuck
-    table.program.set_goal("box", Goal(0.0, 0.0, 0.0))
-    assert table.program.stuck is None
+    table.run(1.5, reports=reports(hold=wire.HOLD_NONE))
+    assert table.followed.stopped
+    followed = table.program.lead("box", Goal(0.0, 0.0, 0.0))
+    assert not followed.stopped
     assert table.run(STEP_S, reports=reports(cells=()))[-1][1] == messages.Goal(1, 2, 0, 0, 0, 0, 0)
-
-
-def test_box_that_would_tip_gets_a_corner_before_its_goal():
-    small = Parcel("box", 0.28, 0.22)
-    start, goal = np.array([0.14, -0.008, 0.3]), Goal(-0.08, -0.026, -0.8)
-    program = CellsProgram(LAYOUT, (small,), {"box": goal})
-    places, pose, now_s = [], start, 0.0
-    end = start
-    for _ in range(400):
-        pose = pose + np.clip(end - pose, -0.01, 0.01)
-        now_s += STEP_S
-        sequence = places[-1].sequence if places else 1
-        for cell in range(1, 19):
-            program.on_estimate(cell, estimate(sequence=sequence, hold=wire.HOLD_NONE), now_s)
-        for page in program.step(beliefs({"box": pose}, [small]), now_s, STEP_S):
-            if isinstance(page, messages.Goal):
-                end = np.array([page.x, page.y, page.yaw * np.pi / 2048]) * (25e-5, 25e-5, 1.0)
-                places.append(page)
-    corner, last = dict.fromkeys(places)
-    assert corner.sequence + 1 == last.sequence
-    assert (last.x, last.y) == (-320, -104)
 
 
 def test_box_is_not_called_arrived_where_a_turn_would_show_its_place_better():
@@ -97,31 +74,15 @@ def test_box_is_not_called_arrived_where_a_turn_would_show_its_place_better():
         )
         if isinstance(page, messages.Goal)
     ]
-    assert not table.program.finished
+    assert not table.followed.arrived
     assert turned.yaw == round((0.5 + 0.2) * 2048 / np.pi)
     arrived = reports(flags=wire.ARRIVED, sequence=3)
     table.run(1.0, poses=THERE, reports=arrived)
-    assert table.program.finished
-
-
-@pytest.mark.parametrize(("other_x_m", "corners"), [(0.26, 0), (0.70, 2)])
-def test_box_that_might_tip_beside_its_way_leaves_it_only_where_no_other_is_near(
-    other_x_m, corners
-):
-    small, other = Parcel("box", 0.28, 0.22), Parcel("other", 0.28, 0.28)
-    poses = {"box": np.array([-0.13, 0.03, -0.99]), "other": np.array([other_x_m, 0.0, 0.0])}
-    program = CellsProgram(
-        LAYOUT, (small, other), {"box": Goal(-0.01, 0.02, 0.26)}, CellsMotion(go_on=True)
-    )
-    sent = []
-    for beat in range(30):
-        sent += program.step(beliefs(poses, [small, other]), beat * STEP_S, STEP_S)
-    legs = {page.legs for page in sent if isinstance(page, messages.Goal)}
-    assert legs == {corners}
+    assert table.followed.arrived
 
 
 def test_sixty_fourth_newcomer_gets_the_identity_of_one_that_has_left():
-    program, now_s, sent = CellsProgram(LAYOUT, (), {}), 0.0, []
+    program, now_s, sent = CellsProgram(LAYOUT, ()), 0.0, []
     for number in range(1, 66):
         parcel = Parcel(f"parcel-{number}", 0.28, 0.28)
         program.add(parcel)
@@ -142,26 +103,23 @@ def test_sixty_fourth_newcomer_gets_the_identity_of_one_that_has_left():
 
 def test_parcel_beyond_those_that_cells_tell_apart_is_not_steered_and_named_until_one_leaves():
     parcels = [Parcel(f"parcel-{number}", 0.2, 0.2) for number in range(1, 65)]
-    program, now_s = CellsProgram(LAYOUT, tuple(parcels), {}), 0.0
+    program, now_s = CellsProgram(LAYOUT, tuple(parcels)), 0.0
     poses = {parcel.name: np.array([0.3 * n, 0.0, 0.0]) for n, parcel in enumerate(parcels)}
     for _ in range(3):
         now_s += STEP_S
         pages = program.step(beliefs(poses, parcels), now_s, STEP_S)
     assert program.take_notices() == ["parcel-64 is not steered: cells tell 63 parcels apart"]
-    with pytest.raises(KeyError):
-        program.set_goal("parcel-64", Goal(0.0, 0.0))
     del poses["parcel-7"]
     for _ in range(10):
         now_s += STEP_S
         pages += program.step(beliefs(poses, parcels), now_s, STEP_S)
-    program.set_goal("parcel-64", Goal(0.0, 0.0))
     # It comes back, and there is none for it.
     assert {page.identity for page in pages} == set(range(1, 64))
 
 
 def test_order_leaves_out_a_parcel_beyond_those_that_cells_tell_apart():
     parcels = [Parcel(f"parcel-{number}", 0.2, 0.2) for number in range(1, 65)]
-    program = CellsProgram(LAYOUT, tuple(parcels), {}, CellsMotion(go_on=True))
+    program = CellsProgram(LAYOUT, tuple(parcels), CellsMotion(go_on=True))
     program.set_orders({3: (CellTurn("parcel-64", 0.0), CellTurn("parcel-2", 1.0))})
     pages = program.step({}, STEP_S, STEP_S)
     assert [page.identities for page in pages] == [(2,)]

@@ -133,8 +133,20 @@ def test_a_program_that_is_ended_is_ended_often_enough_and_the_parcel_keeps_its_
     assert sent == [messages.End(1, 1)] * 3
     sent = [type(page) for _, page in table.run(STEP_S)]
     assert sent == [messages.Parcel, messages.Place]
-    assert not table.program.controllers
+    assert not table.program.near
     assert not table.notices
+
+
+def test_cells_that_keep_a_promise_after_the_end_get_the_data_of_the_parcel_again():
+    table = Table()
+    table.run(0.2, reports=reports())
+    table.program.end("box")
+    promised = reports(state=wire.PROMISED, sequence=0, flags=wire.LACKING)
+    table.run(3 * STEP_S, reports=promised)
+    sent = [type(page) for _, page in table.run(STEP_S, reports=promised)]
+    assert sent == [messages.Parcel, messages.Place]
+    table.run(0.1, reports=reports(sequence=0, flags=wire.LACKING))
+    assert not table.run(1.0, reports=reports(sequence=0, flags=wire.LACKING))
 
 
 #: Three goals of one way, and what cells get of the last two of them.
@@ -200,7 +212,7 @@ def test_goal_on_the_way_to_the_next_one_joins_only_if_all_legs_are_the_same():
 def test_cells_that_have_gone_on_by_themselves_are_not_sent_back():
     table = led()
     table.run(0.1, reports=reports(UNDER, sequence=2))
-    followed = table.program.controllers["box"]
+    followed = table.program._followed["box"]
     assert not table.run(0.5, reports=reports(UNDER, sequence=3))
     assert followed.overtaken
     assert followed.goal == WAY[1]
@@ -228,8 +240,8 @@ def test_end_is_sent_again_while_a_cell_goes_on_with_the_program():
 
 def test_end_is_sent_again_to_a_cell_that_drives_a_parcel_that_was_stopped():
     table = Table()
-    table.run(12.0, reports=reports(hold=wire.HOLD_NONE))
-    assert table.program.stuck
+    table.run(2.0, reports=reports(hold=wire.HOLD_NONE))
+    assert table.followed.stopped
     table.missing = (9,)
     sent = table.run(1.0, reports=reports(hold=wire.HOLD_NONE))
     assert len(sent) >= 4

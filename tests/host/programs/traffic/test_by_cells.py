@@ -28,7 +28,7 @@ class Away:
 
     def __init__(self):
         layout = Layout(7, 4)
-        self.cells = CellsProgram(layout, (BOX,), {}, CellsMotion(go_on=True))
+        self.cells = CellsProgram(layout, (BOX,), CellsMotion(go_on=True))
         loads = {"box": Load(BOX.footprint, uniform_mass(BOX.footprint))}
         self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells)
         self.traffic.on_lost_cells(frozenset({25}))
@@ -69,7 +69,7 @@ def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back(
 def test_an_order_is_done_only_when_a_turn_has_shown_the_place():
     box, goal = Parcel("box", 0.36, 0.30), Goal(0.0, 0.0, 0.0)
     layout = Layout(6, 3)
-    cells = CellsProgram(layout, (box,), {})
+    cells = CellsProgram(layout, (box,))
     loads = {"box": Load(box.footprint, uniform_mass(box.footprint))}
     traffic = CellsTraffic(layout, VirtualExecutor(), loads, cells)
     order = Order("box", goal)
@@ -107,7 +107,7 @@ def test_an_order_is_done_only_when_a_turn_has_shown_the_place():
 
 def test_a_way_for_cells_has_no_more_legs_than_they_are_given():
     disc, box = Parcel("disc", 0.30, 0.30, shape="disc"), Parcel("box", 0.40, 0.30)
-    cells = CellsProgram(Layout(9, 6), (disc, box), {}, CellsMotion(go_on=True))
+    cells = CellsProgram(Layout(9, 6), (disc, box), CellsMotion(go_on=True))
     loads = {each.name: Load(each.footprint, uniform_mass(each.footprint)) for each in (disc, box)}
     traffic = CellsTraffic(Layout(9, 6), VirtualExecutor(), loads, cells)
     traffic.give(Order("disc", Goal(-0.2611, -0.2303, None)))

@@ -5,8 +5,8 @@ import pytest
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Rectangle
+from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.sending import CellsMotion
-from mdms_host.motion.by_cells.stages import Followed
 from mdms_host.motion.goal import Goal, Limits
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order

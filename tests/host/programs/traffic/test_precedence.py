@@ -27,7 +27,7 @@ class Crossing:
 
     def __init__(self, *, go_on: bool = True) -> None:
         layout = Layout(9, 6)
-        self.cells = CellsProgram(layout, BOXES, {}, CellsMotion(go_on=go_on))
+        self.cells = CellsProgram(layout, BOXES, CellsMotion(go_on=go_on))
         loads = {box.name: Load(box.footprint, uniform_mass(box.footprint)) for box in BOXES}
         self.traffic = CellsTraffic(layout, VirtualExecutor(), loads, self.cells)
         self.places = {**PLACES}

@@ -1,21 +1,16 @@
-"""The way of a parcel that its cells steer, as the host follows it, and the next places on it.
+"""The way of a parcel that its cells steer, as the host follows it, and its end.
 
-Cells go straight at one place, and report a parcel at its goal by their own belief. So the host
-gives them the corners of a safe way one after another: around places where it might tip, and turned
-there. If the place at the goal is not sure enough, it has them move the parcel until an edge has
-shown it, as `motion.goal` does.
+Cells go straight at one place, and report a parcel at its goal by their own belief. If the place at
+the goal is not sure enough, the host has them move the parcel until an edge has shown it, as
+`motion.goal` does.
 """
 
-from collections.abc import Callable
 from math import hypot, inf, radians, sqrt
-
-import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import PUT_M, Goal, Limits, next_move
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, Standstill, miss_of
-from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
 #: A parcel has arrived where it is believed within this of its goal.
@@ -86,96 +81,51 @@ class Followed:
         return min(limits.speed_m_s, limits.stiffness_per_s * self.left_m, braking_m_s)
 
 
-#: A parcel is at a corner, from where it goes on to the next place, within this [m].
-_CORNER_M = 0.008
+class LastLeg:
+    """The places of the last leg of a parcel: its goal, and before it one to be `felt` at, if any.
 
-
-class Stages:
-    """The places that a parcel is still to be taken to; `places` is empty while they are sought.
-
-    The goal is the last of them; `felt` is whether it is moved there now to be felt. A belief has
-    only those moves that would make it surer (`feel`) for which there is room. `has_room` is
-    whether a way may lead around, given the pose to go to. A parcel that is `led` is on the last
-    leg of a way of the caller's, so no way is sought.
+    A belief has only those moves that would make it surer (`feel`) for which there is room.
     """
 
-    def __init__(
-        self,
-        goal: Goal,
-        footholds: Footholds,
-        has_room: Callable[[Floats], bool] = lambda _: True,
-        *,
-        led: bool = False,
-    ) -> None:
-        self.places: tuple[Goal, ...] = (goal,) if led else ()
-        self.led = led
+    def __init__(self, goal: Goal, footholds: Footholds) -> None:
+        self.places: tuple[Goal, ...] = (goal,)
         self._goal = goal
         self._footholds = footholds
-        self._has_room = has_room
-        self._search: WaySearch | None = None
         self._moves = 0
         self._pose: Floats | None = None
-        self.felt = False
 
     @property
-    def final(self) -> bool:
-        """Whether the parcel is taken to its goal now."""
-        return len(self.places) == 1
+    def felt(self) -> bool:
+        """Whether the parcel is moved away from its goal to be felt."""
+        return len(self.places) > 1
 
     def step(self, belief: Belief, reported: bool, there: bool) -> bool:
         """Take in whether the cells report the parcel at the first place, and it is believed there.
 
         Returns whether it is at its goal, as surely as can be. Where it is not known well, an edge
         decides whether the report or the belief is right. A parcel that is elsewhere at once has
-        been put there, or never was where it was believed: its way is sought anew.
+        been put there, or never was where it was believed.
         """
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
-            self.places, self.felt, self._search = (self._goal,) if self.led else (), False, None
+            self.places = (self._goal,)
         self._pose = belief.pose
-        if not self.places:
-            self._seek(belief)
-        elif self.felt:
-            self._move_back(belief, reported)
-        elif not self.final:
-            if there or _away_m(self.places[0], belief) <= _CORNER_M:
-                self.places = self.places[1:]
-        elif (
-            move := next_move(self._goal, belief, belief.feel, self._moves, self._footholds)
-        ) is not None:
-            if reported:
-                self._move(belief, move)
-        else:
+        if self.felt:
+            if reported or not belief.feel:
+                self.places = (self._goal,)
+            return False
+        move = next_move(self._goal, belief, belief.feel, self._moves, self._footholds)
+        if move is None:
             return there and not belief.noisy
+        if reported:
+            self._move(belief, move)
         return False
 
     def overtaken(self) -> None:
         """The cells have gone on to the next place by themselves."""
-        self.places, self.felt = self.places[1:] or self.places, False
-
-    def _seek(self, belief: Belief) -> None:
-        goal, pose = self._goal, belief.pose
-        yaw_rad = float(pose[2]) if goal.yaw_rad is None else goal.yaw_rad
-        if self._search is None:
-            end = np.array([goal.x_m, goal.y_m, yaw_rad])
-            self._search = WaySearch(self._footholds, belief, end, room=self._has_room(end))
-        path = self._search.step()
-        if path is not None:
-            corners = (path.pose_at(s_m).tolist() for s_m in path.corners_m[:-1])
-            self.places = (*(Goal(*corner) for corner in corners), goal)
+        self.places = (self._goal,)
 
     def _move(self, belief: Belief, move: Floats) -> None:
         goal, yaw_rad = self._goal, float(belief.pose[2])
         x_m, y_m, turn_rad = move.tolist()
         self.places = (Goal(goal.x_m + x_m, goal.y_m + y_m, yaw_rad + turn_rad), goal)
-        self.felt = True
         self._moves += 1
-
-    def _move_back(self, belief: Belief, reported: bool) -> None:
-        if reported or not belief.feel:
-            self.places, self.felt = (self._goal,), False
-
-
-def _away_m(place: Goal, belief: Belief) -> float:
-    """How far a parcel is from a place, a corner's way included [m]."""
-    off_m, off_rad = miss_of(place, *belief.pose.tolist())
-    return hypot(off_m, off_rad * belief.outline.reach_m)
