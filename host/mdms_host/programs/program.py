@@ -382,7 +382,9 @@ class CellsTableProgram(TableProgram):
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
         """The pages to send now, given the beliefs; once a cycle."""
         self.references_m_s(beliefs, step_s)
-        return self._cells.step(beliefs, now_s, step_s)
+        pages = self._cells.step(beliefs, now_s, step_s)
+        self._by_cells.doubt_arrivals()
+        return pages
 
     def begin_again(self) -> None:
         """Plan and send every parcel's way anew, from where the parcel is."""

@@ -324,6 +324,12 @@ class CellsTraffic(OrderedTraffic[Legs]):
             self._set_orders()
         return self._still
 
+    def doubt_arrivals(self) -> None:
+        """No parcel has arrived that the beliefs of this cycle do not show at its goal any more."""
+        for name, ride in self._rides.items():
+            if name in self.steered and not ride.arrived:
+                self.steered[name].arrived = False
+
     @property
     def near(self) -> Collection[str]:
         """See `OrderedTraffic`."""
