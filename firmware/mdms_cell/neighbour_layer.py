@@ -10,7 +10,7 @@ from array import array
 
 # Modules that others import come first: an import within an import takes stack.
 from mdms_cell.perception import place
-from mdms_cell.perception.footprint import UNSEEN_CERTAINTY, UNSEEN_ROOM, Footprint
+from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.heard import SEEN, SPEEDS_AT, Heard
 from mdms_cell.perception.outline import Outline
 from mdms_cell.perception.place import DIRECTIONS, OWN, Place
@@ -435,7 +435,7 @@ class Layer:
         if not estimates[at + wire.CERTAINTY]:
             return 0 if self._has_pose(identity) else identity | UNPLACED
         self._place_reported(direction, program)
-        return identity if self._footprint.reaches(self._outline, self._outline.room) else 0
+        return identity if self._footprint.reaches(self._outline) else 0
 
     def _reported_outline(self, direction):
         """Return the outline of the parcel over a neighbour, None where it is not known."""
@@ -453,9 +453,6 @@ class Layer:
         self._tracking.agreement.read(direction, self._pose)
         self._outline.set(*program.size())
         self._outline.place(*self._pose)
-        certainty = self._heard.estimates[direction * wire.ESTIMATE_FIELDS + wire.CERTAINTY]
-        unseen = program.unplanned and certainty <= UNSEEN_CERTAINTY
-        self._outline.room = UNSEEN_ROOM if unseen else 0
 
     def _has_pose(self, identity):
         """Whether any neighbour has said lately where this parcel is."""

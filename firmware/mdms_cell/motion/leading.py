@@ -6,7 +6,6 @@ from array import array
 
 from mdms_cell.motion.steering import REACTION_MS, SETTLED_MS, Steering, length
 from mdms_cell.perception.angle import ARM_UM, wrapped
-from mdms_cell.perception.footprint import UNSEEN_ROOM
 from mdms_cell.perception.outline import STEP_UM, Outline, gap
 from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
@@ -94,14 +93,12 @@ class Leading:
         """Find the cells that the parcel `needs` and `wants`.
 
         The parcel stands for want of the cells in the mask `lacking`, and already needs the nearest
-        of them. As long as none of its edges has been seen, it also asks for the cells that it may
-        lie over. It needs those of them that another parcel has. It wants the cells of the next
-        500 ms.
+        of them. It wants the cells of the next 500 ms.
 
         Without its host it asks for cells that it comes within 3 mm of. So it waits for a cell at
         that distance, and does not come over it by a hair before its turn.
         """
-        footprint, parcel, tracking = self._footprint, self._parcel, self._tracking
+        footprint, parcel = self._footprint, self._parcel
         present = footprint.present
         if program is None:
             needs = wants = footprint.squares(parcel, present)
@@ -116,10 +113,6 @@ class Leading:
             wants = needs
             if steering.wishes():
                 wants |= self._comes_over(steering.wish, 500, present ^ needs, room)
-        if tracking.may_be_elsewhere():
-            near = footprint.squares(parcel, present, UNSEEN_ROOM)
-            needs |= near & tracking.others
-            wants |= near
         self.needs, self.wants = needs, wants
 
     @micropython.native
@@ -152,11 +145,9 @@ class Leading:
     def _meets(self, asked):
         """The mask of those of the cells asked for whose parcel is too near to where this will be.
 
-        Within 6 mm of each other, or of where they may lie, they come no nearer by 0.5 mm: two
-        parcels that share a square, as they were set down, may part. Others are farther apart. Each
-        may be farther on than it is believed as long as none of its edges has been seen.
+        Within 6 mm of each other they come no nearer by 0.5 mm: two parcels that share a square, as
+        they were set down, may part. Others are farther apart.
         """
-        room = 6_000 // STEP_UM + (UNSEEN_ROOM if self._tracking.may_be_elsewhere() else 0)
         here, there, mask = self._parcel.registers, self._there.registers, 0
         for direction in range(DIRECTIONS):
             if asked >> direction & 1:
@@ -164,7 +155,7 @@ class Leading:
                 if other is not None:
                     left = gap(there, other.registers)
                     nearer = left < gap(here, other.registers) - 500 // STEP_UM
-                    mask |= (nearer and left < room + other.room) << direction
+                    mask |= (nearer and left < 6_000 // STEP_UM) << direction
         return mask
 
     def _look_nearer(self, asked, room):

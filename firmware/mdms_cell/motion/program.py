@@ -58,16 +58,7 @@ class Program:
     @property
     def goes_on(self):
         """Whether the host's silence does not end the motion."""
-        return self._has_flag(wire.GO_ON)
-
-    @property
-    def unplanned(self):
-        """Whether nobody plans ways of parcels around each other."""
-        return self._has_flag(wire.UNPLANNED)
-
-    def _has_flag(self, flag):
-        """Whether a flag of the parcel's page is set, where the frame has it."""
-        return self.pages[6] >> 4 & flag != 0
+        return self.pages[6] >> 4 & wire.GO_ON != 0
 
     def size(self):
         """RECTANGLE or DISC, length or diameter, and width."""

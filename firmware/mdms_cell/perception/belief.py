@@ -22,8 +22,6 @@ CONTRADICTION = const(32 * 32)
 START = const(128 * 128)
 MOST = const(384 * 384)
 _LEAST = const(6 * 6)
-#: Of a parcel no edge has been seen while its variances along both axes are at least this.
-UNSEEN = const(START // 2)
 #: A way so long adds one to the variances: a tenth of it is slip, in steps of 25 mm.
 _WAY_UM = const(15)
 
@@ -84,10 +82,6 @@ class Belief(Outline):
         """The mean of the three variances."""
         covariance = self.covariance
         return (covariance[XX] + covariance[YY] + covariance[TT]) // 3
-
-    def is_unseen(self):
-        """Whether no edge of the parcel has been seen since it was put there."""
-        return self.covariance[XX] >= UNSEEN and self.covariance[YY] >= UNSEEN
 
     @micropython.native
     def roll(self, step_ms):

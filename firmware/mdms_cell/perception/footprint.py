@@ -17,10 +17,6 @@ from mdms_protocol.compat import WIDEN, micropython, ptr32
 MARGIN = 10_000 // STEP_UM
 #: A parcel keeps this away from the squares of cells that are not promised to it [steps].
 CLEARANCE = 4_000 // STEP_UM
-#: An edge that no sensor has seen may lie 32 mm from where it is believed: so much more than that
-#: [steps]. An estimate says so by a certainty of this at most.
-UNSEEN_ROOM = 28_000 // STEP_UM
-UNSEEN_CERTAINTY = 3
 #: The points of a cell: its wheels come before its sensors.
 POINTS = AXES + SENSORS
 
@@ -78,9 +74,9 @@ class Footprint:
         """The mask of those cells in a mask whose squares, with room around, a parcel lies over."""
         return squares_overlapped(outline.registers, self.shifts, self.half + room, asked)
 
-    def reaches(self, outline, room=0):
-        """Whether the parcel lies over the cell's own square, or nearly; with room around it."""
-        return self.squares(outline, 1 << OWN, room) != 0
+    def reaches(self, outline):
+        """Whether the parcel lies over the cell's own square, or nearly."""
+        return self.squares(outline, 1 << OWN) != 0
 
     @micropython.native
     def find_levers(self, outline, directions):

@@ -30,12 +30,10 @@ class Outline:
     """A rectangle about its centre, or a disc; `place` sets its pose [um; any frame].
 
     `reach_um` is from its centre to its corners. `normal` is how the distance of the edge that
-    `edge` has found last depends on the pose, its sign changed [1/1024]. `room` is how much
-    farther it may reach, if none of its edges has been seen [steps].
+    `edge` has found last depends on the pose, its sign changed [1/1024].
     """
 
     def __init__(self):
-        self.room = 0
         self.registers = array("i", [0] * REGISTERS)
         self.normal = array("i", [0] * 3)
         self.set(RECTANGLE, 0, 0)

@@ -49,7 +49,7 @@ class Tracking:
     def drop(self):
         """There is no parcel."""
         self.identity = self.others = 0
-        self.shaped = self.unplanned = self.under = self.follows = False
+        self.shaped = self.under = self.follows = False
         self.missing_beats = self.jump_beats = self.alone_beats = self._followed_beats = 0
         self.sent = -1
         self.sensors.reset()
@@ -65,7 +65,6 @@ class Tracking:
         """The parcel's outline is known now."""
         self.belief.set(*program.size())
         self.shaped = True
-        self.unplanned = program.unplanned
         self.look()
 
     def place(self, x_um, y_um, turn):
@@ -82,13 +81,6 @@ class Tracking:
     def miss(self):
         """The parcel is not seen in this beat."""
         self.missing_beats = min(self.missing_beats + 1, LOST_BEATS)
-
-    def may_be_elsewhere(self):
-        """Return whether the parcel may lie over cells by its edges, all of them unseen so far.
-
-        Where ways are planned the plan keeps others away from it.
-        """
-        return self.unplanned and self.belief.is_unseen()
 
     def is_witnessed(self):
         """Whether two neighbours or more have the parcel where this cell believes it."""

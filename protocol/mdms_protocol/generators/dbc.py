@@ -97,7 +97,6 @@ _PAGES: dict[int, tuple[str, tuple[Part, ...]]] = {
             Part("speed", 8, False, n.SPEED_MM_S / 1000, "m/s"),
             Part("go_on", 1),
             Part("any_yaw", 1),
-            Part("unplanned", 1),
         ),
     ),
     n.PLACE: ("place", _POSE),

@@ -96,7 +96,6 @@ DISC = const(1)
 # Bits of PROGRAM_FLAGS
 GO_ON = const(1)  # the host's silence does not end the motion
 ANY_YAW = const(2)  # the yaw at the goal does not matter
-UNPLANNED = const(4)  # nobody plans parcels' ways around each other: only promises part them
 
 IDENTITY_MAX = const(63)
 SEQUENCE_MAX = const(3)

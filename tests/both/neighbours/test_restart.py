@@ -3,7 +3,6 @@
 from array import array
 
 from layer_bench import IDENTITY, NEIGHBOURS, NODE, PITCH_UM, STEPS, Middle
-from layer_bench import LENGTH_UM as BOX_UM
 
 from mdms_cell.rights.right_of_way import DEAD_BEATS
 from mdms_protocol import indices
@@ -106,19 +105,6 @@ class Vague(Restarted):
     """Its neighbours have no poses."""
 
     certainty = 0
-
-
-class Unseen(Restarted):
-    """No edge of its neighbours' parcels has been seen, and nobody plans their ways."""
-
-    certainty = 2
-    parcel_flags = wire.UNPLANNED
-
-
-class Planned(Unseen):
-    """Somebody plans their ways."""
-
-    parcel_flags = 0
 
 
 class AllRestarted(Restarted):
@@ -273,55 +259,6 @@ def test_cell_is_as_unsure_after_each_restart():
     assert middle.promised(BOUND_BEATS - 2) == 0
     assert middle.promised(PLENTY) == LYING
     assert middle.promises() == {LYING}
-
-
-def test_square_is_promised_to_none_where_another_parcel_of_unseen_edges_may_lie_over_it_too():
-    for beside_um, promised in ((20_000, 0), (40_000, WAITING)):
-        identity, x_um, _ = overhangs(LYING, EAST, -beside_um)
-        reports = {EAST: (identity, x_um, False), WEST: overhangs(WAITING, WEST)}
-        assert Unseen(reports).promised(PLENTY) == promised
-        assert Planned(reports).promised(PLENTY) == WAITING
-
-
-class Standing(Middle):
-    """A parcel without a goal; its west edge is believed 15 mm east of the cell's west border."""
-
-    placed_x_um = BOX_UM // 2 - EDGE_UM + 15_000
-    certainty = 2
-    flags = 0
-
-    def _page(self, fields):
-        if fields[1] == wire.PARCEL:
-            super()._page(tuple(fields[:8]) + (self.flags,))  # noqa: RUF005 - not in MicroPython
-        elif fields[1] != wire.GOAL:
-            super()._page(fields)
-
-    def wants(self):
-        """The mask of the cells that it asks for."""
-        self.board.take()
-        self.beat(moving=False)
-        (data,) = [data for can_id, data in self.board.take() if can_id == cob.TPDO_BASES[2] + NODE]
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        assert wire.unpack_estimate(data, fields, 0)
-        assert fields[wire.STATE] == wire.UNDER
-        return fields[wire.WANTS]
-
-
-class StandingUnplanned(Standing):
-    """Nobody plans ways around it."""
-
-    flags = wire.UNPLANNED
-
-
-def test_parcel_asks_for_squares_that_it_may_lie_over_until_an_edge_is_seen():
-    middle = StandingUnplanned(0)
-    assert middle.wants() >> WEST & 1
-    assert not Standing(0).wants() >> WEST & 1
-    # Neighbours have seen its edges.
-    middle.certainty = 9
-    for _ in range(PLENTY):
-        middle.beat(moving=False)
-    assert not middle.wants() >> WEST & 1
 
 
 def test_promise_of_a_cell_that_was_alone_lasts_until_it_has_run_out_where_it_comes_late():

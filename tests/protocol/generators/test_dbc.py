@@ -126,7 +126,7 @@ def test_estimate_is_taken_apart(database):
 
 @pytest.mark.parametrize("can_id", [0x47F, 0x487])
 def test_program_is_taken_apart_page_by_page(database, can_id):
-    parcel = messages.Parcel(5, 1, 1, 1200, 1200, 98, 40, 5)
+    parcel = messages.Parcel(5, 1, 1, 1200, 1200, 98, 40, 1)
     assert database.decode_message(can_id, messages.encode_page(parcel)) == {
         "identity": 5,
         "page": "parcel",
@@ -138,7 +138,6 @@ def test_program_is_taken_apart_page_by_page(database, can_id):
         "parcel_speed": pytest.approx(0.2),
         "parcel_go_on": 1,
         "parcel_any_yaw": 0,
-        "parcel_unplanned": 1,
     }
     page = messages.encode_page(messages.Goal(5, 2, -800, 4, 512, 0, 0))
     goal = database.decode_message(can_id, page)

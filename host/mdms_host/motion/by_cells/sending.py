@@ -50,21 +50,15 @@ def _limit(steps: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class CellsMotion:
-    """How cells move parcels: within `limits`, and whether they `go_on` to goals without the host.
-
-    `planned` is whether the host plans ways around each other. Without it, the cells also keep
-    others away from all places where a standing parcel may lie.
-    """
+    """How cells move parcels: within `limits`, and whether they `go_on` without the host."""
 
     limits: Limits = field(default_factory=Limits)
     go_on: bool = False
-    planned: bool = True
 
     def flags(self, goal: Goal | None) -> int:
         """The flags of a parcel on its way to a goal."""
         any_yaw = goal is not None and goal.yaw_rad is None
-        flags = (wire.GO_ON if self.go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
-        return flags | (0 if self.planned else wire.UNPLANNED)
+        return (wire.GO_ON if self.go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
 
 
 def place_page(identity: int, sequence: int, pose: Floats) -> messages.Place:
