@@ -377,7 +377,14 @@ class Tracker:
                 sensors = views[name].near.sensors
                 mine = usable[sensors] & (coverage.owner[sensors] == number)
                 same_s = now_s - changed_s[sensors]
-                seen = Shown(covered[sensors], mine, silent_s[sensors], same_s, old[sensors])
+                seen = Shown(
+                    self._layout.sensor_cells[sensors],
+                    covered[sensors],
+                    mine,
+                    silent_s[sensors],
+                    same_s,
+                    old[sensors],
+                )
                 each.estimator.agree(now_s, views[name], seen)
                 each.keep_place(now_s)
 

@@ -17,7 +17,7 @@ from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.pose_filter import PoseFilter
 from mdms_host.estimation.pose.sliding import Sliding
 from mdms_host.estimation.presence import Near, Surroundings
-from mdms_model.arrays import Bools, Floats
+from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.scenario.scenario import DRAWN_M
 
 #: How well an edge is known at the instant a sensor changes.
@@ -59,6 +59,8 @@ _TOLD_M = 0.003
 _CARRIED_S = 0.1
 #: So many of the last steps are kept. A report is looked back at for 0.4 s, in steps of 10 ms.
 _STEPS = 64
+#: So many sensors of one cell show that it is broken.
+_ALONE = 2
 #: A larger outline is worked out again from this change on [m].
 _GROWN_M = 5e-5
 #: A box that has grown into itself turned a quarter is that: where its sides differ by so much [m],
@@ -90,9 +92,11 @@ class Shown:
     """Bits of the sensors of a view, (N,): whether each is `covered`, and whether it is `mine`.
 
     They are as of `silent_s` ago, when the cell reported last, and have not changed for `same_s`.
-    `old` are those that may have changed since, as a report has got lost, or may have.
+    `old` are those that may have changed since, as a report has got lost, or may have. `cell` is
+    that of each sensor.
     """
 
+    cell: Ints
     covered: Bools
     mine: Bools
     silent_s: Floats
@@ -371,6 +375,7 @@ class ParcelEstimator:
             distance_m = view.distance_m
             mine = mine & ~self._unheard(view, seen)
             wrong = mine & ((distance_m < 0) != covered) & (distance_m < BESIDE_M)
+            wrong &= ~self._alone(now_s, view, seen, wrong)
             if self._cloud is not None:
                 asked = wrong | mine & (abs(distance_m) < self._cloud.spread_m)
                 shown &= self._cloud.on_bits(view.near.sensors_m, covered, asked)
@@ -457,6 +462,24 @@ class ParcelEstimator:
         unheard: Bools = np.zeros(len(wrong), dtype=bool)
         unheard[wrong] = agreed & (most | seen.old[wrong])
         return unheard
+
+    def _alone(self, now_s: float, view: View, seen: Shown, wrong: Bools) -> Bools:
+        """Those of the wrong sensors (N,) that are of a broken cell: they would pull the estimate.
+
+        Two sensors of the cell show more than can be believed, and no other cell does.
+        """
+        alone: Bools = np.zeros(len(wrong), dtype=bool)
+        pose = self.pose_at(now_s)
+        if wrong.sum() < _ALONE or pose is None or self._filter is None or self._cloud is not None:
+            return alone
+        far = [
+            cell
+            for cell, point_m in zip(seen.cell[wrong], view.near.sensors_m[wrong], strict=True)
+            if not self._filter.admits(*self._off(pose, point_m))
+        ]
+        if len(far) >= _ALONE and len({*far}) == 1:
+            alone = wrong & (seen.cell == far[0])
+        return alone
 
     def _carried_since(self, ago_s: Floats) -> Floats:
         """How far wheels have carried the parcel since so long ago (N,), by the last steps (N, 3).

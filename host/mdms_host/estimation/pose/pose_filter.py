@@ -107,6 +107,11 @@ class PoseFilter:
         self._correct(self.covariance @ slope / variance_m2, toward_m, variance_m2 * (1 - narrower))
         return True
 
+    def admits(self, off_m: float, slope: Floats) -> bool:
+        """Whether a distance that is measured `off_m` away can be believed."""
+        believed_m2 = float(slope @ self.covariance @ slope)
+        return off_m**2 <= max(_GATE**2 * believed_m2, _NEAR_M**2)
+
     def _admit(self, off_m: float, slope: Floats, sigma_m: float) -> float | None:
         """The variance of a distance that is measured `off_m` away [m2]; None if unbelievable.
 

@@ -40,7 +40,11 @@ def after_three_edges(seed: int) -> list[np.ndarray]:
         assert view is not None
         sensors = view.near.sensors
         mine, silent_s = np.ones(len(sensors), dtype=bool), np.zeros(len(sensors))
-        estimator.agree(now_s, view, Shown(covered[sensors], mine, silent_s, silent_s, ~mine))
+        estimator.agree(
+            now_s,
+            view,
+            Shown(view.near.sensors // 5, covered[sensors], mine, silent_s, silent_s, ~mine),
+        )
         if edges >= 3:
             assert estimator.pose is not None
             off.append(estimator.pose - pose)
