@@ -48,7 +48,7 @@ class Powered(Middle):
         node = NEIGHBOURS[direction]
         words = self.words
         if node in self.unsupplied:
-            self.words = bytes((words[0] & ~cia402.VOLTAGE_ENABLED, *words[1:]))
+            self.words = bytes((words[0] & ~cia402.VOLTAGE_ENABLED,)) + words[1:]
         self.losing = node in self.losing_of
         super()._presence(direction)
         self.words = words
