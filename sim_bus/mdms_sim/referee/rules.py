@@ -84,10 +84,8 @@ RULES = {
             "quiet",
             True,
             "From 0.5 s after its parcel has left, a wheel gets no voltage that turns it, unless "
-            "somebody asked: a setpoint that is not 0, where the host steers. There a wheel whose "
-            "leads were swapped has 0.5 s more: it is braked, perhaps from 6 m/s. A cell in "
-            "another's place may drive for a parcel at its own place, of which its neighbours tell "
-            "it.",
+            "somebody asked: a setpoint that is not 0, where the host steers. A cell in another's "
+            "place may drive for a parcel at its own place, of which its neighbours tell it.",
         ),
     )
 }

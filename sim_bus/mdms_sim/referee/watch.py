@@ -198,9 +198,6 @@ def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Regi
                 volts = voltage_uv[p, axis] / UV_PER_V
                 volts = applied_voltage(volts, truths.supply_v[p], constants.pwm_steps)
             _take_in(wheel, volts, constants, now.speed_m_s)
-            if now.reversed:
-                # It may have run away, and is braked from there.
-                wheel.idle_ns = max(wheel.idle_ns, now_ns)
             if cell.hung:
                 if now_ns > cell.watchdog_ns and wheel.onward_ticks >= ONWARD_TICKS:
                     wheel.noticed |= PUSHED_HUNG

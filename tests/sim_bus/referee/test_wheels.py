@@ -219,13 +219,5 @@ def test_wheel_that_turns_where_no_parcel_is_and_nobody_asked():
     ]
 
 
-@pytest.mark.violates("quiet")
-def test_wheel_whose_leads_were_swapped_has_half_a_second_to_come_to_rest():
-    fault = Fault("motor_reversed", start_s=0.9, duration_s=0.1, cells=(6,))
-    pushed = {"targets_um_s": (0, 0), "held": (6, 1.46, PUSH_UV)}
-    assert judge(fault, **pushed, until_s=1.495) == []
-    assert judge(fault, **pushed, until_s=1.53) == [("quiet", 6, pytest.approx(1.5, abs=0.003))]
-
-
 def test_wheel_that_turns_below_a_parcel_is_not_quiet_and_need_not_be():
     assert judge(targets_um_s=(0, 0), held=(1, 1.0, PUSH_UV), until_s=1.05) == []
