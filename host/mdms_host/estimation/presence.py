@@ -171,11 +171,14 @@ class PresenceMap:
         lately = now_s - self._reported_s <= self._valid_s
         return lately.repeat(self._sensors) & self._counted
 
-    def judge(self, now_s: float, distance_m: Floats, other: Bools) -> list[tuple[int, list[int]]]:
+    def judge(
+        self, now_s: float, distance_m: Floats, other: Bools, alone: Bools
+    ) -> list[tuple[int, list[int]]]:
         """Compare with the places of all parcels: `distance_m` (S,) from the nearest edge.
 
         All parcels must be found. Nothing is expected of sensors that show something `other` than
-        parcels, (S,), and states that have not been reported of late are not judged.
+        parcels, (S,), and states that have not been reported of late are not judged. Sensors near
+        an edge are judged only where their cell contradicts `alone`, (S,).
 
         Returns cells (from 1) with their sensors (from 0) that are not believed from now on.
         """
@@ -183,7 +186,7 @@ class PresenceMap:
             self._wrong[:] = False
         step_s = min(max(0.0, now_s - self._judged_s), _JUDGED_S)
         self._judged_s = now_s
-        deep = ~other & self._current(now_s) & (abs(distance_m) > _DEEP_M)
+        deep = ~other & self._current(now_s) & ((abs(distance_m) > _DEEP_M) | alone)
         inside = deep & (distance_m < 0)
         wrong = deep & (inside != self.covered)
         # A newcomer covers sensors as well, but these stay so until it has been found.
@@ -191,7 +194,8 @@ class PresenceMap:
         self._wrong, self._judged = wrong, self.covered.copy()
         self._noise_hz *= 1.0 - step_s / _NOISE_S
         self._noise_hz += int(back.sum()) / max(1, int(deep.sum())) / _NOISE_S
-        if (self.covered & inside).sum() < _AGREEING * inside.sum():
+        others = inside & ~alone
+        if (self.covered & others).sum() < _AGREEING * others.sum():
             return []
         return self._fallen(self._worth.step(wrong, deep & ~wrong, step_s))
 

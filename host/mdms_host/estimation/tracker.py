@@ -65,6 +65,8 @@ class Tracker:
             layout, self._surroundings, self._presence, self._unexplained, self._unknowns
         )
         self._known = {parcel.name: TrackedParcel(parcel, self._surroundings) for parcel in parcels}
+        #: Sensors (S,) of a cell that alone contradicts a parcel by more than can be believed.
+        self._alone: Bools = np.zeros(len(self._sensors_m), dtype=bool)
         self._watching = True
         self._now_s = 0.0
         #: When every cell had reported for the first time, and parcels that lay there by then.
@@ -372,6 +374,7 @@ class Tracker:
         silent_s, old = self._presence.silent_s(now_s), self._presence.may_be_old(now_s)
         usable = valid & ~self._unexplained.foreign & ~self._unknowns.sensors
         usable &= ~self._unexplained.beside(covered & valid, coverage)
+        self._alone[:] = False
         for number, (name, each) in enumerate(self._known.items()):
             if name in views:
                 sensors = views[name].near.sensors
@@ -386,6 +389,7 @@ class Tracker:
                     old[sensors],
                 )
                 each.estimator.agree(now_s, views[name], seen)
+                self._alone[sensors] |= each.estimator.alone
                 each.keep_place(now_s)
 
     def _watch_unknown(
@@ -414,7 +418,7 @@ class Tracker:
         for each in waiting:
             if each.awaited_at is not None:
                 other |= each.awaited_at
-        self._faulty += self._presence.judge(now_s, coverage.distance_m, other)
+        self._faulty += self._presence.judge(now_s, coverage.distance_m, other, self._alone)
 
     def _expect_obstacles(self, groups: tuple[Ints, ...], coverage: Coverage) -> None:
         """What lay just beside a parcel before every cell had reported is an obstacle at once.

@@ -1,6 +1,6 @@
 """Whether parcels have come to their goals, and whether they get on towards them.
 
-A parcel that stands though it is commanded to move is tried again, a few times.
+A parcel stands that makes hardly any way though it is commanded to move.
 """
 
 from collections import deque

@@ -1,5 +1,7 @@
 """The differences where the cells steer: places, heartbeats, and the end."""
 
+from itertools import pairwise
+
 from tests.host.coordination.arrays import BOTTOM, LAYOUT, still
 
 from mdms_array.host import Cells, coordinator_of, layout_of
@@ -153,8 +155,14 @@ def test_host_sends_heartbeats_often_enough_for_cells_that_steer(rolling_array) 
     coordinator = coordinator_of(load_scenario("neighbours"), Cells())
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
     array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
-    sent = [frame for step in range(300) for frame in coordinator.poll(array.now_s + 0.001 * step)]
-    assert sum(frame.can_id == cob.HEARTBEAT_BASE + 127 for frame in sent) >= 12
+    at_ms = [
+        step
+        for step in range(300)
+        for frame in coordinator.poll(array.now_s + 0.001 * step)
+        if frame.can_id == cob.HEARTBEAT_BASE + 127
+    ]
+    assert len(at_ms) > 10
+    assert {later - ms for ms, later in pairwise(at_ms)} == {24}
     # Two in a row may get lost, and the next be late.
     assert 3 * WATCHED_HEARTBEAT_S + 0.002 < 1e-3 * HEARTBEAT_LIMIT_MS
     limits = {cell.objects.number(indices.CONSUMER_TIMES, 1) for cell in array.cells}

@@ -141,6 +141,8 @@ class ParcelEstimator:
         #: The last steps: the time of each, and how far wheels have carried the parcel by then.
         self._way: deque[tuple[float, Floats]] = deque(maxlen=_STEPS)
         self.corrected = False
+        #: Sensors of the last view (N,) whose cell alone contradicted by more than can be believed.
+        self.alone: Bools = np.zeros(0, dtype=bool)
         #: What was found at the last pose: a parcel that rests has the same again and again.
         self._view: tuple[Footprint, list[float], View] | None = None
         self._under: tuple[Footprint, list[float], Under] | None = None
@@ -370,12 +372,14 @@ class ParcelEstimator:
         has no pose any more.
         """
         covered, mine = seen.covered, seen.mine
+        self.alone = np.zeros(len(mine), dtype=bool)
         shown = self._shown(covered, mine, view.distance_m)
         if shown and self.standing is Standing.FOUND:
             distance_m = view.distance_m
             mine = mine & ~self._unheard(view, seen)
             wrong = mine & ((distance_m < 0) != covered) & (distance_m < BESIDE_M)
-            wrong &= ~self._alone(now_s, view, seen, wrong)
+            self.alone = self._broken(now_s, view, seen, wrong)
+            wrong &= ~self.alone
             if self._cloud is not None:
                 asked = wrong | mine & (abs(distance_m) < self._cloud.spread_m)
                 shown &= self._cloud.on_bits(view.near.sensors_m, covered, asked)
@@ -463,23 +467,23 @@ class ParcelEstimator:
         unheard[wrong] = agreed & (most | seen.old[wrong])
         return unheard
 
-    def _alone(self, now_s: float, view: View, seen: Shown, wrong: Bools) -> Bools:
+    def _broken(self, now_s: float, view: View, seen: Shown, wrong: Bools) -> Bools:
         """Those of the wrong sensors (N,) that are of a broken cell: they would pull the estimate.
 
         Two sensors of the cell show more than can be believed, and no other cell does.
         """
-        alone: Bools = np.zeros(len(wrong), dtype=bool)
+        broken: Bools = np.zeros(len(wrong), dtype=bool)
         pose = self.pose_at(now_s)
         if wrong.sum() < _ALONE or pose is None or self._filter is None or self._cloud is not None:
-            return alone
+            return broken
         far = [
             cell
             for cell, point_m in zip(seen.cell[wrong], view.near.sensors_m[wrong], strict=True)
             if not self._filter.admits(*self._off(pose, point_m))
         ]
         if len(far) >= _ALONE and len({*far}) == 1:
-            alone = wrong & (seen.cell == far[0])
-        return alone
+            broken = wrong & (seen.cell == far[0])
+        return broken
 
     def _carried_since(self, ago_s: Floats) -> Floats:
         """How far wheels have carried the parcel since so long ago (N,), by the last steps (N, 3).

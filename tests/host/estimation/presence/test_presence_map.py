@@ -29,7 +29,7 @@ def judged(presence: PresenceMap, bits: list[int], seconds: float) -> list[tuple
         now_s = 1.0 + step / 100
         if step % 20 == 0:
             repeat(presence, bits, now_s)
-        fallen += presence.judge(now_s, UNDER_M, NOTHING)
+        fallen += presence.judge(now_s, UNDER_M, NOTHING, NOTHING)
     return fallen
 
 
@@ -105,33 +105,33 @@ def test_a_report_that_is_not_repeated_is_not_judged() -> None:
         now_s = 2.0 + step / 100
         for cell in range(2, CELLS + 1):
             list(presence.on_report(now_s, cell, RIGHT[cell - 1]))
-        assert presence.judge(now_s, UNDER_M, NOTHING) == []
+        assert presence.judge(now_s, UNDER_M, NOTHING, NOTHING) == []
 
 
 def test_a_while_in_which_nothing_was_judged_makes_no_sensor_wrong() -> None:
     presence = reporting(RIGHT, 1.0)
-    assert presence.judge(1.0, UNDER_M, NOTHING) == []
+    assert presence.judge(1.0, UNDER_M, NOTHING, NOTHING) == []
     repeat(presence, WRONG, 4.0)
-    assert presence.judge(4.0, UNDER_M, NOTHING) == []
+    assert presence.judge(4.0, UNDER_M, NOTHING, NOTHING) == []
     assert presence.valid(4.0).all()
 
 
 def test_sensors_that_turn_wrong_ever_again_are_noisy_and_one_that_is_stuck_is_not() -> None:
     presence = reporting(RIGHT)
-    presence.judge(1.0, UNDER_M, NOTHING)
+    presence.judge(1.0, UNDER_M, NOTHING, NOTHING)
     for step in range(1, 100):
         repeat(presence, WRONG, 1.0 + step / 100)
-        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING, NOTHING)
     assert not presence.noisy
     for step in range(100, 200):
         wrong = RIGHT.copy()
         wrong[step // 10 % 6] ^= (step // 5 % 2) << step // 7 % 5
         repeat(presence, wrong, 1.0 + step / 100)
-        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING, NOTHING)
     assert presence.noisy
     for step in range(200, 800):
         repeat(presence, RIGHT, 1.0 + step / 100)
-        presence.judge(1.0 + step / 100, UNDER_M, NOTHING)
+        presence.judge(1.0 + step / 100, UNDER_M, NOTHING, NOTHING)
     assert not presence.noisy
 
 

@@ -120,3 +120,35 @@ def test_a_way_for_cells_has_no_more_legs_than_they_are_given():
     routes = traffic.plan.routes
     assert 1 < legs_of(routes["box"]) <= wire.LEGS_MAX
     assert np.allclose(routes["box"].poses[-1][:2], (-0.2407, 0.2310))
+
+
+def plan_of(box: Parcel, start: np.ndarray, goal: Goal, *, lost=(), go_on=False, hangs=False):
+    """The order for a box on 6 x 3 cells, of which some are lost, after a plan was asked for."""
+    layout = Layout(6, 3)
+    cells = CellsProgram(layout, (box,), CellsMotion(go_on=go_on))
+    loads = {"box": Load(box.footprint, uniform_mass(box.footprint))}
+    traffic = CellsTraffic(layout, VirtualExecutor(), loads, cells, hangs=hangs)
+    traffic.on_lost_cells(frozenset(lost))
+    order = Order("box", goal)
+    traffic.give(order)
+    for _ in range(600):
+        traffic.step(beliefs({"box": start}, [box]), 0.01)
+    return order, traffic
+
+
+def test_a_way_leads_over_a_lost_cell_where_there_is_no_other_and_the_host_stays():
+    box, start, goal = Parcel("box", 0.28, 0.26), np.array([-0.22, 0.0, 0.0]), Goal(0.22, 0.0, 0.0)
+    order, traffic = plan_of(box, start, goal, lost=(10,))
+    assert order.refused is None
+    assert "box" in traffic.under_way
+    order, _ = plan_of(box, start, goal, lost=(10,), go_on=True)
+    assert "closed cells" in order.refused
+
+
+def test_a_goal_of_a_scenario_may_hang_over_the_edge_and_a_place_of_a_program_may_not():
+    box, start, goal = Parcel("box", 0.36, 0.30), np.array([-0.1, 0.0, 0.0]), Goal(0.26, 0.0, 0.0)
+    order, traffic = plan_of(box, start, goal, hangs=True)
+    assert order.refused is None
+    assert "box" in traffic.under_way
+    order, _ = plan_of(box, start, goal)
+    assert order.refused is not None
