@@ -131,7 +131,7 @@ HOLD_TICKS = const(800)
 STILL_TICKS = const(300)
 #: Ticks without a count after which BRAKE shorts a wheel, for its encoder may be stuck. A count
 #: against the tracked velocity shorts it at once, for it has turned round. In both cases the speed
-#: that the law expects of it may push it on.
+#: that the law expects of it may push it on. Other modes do so at reference 0 if it is not slow.
 IDLE_TICKS = const(16)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
 LOW_TICKS = const(5)
@@ -282,8 +282,12 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         if mode == BRAKE:
             limit = registers[base + BRAKE_LIMIT]
             gain = registers[base + BRAKE_GAIN]
-            if demand == 0 and registers[base + IDLE_COUNT] == IDLE_TICKS:
-                limit = 0
+        speed = actual
+        if speed < 0:
+            speed = 0 - speed
+        idle = registers[base + IDLE_COUNT] == IDLE_TICKS
+        if demand == 0 and idle and (mode == BRAKE or speed > SLOW_UM_S):
+            limit = 0
         if error > limit:
             error = limit
         elif error < 0 - limit:
@@ -309,9 +313,6 @@ def step(registers: ptr32):  # noqa: PLR0912, PLR0915 - one function, so that it
         level = voltage
         if level < 0:
             level = 0 - level
-        speed = actual
-        if speed < 0:
-            speed = 0 - speed
         limit = registers[base + STALL_VOLTAGE]
         ticks = 0
         if mode != OFF and limit != 0 and level >= limit:

@@ -393,6 +393,28 @@ def test_a_wheel_that_slows_down_against_its_voltage_is_braking():
     assert made[s.FAULTS] == 0
 
 
+def test_a_wheel_that_is_to_stand_and_turns_round_is_not_pushed_on():
+    made, go_on = spinning(-3_000_000)
+    made[s.TARGET] = 0
+    go_on(50, -2_000_000)
+    assert made[s.VOLTAGE] > 15_000_000
+    pushed = 0
+    for _ in range(60):
+        go_on(1, 240_000)
+        if made[s.VOLTAGE] > 0:
+            pushed += 1
+    assert pushed <= 1
+    assert made[s.VOLTAGE] < -2_000_000
+
+
+def test_a_wheel_that_is_to_turn_round_is_driven_through_its_standstill():
+    made, go_on = spinning(-3_000_000)
+    made[s.TARGET] = 240_000
+    go_on(2, 240_000)
+    assert made[s.ACTUAL] < -500_000
+    assert made[s.VOLTAGE] > 7_000_000
+
+
 def test_an_axis_that_goes_off_brakes_until_it_stands_and_then_the_bridges_sleep():
     made, go_on = spinning(200_000)
     made[s.WINDOW_TICKS] = 10
