@@ -281,6 +281,9 @@ class Recovery:
         decision = None
         if phase in TROUBLED:
             decision = self._while_held(phase, now_s)
+            if troubles and (decision is None or decision.signal is not RunSignal.FAULT):
+                more = _told(each.text for each in troubles)
+                self._journal.warn(now_s, f"parcels stay held: {more}")
         elif troubles:
             decision = self._on_troubles(troubles, now_s)
         self._report_lost()

@@ -141,6 +141,20 @@ def test_trouble_that_passes_is_a_pause_and_the_field_goes_on(trouble) -> None:
     assert len(held) == 1
 
 
+def test_a_cell_that_falls_silent_while_parcels_are_held_is_said_once() -> None:
+    run = Run()
+    run.link.power_off(1)
+    run.until_held()
+    run.pass_s(0.3)
+    run.link.power_off(2)
+    run.pass_s(0.5)
+    told = [text for _, text in run.coordinator.troubles]
+    assert told == [
+        "all parcels are held: cell 2 (node 2) has fallen silent: no speeds for 0.1 s",
+        "parcels stay held: cell 3 (node 3) has fallen silent: no speeds for 0.1 s",
+    ]
+
+
 def test_no_wheel_of_a_cell_that_comes_back_turns_before_all_others_do() -> None:
     run = Run()
     restart(run)
