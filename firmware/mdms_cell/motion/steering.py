@@ -197,7 +197,7 @@ def shorten(change: ptr32, most: int, size: int):
 
 @micropython.viper
 def length(x: int, y: int, z: int) -> int:
-    """The length of a vector, within a part in a thousand or 16; beyond 3 m it is rougher."""
+    """The length of a vector of parts within 3 m [um], within 80 um or three parts in 10,000."""
     longer = 0
     while x > _LONG or x < -_LONG or y > _LONG or y < -_LONG or z > _LONG or z < -_LONG:
         x >>= 1

@@ -137,6 +137,14 @@ def test_ramps_limit_how_fast_the_reference_changes():
     assert made[s.DEMAND] == 0
 
 
+def test_feed_is_rounded_to_the_nearest():
+    made = registers()
+    for counts_per_metre, acceleration in ((37_596, 3_000), (37_596, 3_001), (10_000, 1_234)):
+        tuning.set_feed(made, 0, counts_per_metre, acceleration)
+        exact = acceleration * counts_per_metre * 2.0**30 / 1e15
+        assert abs(made[s.FEED] - exact) <= 0.5
+
+
 def test_reference_that_turns_round_is_sped_up_by_its_own_ramp():
     for target in (100_000, -100_000):
         sign = 1 if target > 0 else -1
