@@ -110,7 +110,8 @@ def believed_run(
     outcomes = _believed_outcomes(scenario, coordinator)
     # Off the wheels a parcel may roll on a little; that undoes no good end.
     judged = () if coordinator.finished and not late else outcomes
-    status, reason = _status(record.events, coordinator, fault, judged, late=late)
+    unsure = coordinator.unsure
+    status, reason = _status(record.events, coordinator, fault, judged, late=late, unsure=unsure)
     if interrupted and status == "time limit":
         status, reason = "stopped", "stopped by a person"
     figures: dict[str, Any] = {
@@ -131,7 +132,8 @@ def raise_for_end(scenario: Scenario, coordinator: Coordinator, *, late: bool) -
     `late` is whether its program was to end and has not.
     """
     outcomes = () if coordinator.finished else _believed_outcomes(scenario, coordinator)
-    status, reason = _status((), coordinator, coordinator.fault, outcomes, late=late)
+    fault, unsure = coordinator.fault, coordinator.unsure
+    status, reason = _status((), coordinator, fault, outcomes, late=late, unsure=unsure)
     if status in ERRORS and not (status == "time limit" and coordinator.endless):
         raise ERRORS[status](reason)
 
@@ -170,10 +172,12 @@ def _status(
     outcomes: Iterable[GoalOutcome],
     *,
     late: bool,
+    unsure: str | None = None,
 ) -> tuple[str, str]:
     """How a run has ended, and why if not as asked: the first of these that has a reason.
 
-    The fate of a parcel comes first, then the cells, then the program.
+    The fate of a parcel comes first, then the cells, then the program. `unsure` says which parcels
+    may be beside their goals, where nobody knows the truth.
     """
     wrong, missed = _wrong(events), missed_text(outcomes)
     reasons: list[tuple[str, str | None]] = [("lost", _tip(events))]
@@ -188,6 +192,7 @@ def _status(
             # How far it is from its goal says more than that it cannot go on.
             ("stopped", "; ".join(filter(None, (missed, stuck))) if stuck else None),
             ("time limit", missed),
+            ("time limit", f"goal not reached: {unsure}" if unsure else None),
             ("time limit", late_text(coordinator) if late and not endless else None),
             ("time limit", "the job has no end of its own" if endless else None),
         ]

@@ -385,7 +385,6 @@ class _Over:
     def __init__(self, simulation: Simulation, storm: Storm, host: Host) -> None:
         self._simulation = simulation
         self._host = host
-        self._steered = storm.tables["motion"]["field"] == "goal"
         self._last_s = max((_end_s(each) for _, each in parts_of(storm)), default=0.0)
         self._since_s: float | None = None
 
@@ -401,8 +400,6 @@ class _Over:
         coordinator = self._host.coordinator
         if not self._host.busy or coordinator is None:
             return not self._host.busy
-        if self._steered:
-            return set(coordinator.goals) <= set(coordinator.arrived_s)
         return coordinator.finished
 
 

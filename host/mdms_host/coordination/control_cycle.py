@@ -171,8 +171,8 @@ class ControlCycle:
         """Report the program's notices, and the progress of the parcels that are found."""
         for text in self._program.take_notices():
             self._journal.warn(now_s, text)
-        for text in self.watch.arrivals(found, now_s):
-            self._journal.note(now_s, text)
+        for text, is_trouble in self.watch.arrivals(found, now_s):
+            (self._journal.warn if is_trouble else self._journal.note)(now_s, text)
         for text in self.watch.parcels(self._program.awaits, found, self._step_s):
             self._journal.warn(now_s, text)
 

@@ -215,8 +215,15 @@ class Coordinator:
 
     @property
     def arrived(self) -> Mapping[str, Goal]:
-        """The goals of the parcels that are there, as it believes."""
-        return {name: one.goal for name, one in self._program.controllers.items() if one.arrived}
+        """The goals of the parcels that are there, as it believes, and knows well enough."""
+        unsure = self._cycle.watch.unsure
+        controllers = self._program.controllers.items()
+        return {name: one.goal for name, one in controllers if one.arrived and name not in unsure}
+
+    @property
+    def unsure(self) -> str | None:
+        """The parcels that may be beside the goals that they have come to, and how far; or None."""
+        return "; ".join(self._cycle.watch.unsure.values()) or None
 
     def set_goal(self, parcel: str, goal: Goal) -> None:
         """Steer a parcel to another goal from the next setpoints on.

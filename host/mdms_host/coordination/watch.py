@@ -7,7 +7,6 @@ import numpy as np
 
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent
-from mdms_host.motion.goal import Goal
 from mdms_host.motion.program import Steered
 from mdms_model.arrays import Bools, Floats
 
@@ -148,16 +147,22 @@ def _size(change: BeliefChange) -> str:
     return f"{along_m:.2f} m x {across_m:.2f} m at most"
 
 
+#: A parcel that is known so many times worse than is enough may well be elsewhere.
+_ELSEWHERE = 2.0
+
+
 class Watch:
     """Watches the wheels of `axes` axes a cell, and the parcels that are steered, by name.
 
-    `arrived_s` is when each parcel came to its goal, of those that are there [s].
+    `arrived_s` is when each parcel came to its goal, of those that are there [s]. `unsure` has the
+    parcels that may be beside the goals that they have come to, and says how far.
     """
 
     def __init__(
         self, cells: Sequence[BringUpCell], axes: int, controllers: Mapping[str, Steered]
     ) -> None:
         self.arrived_s: dict[str, float] = {}
+        self.unsure: dict[str, str] = {}
         self._cells = cells
         self._axes = axes
         self._controllers = controllers
@@ -179,16 +184,29 @@ class Watch:
                 "(wheel held, encoder stuck, no supply?)"
             )
 
-    def arrivals(self, beliefs: Mapping[str, Belief], now_s: float) -> Iterator[str]:
-        """Parcels that have come to their goals since the last call, first how well if not well."""
+    def arrivals(self, beliefs: Mapping[str, Belief], now_s: float) -> Iterator[tuple[str, bool]]:
+        """Texts about parcels at their goals, each with whether it is a trouble.
+
+        A parcel has not arrived while it may well be elsewhere. If it may be a little beside its
+        goal, the first text says so.
+        """
         for name, controller in self._controllers.items():
             if not controller.arrived:
                 self.arrived_s.pop(name, None)
+                self.unsure.pop(name, None)
             elif name not in self.arrived_s:
+                belief, turned = beliefs.get(name), controller.goal.yaw_rad is not None
+                known = "" if belief is None else _known(belief, turned=turned)
+                if belief is not None and not belief.is_sure(turned=turned, times=_ELSEWHERE):
+                    if name not in self.unsure:
+                        self.unsure[name] = f"{name} may be beside its goal: it {known}"
+                        yield self.unsure[name], True
+                    continue
+                self.unsure.pop(name, None)
                 self.arrived_s[name] = now_s
-                if name in beliefs and (doubt := _doubt(beliefs[name], controller.goal)):
-                    yield doubt
-                yield f"{name} has arrived"
+                if belief is not None and not belief.is_sure(turned=turned):
+                    yield f"{name} {known}", False
+                yield f"{name} has arrived", False
 
     def parcels(
         self, awaited: Collection[str], found: Collection[str], step_s: float
@@ -197,11 +215,8 @@ class Watch:
         yield from self._missing.step(awaited, found, step_s)
 
 
-def _doubt(belief: Belief, goal: Goal) -> str | None:
-    """How well a parcel's place is known, where it may well be beside its goal; else None."""
-    turned = goal.yaw_rad is not None
-    if belief.is_sure(turned=turned):
-        return None
+def _known(belief: Belief, *, turned: bool) -> str:
+    """How well a parcel's place is known, and its turn if that matters, in words."""
     off_m, off_rad = belief.region
     turn = f" and {degrees(off_rad):.1f} degrees" if turned else ""
-    return f"{belief.name} is known to {1e3 * off_m:.1f} mm{turn}: no move shows its place better"
+    return f"is known to {1e3 * off_m:.1f} mm{turn}: no move shows its place better"

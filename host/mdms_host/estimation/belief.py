@@ -107,10 +107,13 @@ class Belief:
         variance_m2 = np.linalg.eigvalsh(self.covariance[:2, :2])[1]
         return _PLANE_DEVIATIONS * sqrt(variance_m2), _TURN_DEVIATIONS * sqrt(self.covariance[2, 2])
 
-    def is_sure(self, *, turned: bool) -> bool:
-        """Whether it is known within 5 mm, and if the turn matters within 2 degrees, with 95 %."""
+    def is_sure(self, *, turned: bool, times: float = 1.0) -> bool:
+        """Whether it is known within 5 mm, and if the turn matters within 2 degrees, with 95 %.
+
+        Both bounds count so many `times`.
+        """
         off_m, off_rad = self.region
-        return off_m <= _UNSURE_M and not (turned and off_rad > _UNSURE_RAD)
+        return off_m <= times * _UNSURE_M and not (turned and off_rad > times * _UNSURE_RAD)
 
     @property
     def named(self) -> bool:

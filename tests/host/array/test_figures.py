@@ -1,11 +1,19 @@
 """The figures of a run about its parcels."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import tests.storms
+from tests.storms.storm import load, scenario_of
 
-from mdms_array.figures import report, simulated_run
+from mdms_array.figures import believed_run, raise_for_end, report, simulated_run
+from mdms_array.host import coordinator_of
+from mdms_array.run import TimeLimitError
+from mdms_array.simulation import host_report_of
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
+from mdms_sim.simulation import simulate
 
 TIME_S = np.linspace(0.0, 2.0, 201)
 
@@ -61,3 +69,23 @@ def test_report_has_a_line_per_parcel(scenario):
 def test_that_compiling_happens_once_is_not_said_twice(scenario):
     """The notice said it, when compiling began."""
     assert "  after 20.0 s of compiling" in report(figures(scenario, 0.0, compile_s=20.0))
+
+
+def test_a_run_has_not_reached_a_goal_where_nobody_knows_that_the_parcel_is_there():
+    """On a table there is no truth to judge by."""
+    name = "what-no-edge-has-shown-well-enough-has-not-arrived.toml"
+    scenario = scenario_of(load((Path(tests.storms.__file__).parent / "found" / name).read_text()))
+    coordinator = coordinator_of(scenario)
+    ended = simulate(
+        scenario, [coordinator], "cpython", host_report=lambda: host_report_of(coordinator)
+    )
+    assert coordinator.finished
+    assert list(coordinator.arrived) == ["parcel 1"]
+    run = believed_run(scenario, ended.record, coordinator, fault=None)
+    assert run.status == "time limit"
+    assert run.reason.startswith(
+        "goal not reached: parcel 2 may be beside its goal: it is known to"
+    )
+    assert run.reason in ("goal not reached: " + incident.text for incident in run.incidents)
+    with pytest.raises(TimeLimitError, match="parcel 2 may be beside its goal"):
+        raise_for_end(scenario, coordinator, late=False)

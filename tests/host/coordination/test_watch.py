@@ -108,13 +108,46 @@ def test_wheel_with_no_or_a_small_reference_may_stand() -> None:
 def test_an_arrival_says_where_the_place_is_not_known_to_5_mm_and_2_degrees(
     deviations, first
 ) -> None:
-    covariance = np.diag(np.square(deviations))
-    believed = beliefs({"box": np.zeros(3)}, [BOX], covariance=covariance)
     watch = Watch((), 2, {"box": There()})
-    *doubts, arrival = watch.arrivals(believed, 1.0)
-    assert arrival == "box has arrived"
-    assert [text.partition(" shows")[0] for text in doubts] == first
-    assert [*watch.arrivals(believed, 2.0)] == []
+    *doubts, arrival = watch.arrivals(known_to(deviations), 1.0)
+    assert arrival == ("box has arrived", False)
+    assert [(text.partition(" shows")[0], False) for text in first] == [
+        (text.partition(" shows")[0], trouble) for text, trouble in doubts
+    ]
+    assert [*watch.arrivals(known_to(deviations), 2.0)] == []
+    # It stays so though its place gets less sure.
+    assert [*watch.arrivals(known_to((0.006, 0.001, 0.015)), 3.0)] == []
+
+
+@pytest.mark.parametrize(
+    ("deviations", "known"),
+    [((0.005, 0.001, 0.015), "12.2 mm and 1.7"), ((0.002, 0.001, 0.04), "4.9 mm and 4.5")],
+)
+def test_no_parcel_has_arrived_whose_place_is_not_known_to_10_mm_and_4_degrees(
+    deviations, known
+) -> None:
+    there = There()
+    watch = Watch((), 2, {"box": there})
+    unsure = f"box may be beside its goal: it is known to {known} degrees: no move shows its place"
+    ((text, trouble),) = watch.arrivals(known_to(deviations), 1.0)
+    assert (text.removesuffix(" better"), trouble) == (unsure, True)
+    assert [*watch.arrivals(known_to(deviations), 2.0)] == []
+    assert (watch.arrived_s, watch.unsure) == ({}, {"box": text})
+    # It moves again, and comes there once more.
+    there.arrived = False
+    assert [*watch.arrivals(known_to(deviations), 2.0)] == []
+    assert watch.unsure == {}
+    there.arrived = True
+    assert len([*watch.arrivals(known_to(deviations), 2.5)]) == 1
+    # An edge that passes later makes it sure.
+    assert [*watch.arrivals(known_to((0.002, 0.001, 0.015)), 3.0)] == [("box has arrived", False)]
+    assert (watch.arrived_s, watch.unsure) == ({"box": 3.0}, {})
+
+
+def known_to(deviations):
+    """A box at its goal, whose place has these standard deviations [m, m, rad]."""
+    covariance = np.diag(np.square(deviations))
+    return beliefs({"box": np.zeros(3)}, [BOX], covariance=covariance)
 
 
 class There:
