@@ -84,16 +84,17 @@ def test_identity_that_was_not_meant_begins_anew():
     slave, high = Slave(), part(0xFFFFFFFF)
     identify = (part(IDENTITY[0]), part(IDENTITY[1]), part(0), high, part(0), high)
     select = [part(number) for number in IDENTITY]
-    for _ in range(2):
-        for wrong in (0x46, 0x40):
+    for refused in (True, False):
+        for wrong in (0x46, 0x40) if refused else ():
             slave.ask(wrong, part(IDENTITY[0]))
             slave.ask(wrong + 1, part(IDENTITY[1] + 1))
         for command, number in zip((0x46, 0x47, 0x48, 0x49, 0x4A), identify):  # noqa: B905
             assert slave.ask(command, number) == []
         assert len(slave.ask(0x4B, identify[-1])) == 1
-        for command, number in zip((0x40, 0x41, 0x42), select):  # noqa: B905
-            assert slave.ask(command, number) == []
-        assert len(slave.ask(0x43, select[-1])) == 1
+        for _ in range(2):
+            for command, number in zip((0x40, 0x41, 0x42), select):  # noqa: B905
+                assert slave.ask(command, number) == []
+            assert len(slave.ask(0x43, select[-1])) == 1
         slave.ask(0x04, b"\x00")
 
 

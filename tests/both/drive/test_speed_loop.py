@@ -260,6 +260,17 @@ def test_either_axis_may_be_mounted_the_other_way_round():
         assert made[base + s.VOLTAGE] == 10 * reference
 
 
+def test_wheel_that_is_mounted_otherwise_from_now_on_is_taken_to_stand():
+    for base, other in ((0, s.AXIS), (s.AXIS, 0)):
+        made = run(registers())
+        turn(made, 200, 1500)
+        rate = made[other + s.RATE]
+        assert abs(rate) > 1_000
+        tuning.set_direction(made, base, 1)
+        assert made[base + s.RATE] == 0
+        assert made[other + s.RATE] == rate
+
+
 def test_tick_counter_wraps_within_a_small_integer():
     made = registers()
     made[s.TICKS] = (1 << 30) - 1

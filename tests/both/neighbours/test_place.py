@@ -27,6 +27,15 @@ def test_cell_has_no_place_until_it_is_given_one():
     assert (place.column, place.row) == (3, 2)
 
 
+def test_first_column_and_row_are_a_place():
+    objects, place, _ = made()
+    write(objects, indices.PLACE, 1, 1)
+    write(objects, indices.PLACE, 2, 1)
+    assert place.known
+    write(objects, indices.PLACE, 2, 0)
+    assert not place.known
+
+
 def test_only_a_change_of_neighbours_sets_filters_anew():
     objects, _, changes = made()
     write(objects, indices.PLACE, 1, 3)

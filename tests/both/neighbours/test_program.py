@@ -106,6 +106,15 @@ def test_goal_of_another_way_drops_the_legs():
         assert not program.advance()
 
 
+def test_goal_that_is_only_turned_otherwise_drops_the_legs():
+    program = whole()
+    x, y, _ = WAY[0]
+    program.take(goal_page((x, y, 512)))
+    assert program.known_legs() == 0
+    assert not program.whole
+    assert program.place(0)[2] != given(parcel_page(), goal_page(WAY[0])).place(0)[2]
+
+
 def test_legs_that_are_taken_back_are_not_gone():
     program = whole()
     program.take(goal_page(WAY[0], sequence=2, legs=0))

@@ -166,6 +166,7 @@ def test_edge_far_away_is_not_believed_but_makes_unsure():
     belief = believing(0, 0, 0)
     for sensor_um in ((180_000, -90_000), (180_000, 100_000), (60_000, 150_000)):
         crossing(belief, (0, 0, 0), sensor_um)
+    assert crossing(belief, (0, 0, 0), (180_000, 0))
     before = belief.variance()
     assert not crossing(belief, (0, 0, 0), (150_000, 0))
     assert belief.pose.tolist() == pytest.approx([0, 0, 0], abs=50)
