@@ -131,7 +131,8 @@ HOLD_TICKS = const(800)
 STILL_TICKS = const(300)
 #: Ticks without a count after which BRAKE shorts a wheel, for its encoder may be stuck. A count
 #: against the tracked velocity shorts it at once, for it has turned round. In both cases the speed
-#: that the law expects of it may push it on. Other modes do so at reference 0 if it is not slow.
+#: that the law expects of it may push it on. Other modes short only a wheel that is not slow. In
+#: all modes the reference is 0.
 IDLE_TICKS = const(16)
 #: Ticks of too low a supply that are a fault; the voltage is 0 from the first.
 LOW_TICKS = const(5)

@@ -426,6 +426,15 @@ def test_a_wheel_that_is_to_stand_and_turns_round_is_not_pushed_on():
     assert made[s.VOLTAGE] < -2_000_000
 
 
+def test_a_slow_wheel_that_is_to_stand_keeps_the_law_when_it_turns_round():
+    made, go_on = spinning(-8_000)
+    made[s.TARGET] = 0
+    while made[s.IDLE_COUNT] != s.IDLE_TICKS:
+        go_on(1, 30_000)
+    assert -s.SLOW_UM_S <= made[s.ACTUAL] < 0
+    assert made[s.VOLTAGE] == -10 * made[s.ACTUAL]
+
+
 def test_a_wheel_that_is_to_turn_round_is_driven_through_its_standstill():
     made, go_on = spinning(-3_000_000)
     made[s.TARGET] = 240_000

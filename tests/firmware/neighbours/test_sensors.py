@@ -55,12 +55,9 @@ class Crossing:
         )
 
     def believed(self, behind_um: float) -> list[float]:
-        """The pose after the edge that a cell believes which had it so far behind before."""
-        place, heard, suspicion = (
-            SomePlace(WHEELS_UM + SENSORS_UM, shifts_um=SHIFTS_UM),
-            Heard(),
-            Suspicion(),
-        )
+        """The pose that a cell believes after the edge; before it the parcel was so far behind."""
+        place = SomePlace(WHEELS_UM + SENSORS_UM, shifts_um=SHIFTS_UM)
+        heard, suspicion = Heard(), Suspicion()
         tracking = Tracking(place, Footprint(place), heard, suspicion)
         belief = tracking.belief
         belief.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
