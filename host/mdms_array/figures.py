@@ -1,7 +1,7 @@
 """The outcome of a run: its one status and reason, and its figures, for JSON and for people."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import degrees, hypot, pi
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +58,8 @@ def simulated_run(
     outcomes = _true_outcomes(scenario, record, goals)
     late = coordinator is not None and not by_hand and not coordinator.finished
     fault = None if coordinator is None else coordinator.fault
-    status, reason = _status(record.events, coordinator, fault, outcomes, late=late)
+    # Whoever knows the truth need not doubt.
+    status, reason = _status(record.events, coordinator, fault, outcomes, late=late, unsure={})
     duration_s, wall_s = float(record.time_s[-1] - record.time_s[0]), max(wall_s, 1e-6)
     figures: dict[str, Any] = {
         "title": scenario.title,
@@ -172,14 +173,14 @@ def _status(
     outcomes: Iterable[GoalOutcome],
     *,
     late: bool,
-    unsure: str | None = None,
+    unsure: Mapping[str, str],
 ) -> tuple[str, str]:
     """How a run has ended, and why if not as asked: the first of these that has a reason.
 
-    The fate of a parcel comes first, then the cells, then the program. `unsure` says which parcels
-    may be beside their goals, where nobody knows the truth.
+    The fate of a parcel comes first, then the cells, then the program. `unsure` has the parcels
+    that may be beside their goals, where nobody knows the truth.
     """
-    wrong, missed = _wrong(events), missed_text(outcomes)
+    wrong, missed = _wrong(events), missed_text(outcomes, unsure)
     reasons: list[tuple[str, str | None]] = [("lost", _tip(events))]
     if coordinator is not None:
         stuck, endless = coordinator.stuck, coordinator.endless
@@ -192,7 +193,6 @@ def _status(
             # How far it is from its goal says more than that it cannot go on.
             ("stopped", "; ".join(filter(None, (missed, stuck))) if stuck else None),
             ("time limit", missed),
-            ("time limit", f"goal not reached: {unsure}" if unsure else None),
             ("time limit", late_text(coordinator) if late and not endless else None),
             ("time limit", "the job has no end of its own" if endless else None),
         ]
@@ -299,7 +299,8 @@ def _believed_outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOu
     """How far from its goal a parcel is believed to have ended."""
     believed = coordinator.estimate(name)
     pose = None if believed is None else (believed.x_m, believed.y_m, believed.yaw_rad)
-    return outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
+    outcome = outcome_of(name, goal, pose, coordinator.arrived_s.get(name))
+    return replace(outcome, reached=outcome.reached and name not in coordinator.unsure)
 
 
 def slipping_share(record: Record) -> float:

@@ -216,7 +216,7 @@ def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
         },
         reason=coordinator.fault or coordinator.stuck or coordinator.lost or stopped,
         trouble_s=troubles[-1][0] if troubles else -inf,
-        over=coordinator.finished and coordinator.unsure is None,
+        over=coordinator.finished and not coordinator.unsure,
     )
 
 

@@ -216,14 +216,13 @@ class Coordinator:
     @property
     def arrived(self) -> Mapping[str, Goal]:
         """The goals of the parcels that are there, as it believes, and knows well enough."""
-        unsure = self._cycle.watch.unsure
-        controllers = self._program.controllers.items()
-        return {name: one.goal for name, one in controllers if one.arrived and name not in unsure}
+        there = {name: one for name, one in self._program.controllers.items() if one.arrived}
+        return {name: one.goal for name, one in there.items() if name not in self.unsure}
 
     @property
-    def unsure(self) -> str | None:
-        """The parcels that may be beside the goals that they have come to, and how far; or None."""
-        return "; ".join(self._cycle.watch.unsure.values()) or None
+    def unsure(self) -> Mapping[str, str]:
+        """The parcels that may be beside the goals that they have come to, and how far off."""
+        return self._cycle.watch.unsure
 
     def set_goal(self, parcel: str, goal: Goal) -> None:
         """Steer a parcel to another goal from the next setpoints on.

@@ -218,6 +218,8 @@ class ArrayState:
 _COUNTED_S = 60.0
 #: Parcels lie still for so long, with all cells back, before they are moved again [s].
 _SETTLED_S = 0.2
+#: Signals after which parcels that have waited for cells are held no more.
+_ENDS_HOLD = (RunSignal.FAULT, RunSignal.WITHOUT)
 #: How many cells a message says it of.
 _LISTED = 3
 
@@ -281,7 +283,7 @@ class Recovery:
         decision = None
         if phase in TROUBLED:
             decision = self._while_held(phase, now_s)
-            if troubles and (decision is None or decision.signal is not RunSignal.FAULT):
+            if troubles and (decision is None or decision.signal not in _ENDS_HOLD):
                 more = _told(each.text for each in troubles)
                 self._journal.warn(now_s, f"parcels stay held: {more}")
         elif troubles:

@@ -190,23 +190,31 @@ class Watch:
         A parcel has not arrived while it may well be elsewhere. If it may be a little beside its
         goal, the first text says so.
         """
+        for name in self.unsure.keys() - self._controllers.keys():
+            del self.unsure[name]
         for name, controller in self._controllers.items():
             if not controller.arrived:
                 self.arrived_s.pop(name, None)
                 self.unsure.pop(name, None)
             elif name not in self.arrived_s:
-                belief, turned = beliefs.get(name), controller.goal.yaw_rad is not None
-                known = "" if belief is None else _known(belief, turned=turned)
-                if belief is not None and not belief.is_sure(turned=turned, times=_ELSEWHERE):
-                    if name not in self.unsure:
-                        self.unsure[name] = f"{name} may be beside its goal: it {known}"
-                        yield self.unsure[name], True
-                    continue
-                self.unsure.pop(name, None)
-                self.arrived_s[name] = now_s
-                if belief is not None and not belief.is_sure(turned=turned):
-                    yield f"{name} {known}", False
-                yield f"{name} has arrived", False
+                turned = controller.goal.yaw_rad is not None
+                yield from self._come(name, beliefs.get(name), now_s, turned=turned)
+
+    def _come(
+        self, name: str, belief: Belief | None, now_s: float, *, turned: bool
+    ) -> Iterator[tuple[str, bool]]:
+        """The texts about a parcel that has come to its goal; its turn may matter."""
+        doubt = None if belief is None else _doubt(belief, turned=turned)
+        if doubt and belief and not belief.is_sure(turned=turned, times=_ELSEWHERE):
+            if name not in self.unsure:
+                self.unsure[name] = f"{name} may be beside its goal: it {doubt}"
+                yield self.unsure[name], True
+            return
+        self.unsure.pop(name, None)
+        self.arrived_s[name] = now_s
+        if doubt:
+            yield f"{name} {doubt}", False
+        yield f"{name} has arrived", False
 
     def parcels(
         self, awaited: Collection[str], found: Collection[str], step_s: float
@@ -215,8 +223,10 @@ class Watch:
         yield from self._missing.step(awaited, found, step_s)
 
 
-def _known(belief: Belief, *, turned: bool) -> str:
-    """How well a parcel's place is known, and its turn if that matters, in words."""
+def _doubt(belief: Belief, *, turned: bool) -> str | None:
+    """How well a parcel's place is known, where it may be beside its goal; else None."""
+    if belief.is_sure(turned=turned):
+        return None
     off_m, off_rad = belief.region
     turn = f" and {degrees(off_rad):.1f} degrees" if turned else ""
     return f"is known to {1e3 * off_m:.1f} mm{turn}: no move shows its place better"

@@ -4,7 +4,7 @@ A parcel stands that makes hardly any way though it is commanded to move.
 """
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees, hypot
 
@@ -62,9 +62,13 @@ def outcome_of(
     return GoalOutcome(parcel, reached, miss_m, miss_rad, time_s if reached else None)
 
 
-def missed_text(outcomes: Iterable[GoalOutcome]) -> str | None:
-    """The goals that were not reached, in one line; None if all were."""
-    missed = [outcome.text for outcome in outcomes if not outcome.reached]
+def missed_text(outcomes: Iterable[GoalOutcome], unsure: Mapping[str, str]) -> str | None:
+    """The goals that were not reached, in one line; None if all were.
+
+    `unsure` has the parcels that may be beside the goals that they have come to, in words.
+    """
+    missed = [each.text for each in outcomes if not each.reached and each.parcel not in unsure]
+    missed += unsure.values()
     return f"goal not reached: {'; '.join(missed)}" if missed else None
 
 

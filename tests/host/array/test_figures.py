@@ -86,6 +86,10 @@ def test_a_run_has_not_reached_a_goal_where_nobody_knows_that_the_parcel_is_ther
     assert run.reason.startswith(
         "goal not reached: parcel 2 may be beside its goal: it is known to"
     )
+    assert {goal["parcel"]: goal["reached"] for goal in run.figures["goals"]} == {
+        "parcel 1": True,
+        "parcel 2": False,
+    }
     assert run.reason in ("goal not reached: " + incident.text for incident in run.incidents)
     with pytest.raises(TimeLimitError, match="parcel 2 may be beside its goal"):
         raise_for_end(scenario, coordinator, late=False)

@@ -144,6 +144,16 @@ def test_no_parcel_has_arrived_whose_place_is_not_known_to_10_mm_and_4_degrees(
     assert (watch.arrived_s, watch.unsure) == ({"box": 3.0}, {})
 
 
+def test_a_parcel_that_is_steered_no_more_is_beside_no_goal() -> None:
+    """It was taken off, or has left."""
+    steered = {"box": There()}
+    watch = Watch((), 2, steered)
+    assert len([*watch.arrivals(known_to((0.005, 0.001, 0.015)), 1.0)]) == 1
+    del steered["box"]
+    assert [*watch.arrivals({}, 2.0)] == []
+    assert watch.unsure == {}
+
+
 def known_to(deviations):
     """A box at its goal, whose place has these standard deviations [m, m, rad]."""
     covariance = np.diag(np.square(deviations))
