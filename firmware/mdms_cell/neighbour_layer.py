@@ -76,7 +76,7 @@ class Layer:
             pdos=pdos,
         )
         #: Scratch: a parcel as a neighbour reports it.
-        self._outline, self._pose = Outline(), array("i", [0] * 3)
+        self._outline = Outline()
         self._consumer = consumer
         #: The estimate that is to be sent, by the fields of the wire, and where its frame is.
         self._estimate = array("i", [0] * wire.ESTIMATE_FIELDS)
@@ -450,17 +450,14 @@ class Layer:
 
     def _place_reported(self, direction, program):
         """Have the scratch outline be the parcel of a program as a neighbour reports its place."""
-        self._tracking.agreement.read(direction, self._pose)
         self._outline.set(*program.size())
-        self._outline.place(*self._pose)
+        self._outline.place(*self._tracking.agreement.pose_of(direction))
 
     def _has_pose(self, identity):
         """Whether any neighbour has said lately where this parcel is."""
         heard = self._heard
         posed = heard.posed(identity)
-        return any(
-            posed >> direction & 1 and heard.age(direction) <= 1 for direction in range(DIRECTIONS)
-        )
+        return any(posed >> each & 1 and heard.age(each) <= 1 for each in range(DIRECTIONS))
 
     def _choose_parcel(self):
         """Be at the parcel that lies here, or else at the choice of the right of way."""

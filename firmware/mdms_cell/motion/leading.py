@@ -1,6 +1,4 @@
 """Leads the cell's two wheels: finds the cells that the parcel needs next, steers, and rests."""
-# Viper takes any buffer, and the stubs bytes alone.
-# pyright: reportArgumentType=false
 
 from array import array
 
@@ -9,7 +7,7 @@ from mdms_cell.perception.angle import ARM_UM, wrapped
 from mdms_cell.perception.outline import STEP_UM, Outline, gap
 from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
-from mdms_protocol.compat import WIDEN, const, micropython, ptr32
+from mdms_protocol.compat import const, micropython
 
 #: At the goal, or where it is held, the wheels hold for so long before they are switched off.
 _HOLD_BEATS = const(50)
@@ -123,13 +121,12 @@ class Leading:
         """
         if not asked:
             return 0
-        twice_mm_s2 = 2 * self.steering.acceleration_mm_s2() or 2
+        twice_mm_s2 = 2 * self.steering.acceleration_mm_s2 or 2
         time_ms += length(twist[0], twist[1], twist[2]) // twice_mm_s2
-        x_um, y_um = _way_um(twist[0], time_ms), _way_um(twist[1], time_ms)
-        return self._covers_at(x_um, y_um, _way_um(twist[2], time_ms), asked, room)
+        return self._covers_at([speed * time_ms // 1000 for speed in twist], asked, room)
 
     @micropython.native
-    def _covers_at(self, x_um, y_um, turn_um, asked, room):
+    def _covers_at(self, way_um, asked, room):
         """The mask of those of the cells asked for that it lies over where it has gone so far.
 
         Or whose parcel it has come near to by then.
@@ -137,7 +134,7 @@ class Leading:
         there, parcel = self._there, self._parcel
         pose = parcel.pose
         there.take_shape_of(parcel)
-        there.place(pose[0] + x_um, pose[1] + y_um, pose[2] + turn_um)
+        there.place(*[pose[axis] + way_um[axis] for axis in range(3)])
         covered = self._footprint.squares(there, asked, room)
         others = self._tracking.others & asked & ~covered
         return covered | self._meets(others) if others else covered
@@ -170,10 +167,8 @@ class Leading:
         speed_um_s = length(wish[0], wish[1], wish[2])
         # Slower than this are those alone that have less to go.
         time_ms = _NEARER_UM * 1000 // speed_um_s if speed_um_s > _NEARER_UM else 1000
-        x_um = _nearer(left[0], _way_um(wish[0], time_ms))
-        y_um = _nearer(left[1], _way_um(wish[1], time_ms))
-        turn_um = _nearer(left[2], _way_um(wish[2], time_ms))
-        return self._covers_at(x_um, y_um, turn_um, asked, room)
+        way_um = [_nearer(left[axis], wish[axis] * time_ms // 1000) for axis in range(3)]
+        return self._covers_at(way_um, asked, room)
 
     # The beat
 
@@ -225,10 +220,19 @@ class Leading:
                 # its own it would turn the parcel.
                 return
             self._driving = True
-        footprint = self._footprint
-        footprint.find_levers(parcel, 1 << OWN)
-        aim(steering.commanded, footprint.along, footprint.levers, self._targets)
-        self._axes.lead(self._targets)
+        self._turn_wheels()
+
+    @micropython.native
+    def _turn_wheels(self):
+        """Have the wheels move with the parcel as commanded."""
+        footprint, targets = self._footprint, self._targets
+        footprint.find_levers(self._parcel, 1 << OWN)
+        along, (vx, vy, turn) = footprint.along, self.steering.commanded
+        for axis in range(AXES):
+            lever = footprint.levers[AXES * OWN + axis]
+            speed = along[2 * axis] * vx + along[2 * axis + 1] * vy + lever * turn
+            targets[axis] = speed >> 9
+        self._axes.lead(targets)
 
     def _join(self, may_go):
         """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
@@ -265,7 +269,7 @@ class Leading:
         """Find how long the way takes, to the goal and along the legs that follow."""
         reach_um, steering = self._parcel.reach_um, self.steering
         speed_mm_s = max(steering.speed_mm_s(), 1)
-        ramps_ms = 2 * speed_mm_s * 1000 // max(steering.acceleration_mm_s2(), 1)
+        ramps_ms = 2 * speed_mm_s * 1000 // max(steering.acceleration_mm_s2, 1)
         x_um, y_um, turn = steering.left
         way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
         planned_ms = way_um // speed_mm_s + ramps_ms
@@ -282,24 +286,3 @@ class Leading:
 def _nearer(left_um, way_um):
     """The shorter of two ways, of equal ones the second."""
     return left_um if abs(left_um) < abs(way_um) else way_um
-
-
-def _way_um(speed_um_s, time_ms):
-    """The way of a speed in some time, in pieces that small ints have room for."""
-    return speed_um_s // 1000 * time_ms + speed_um_s % 1000 * time_ms // 1000
-
-
-@micropython.viper
-def aim(commanded: ptr32, along: ptr32, levers: ptr32, targets: ptr32):
-    """Find the speeds of wheels that move with the parcel as commanded [um/s]."""
-    widen = int(WIDEN)
-    vx = commanded[0] << widen >> widen
-    vy = commanded[1] << widen >> widen
-    turn = commanded[2] << widen >> widen
-    for axis in range(2):
-        along_x = along[2 * axis] << widen >> widen
-        along_y = along[2 * axis + 1] << widen >> widen
-        lever = levers[2 * int(OWN) + axis] << widen >> widen
-        # The product of lever and turn alone may be more than a word.
-        speed = along_x * vx + along_y * vy + lever * (turn & 0x1FF) >> 9
-        targets[axis] = speed + lever * (turn >> 9)

@@ -15,28 +15,23 @@ _GOAL = 1
 
 
 class Program:
-    """One parcel's data and the way to its goal, in `pages` as frames have them.
+    """One parcel's data and the way to its goal, in `pages` of the fields that frames have.
 
-    The parcel's page comes first, then those of the goal and of the legs. The first byte of a
-    missing page is 0. `complete` is whether parcel and goal are there. `whole` is whether the
+    The parcel's page comes first, then those of the goal and of the legs. A missing page is empty.
+    `complete` is whether parcel and goal are there. `whole` is whether the
     `legs` that follow the goal are there, too. Legs count for the time without a host alone: a host
     sets the next goal itself when it is due. A `sequence` without a goal belongs to an earlier
     goal: others may be on any leg after it by now.
     """
 
     def __init__(self):
-        self.pages = bytearray(wire.LENGTH * (2 + wire.LEGS_MAX))
         self._box = array("i", [0] * 4)  # around the way: lowest x, highest x, and so for y
-        self._begin(0)
+        self.clear(0)
 
     def clear(self, identity):
         """Begin anew, for this identity."""
-        self._begin(identity)
-        self.pages[:] = bytes(len(self.pages))
-
-    def _begin(self, identity):
-        """The pages are empty, or are to be."""
         self.identity = identity
+        self.pages = [[]] * (2 + wire.LEGS_MAX)
         self._boxed = False
         self.sequence = self.legs = 0
         self.complete = self.whole = False
@@ -44,12 +39,12 @@ class Program:
     @property
     def has_parcel(self):
         """Whether the parcel's data are there."""
-        return self._has(_PARCEL)
+        return bool(self.pages[_PARCEL])
 
     @property
     def has_goal(self):
         """Whether the goal is there."""
-        return self._has(_GOAL)
+        return bool(self.pages[_GOAL])
 
     def has_goal_of(self, fields):
         """Whether the goal of this page is there, and no other that has its number."""
@@ -58,26 +53,38 @@ class Program:
     @property
     def goes_on(self):
         """Whether the host's silence does not end the motion."""
-        return self.pages[6] >> 4 & wire.GO_ON != 0
+        return self.has_parcel and self.pages[_PARCEL][wire.PROGRAM_FLAGS] & wire.GO_ON != 0
+
+    @property
+    def any_yaw(self):
+        """Whether the yaw at the goal does not matter."""
+        return self.pages[_PARCEL][wire.PROGRAM_FLAGS] & wire.ANY_YAW != 0
+
+    def limits(self):
+        """The acceleration [mm/s2] and the speed [mm/s]."""
+        fields = self.pages[_PARCEL]
+        acceleration_mm_s2 = fields[wire.ACCELERATION] * wire.ACCELERATION_MM_S2
+        return acceleration_mm_s2, fields[wire.SPEED] * wire.SPEED_MM_S
 
     def size(self):
         """RECTANGLE or DISC, length or diameter, and width."""
-        fields = self._page(_PARCEL)
+        fields = self.pages[_PARCEL]
         length_um = fields[wire.PARCEL_LENGTH] * wire.STEP_UM
         return fields[wire.SHAPE], length_um, fields[wire.PARCEL_WIDTH] * wire.STEP_UM
 
     def take(self, fields):
         """Take a page; return whether it is kept."""
+        fields = list(fields)
         page = fields[wire.PAGE]
         leg = fields[wire.LEG] if page == wire.GOAL else 0
         if page == wire.PARCEL:
-            self._put(fields, _PARCEL)
+            self.pages[_PARCEL] = fields
         elif page != wire.GOAL:
             return False
         elif 0 < leg < wire.JOINS:
             if not self._lacks_leg(fields, leg):
                 return False
-            self._put(fields, _GOAL + leg)
+            self.pages[_GOAL + leg] = fields
             self._reach(fields)
         else:
             self._take_goal(fields, leg == wire.JOINS)
@@ -114,19 +121,19 @@ class Program:
         sequence, legs = fields[wire.PROGRAM_SEQUENCE], fields[wire.LEGS]
         follows = self.has_goal and next_sequence(self.sequence) == sequence
         again = self.has_goal_of(fields) and legs == self.legs
-        if joins and follows and self._has(_GOAL + 1):
+        if joins and follows and self.pages[_GOAL + 1]:
             if self._is_at(fields, _GOAL + 1):
                 self._shift()
         elif not again:
             self._drop_from(_GOAL)
-        self._put(fields, _GOAL)
+        self.pages[_GOAL] = fields
         self.sequence, self.legs = sequence, legs
         self._drop_from(_GOAL + legs + 1)
 
     def _lacks_leg(self, fields, leg):
         """Whether that page is a leg of the way that this program has, and lacking."""
         of_this = self.has_goal and fields[wire.PROGRAM_SEQUENCE] == self.sequence
-        return of_this and leg <= self.legs and not self._has(_GOAL + leg)
+        return of_this and leg <= self.legs and not self.pages[_GOAL + leg]
 
     def advance(self):
         """Have the leg that follows for the goal; returns False where it is not there."""
@@ -147,30 +154,17 @@ class Program:
             self._drop_from(_GOAL)
             self._look()
 
-    def _has(self, number):
-        return self.pages[wire.LENGTH * number] != 0
-
-    def _put(self, fields, number):
-        wire.pack_program(fields, 0, self.pages, wire.LENGTH * number)
-
-    def _page(self, number):
-        """The fields of a page."""
-        fields, start = [0] * wire.PROGRAM_FIELDS, wire.LENGTH * number
-        wire.unpack_program(self.pages[start : start + wire.LENGTH], fields, 0)
-        return fields
-
     def _is_at(self, fields, number):
-        first, end = wire.PLACE_X, wire.PLACE_YAW + 1
-        return self._has(number) and self._page(number)[first:end] == list(fields[first:end])
+        page, first, end = self.pages[number], wire.PLACE_X, wire.PLACE_YAW + 1
+        return page[first:end] == fields[first:end]
 
     def _drop_from(self, number):
-        for start in range(wire.LENGTH * number, len(self.pages), wire.LENGTH):
-            self.pages[start] = 0
+        for place in range(number, len(self.pages)):
+            self.pages[place] = []
 
     def _shift(self):
-        goal, last = wire.LENGTH * _GOAL, len(self.pages) - wire.LENGTH
-        self.pages[goal:last] = self.pages[goal + wire.LENGTH :]
-        self.pages[last] = 0
+        self.pages.pop(_GOAL)
+        self.pages.append([])
 
     def _look(self):
         self.complete = self.has_parcel and self.has_goal
@@ -179,13 +173,13 @@ class Program:
     def known_legs(self):
         """How many legs that follow are there, up to the first that is lacking."""
         legs = 0
-        while legs < self.legs and self._has(_GOAL + legs + 1):
+        while legs < self.legs and self.pages[_GOAL + legs + 1]:
             legs += 1
         return legs
 
     def place(self, leg):
         """Where the goal is, or a leg after it ends: x, y and turn."""
-        fields = self._page(_GOAL + leg)
+        fields = self.pages[_GOAL + leg]
         x_um, y_um = fields[wire.PLACE_X] * wire.STEP_UM, fields[wire.PLACE_Y] * wire.STEP_UM
         return x_um, y_um, turn_um(fields[wire.PLACE_YAW])
 
@@ -194,9 +188,9 @@ class Program:
 
         Return False for a missing page.
         """
-        if not self._has(number):
+        if not self.pages[number]:
             return False
-        fields = self._page(number)
+        fields = list(self.pages[number])
         if number:
             fields[wire.PROGRAM_SEQUENCE] = self.sequence
             # A goal that came as a leg joins the way before.

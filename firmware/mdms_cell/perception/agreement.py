@@ -6,8 +6,6 @@ more cells agree with one another than with it. Cells that agree move towards th
 which is one step of average consensus (Olfati-Saber and Murray 2004).
 """
 
-from array import array
-
 from mdms_cell.perception.angle import turn_um, wrapped
 from mdms_cell.perception.place import DIRECTIONS
 from mdms_cell.perception.suspicion import POSE, POSE_BEATS
@@ -30,9 +28,6 @@ class Agreement:
         self._place = place
         self._estimates = heard.estimates
         self._suspicion = suspicion
-        #: Scratch: poses of peers, x, y and turn [um; from this cell's centre].
-        self._pose, self._middle_pose = array("i", [0] * 3), array("i", [0] * 3)
-        self._sums = array("i", [0] * 5)
         self.reset()
 
     def reset(self):
@@ -76,8 +71,7 @@ class Agreement:
         middle = most = 0
         for peer in range(DIRECTIONS):
             if self.peers >> peer & 1 and not self._suspicion.misleads(peer):
-                self.read(peer, self._middle_pose)
-                mask = self._near(self._middle_pose)
+                mask = self._near(self.pose_of(peer))
                 if _count(mask) > most:
                     middle, most = peer, _count(mask)
                     if mask == self.peers:
@@ -85,24 +79,23 @@ class Agreement:
         return middle, most
 
     @micropython.native
-    def read(self, peer, pose):
-        """Read where a peer believes the parcel."""
+    def pose_of(self, peer):
+        """Where a peer believes the parcel: x, y and turn [um; from this cell's centre]."""
         estimates, at = self._estimates, wire.ESTIMATE_FIELDS * peer
-        shifts_um = self._place.shifts_um
-        pose[0] = estimates[at + wire.X] * wire.STEP_UM + shifts_um[2 * peer]
-        pose[1] = estimates[at + wire.Y] * wire.STEP_UM + shifts_um[2 * peer + 1]
-        pose[2] = turn_um(estimates[at + wire.YAW])
+        x_um, y_um = self._place.shift_um(peer)
+        x_um += estimates[at + wire.X] * wire.STEP_UM
+        y_um += estimates[at + wire.Y] * wire.STEP_UM
+        return x_um, y_um, turn_um(estimates[at + wire.YAW])
 
     @micropython.native
     def _near(self, pose):
         """The mask of the peers whose pose is within 25 mm of this one, at the arm too."""
-        mask, its = 0, self._pose
+        mask = 0
         for peer in range(DIRECTIONS):
             if self.peers >> peer & 1:
-                self.read(peer, its)
-                x_um, y_um = its[0] - pose[0], its[1] - pose[1]
-                off_um = wrapped(its[2] - pose[2])
-                if max(abs(x_um), abs(y_um), abs(off_um)) < 25_000:
+                x_um, y_um, turn = self.pose_of(peer)
+                off_um = max(abs(x_um - pose[0]), abs(y_um - pose[1]))
+                if max(off_um, abs(wrapped(turn - pose[2]))) < 25_000:
                     mask |= 1 << peer
         return mask
 
@@ -113,11 +106,11 @@ class Agreement:
         Each neighbour weighs the more, the more certain it is. Suspects weigh nothing. The outline
         is left to be placed.
         """
-        sent, its, sums = belief.sent, self._pose, self._sums
+        sent = belief.sent
         weights = x = y = turn = variance = 0
         for peer in range(DIRECTIONS):
             if self.near >> peer & 1 and not self._suspicion.misleads(peer):
-                self.read(peer, its)
+                its = self.pose_of(peer)
                 its_certainty = self._estimates[wire.ESTIMATE_FIELDS * peer + wire.CERTAINTY]
                 weight = _weight(its_certainty - certainty)
                 weights += weight
@@ -126,21 +119,19 @@ class Agreement:
                 turn += weight * (wrapped(its[2] - sent[2]) >> 2)
                 variance += weight * (1 << 16 - its_certainty)
         if weights:
-            sums[0], sums[1], sums[2], sums[3], sums[4] = weights, x, y, turn, variance
-            belief.agree(sums, OWN_WEIGHT)
+            belief.agree((x, y, turn), variance, weights, OWN_WEIGHT)
 
     def follow(self, belief):
         """Take the mean of those that most are near to; returns whether there are any."""
         peer, total = self._middle()
         if not total:
             return False
-        middle, its = self._middle_pose, self._pose
-        self.read(peer, middle)
+        middle = self.pose_of(peer)
         mask = self._near(middle)
         x = y = turn = best = 0
         for peer in range(DIRECTIONS):
             if mask >> peer & 1:
-                self.read(peer, its)
+                its = self.pose_of(peer)
                 x += its[0] - middle[0]
                 y += its[1] - middle[1]
                 turn += wrapped(its[2] - middle[2])

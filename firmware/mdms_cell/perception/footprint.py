@@ -9,7 +9,7 @@ count. It needs the cells whose squares it lies over, since it may move within t
 from array import array
 
 from mdms_cell.perception.angle import ARM_UM
-from mdms_cell.perception.outline import STEP_UM, contains, overlaps_square
+from mdms_cell.perception.outline import STEP_UM, X, Y, contains, overlaps_square
 from mdms_cell.perception.place import AXES, DIRECTIONS, OWN, SENSORS
 from mdms_protocol.compat import WIDEN, micropython, ptr32
 
@@ -38,6 +38,8 @@ class Footprint:
         self.along = array("i", [0] * (2 * AXES))
         self.shifts = array("i", [0] * (2 * (DIRECTIONS + 1)))
         self.levers = array("i", [0] * (AXES * (DIRECTIONS + 1)))
+        #: Of a wheel about the cell's own centre: its lever, times the steps of the arm.
+        self._moments = array("i", [0] * len(self.levers))
         self.load()
 
     def load(self):
@@ -53,6 +55,10 @@ class Footprint:
         self.present = place.present()
         for direction in range(DIRECTIONS):
             _put(self.shifts, direction, place.shift_um(direction))
+        for wheel in range(len(self.levers)):
+            axis = wheel % AXES
+            x, y = self.point(wheel // AXES, axis)
+            self._moments[wheel] = self.along[2 * axis + 1] * x - self.along[2 * axis] * y
         self.half = place.pitch_um // (2 * STEP_UM) + CLEARANCE
 
     def point(self, direction, point):
@@ -85,8 +91,12 @@ class Footprint:
         A lever is how fast a wheel rolls while the parcel turns, in 1/512 of the turn's speed. That
         of axis a in direction d has the number 2 * d + a.
         """
-        points, shifts, along = self.points, self.shifts, self.along
-        find_levers(outline.registers, points, shifts, along, directions, self.levers)
+        x, y, along, levers = outline.registers[X], outline.registers[Y], self.along, self.levers
+        for axis in range(AXES):
+            moment = along[2 * axis + 1] * x - along[2 * axis] * y
+            for wheel in range(axis, len(levers), AXES):
+                if directions >> wheel // AXES & 1:
+                    levers[wheel] = (self._moments[wheel] - moment) // (ARM_UM // STEP_UM)
 
 
 def _put(numbers, pair, place_um):
@@ -123,26 +133,3 @@ def squares_overlapped(outline, shifts: ptr32, half: int, asked: int) -> int:
             mask |= int(overlaps_square(outline, x, y, half)) << cell
         cell += 1
     return mask
-
-
-@micropython.viper
-def find_levers(  # noqa: PLR0917 - viper takes words
-    centre: ptr32, points: ptr32, shifts: ptr32, along: ptr32, directions: int, levers: ptr32
-):
-    """Find levers about a centre; see `Footprint.find_levers`."""
-    widen = int(WIDEN)
-    arm = int(ARM_UM) // int(STEP_UM)
-    centre_x = centre[0] << widen >> widen
-    centre_y = centre[1] << widen >> widen
-    wheel = 0
-    while directions >> (wheel >> 1):
-        axis = wheel & 1
-        cell = wheel - axis
-        if directions >> (wheel >> 1) & 1:
-            x = (points[2 * axis] << widen >> widen) - centre_x + (shifts[cell] << widen >> widen)
-            y = (points[2 * axis + 1] << widen >> widen) - centre_y
-            y += shifts[cell + 1] << widen >> widen
-            along_x = along[2 * axis] << widen >> widen
-            along_y = along[2 * axis + 1] << widen >> widen
-            levers[wheel] = (along_y * x - along_x * y) // arm
-        wheel += 1

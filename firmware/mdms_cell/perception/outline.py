@@ -56,16 +56,49 @@ class Outline:
         for number in range(SHAPE, REGISTERS):
             self.registers[number] = other.registers[number]
 
+    @micropython.native
     def place(self, x_um, y_um, turn_um):
-        """Take a pose."""
-        place(self.registers, x_um, y_um, turn_um)
+        """Take a pose; cosine and sine are within 2 of those of its turn."""
+        registers = self.registers
+        registers[X], registers[Y] = x_um // STEP_UM, y_um // STEP_UM
+        quarter = (turn_um + QUARTER_UM // 2) // QUARTER_UM
+        # Radians in 1/8192, at most an eighth of a turn from a multiple of the right angle.
+        near = (turn_um - quarter * QUARTER_UM) * 8 // 125
+        square = near * near >> 13
+        most = (ONE // 12 - square // 360) * square >> 13
+        cosine = ONE - (square * (ONE // 2 - most // 2) >> 13)
+        sine = near * (ONE - (square * (ONE - square // 20) >> 13) // 6) >> 13
+        if quarter & 1:
+            cosine, sine = -sine, cosine
+        if quarter & 2:
+            cosine, sine = -cosine, -sine
+        registers[COSINE], registers[SINE] = cosine, sine
 
+    @micropython.native
     def edge(self, x, y):
         """How far a point is outside, negative inside [steps]; outside a corner a little less.
 
         Leaves the direction of the edge that is nearest to it in `normal`.
         """
-        return edge(self.registers, self.normal, x, y)
+        registers, normal = self.registers, self.normal
+        x, y = x - registers[X], y - registers[Y]
+        if registers[SHAPE] == DISC:
+            from_centre = root((x >> 2) * (x >> 2) + (y >> 2) * (y >> 2)) * 4
+            most = max(from_centre, 1)
+            normal[0], normal[1], normal[2] = x * ONE // most >> 3, y * ONE // most >> 3, 0
+            return from_centre - registers[HALF_LENGTH]
+        cosine, sine = registers[COSINE], registers[SINE]
+        along, across = cosine * x + sine * y >> 13, cosine * y - sine * x >> 13
+        before_length = abs(along) - registers[HALF_LENGTH]
+        before_width = abs(across) - registers[HALF_WIDTH]
+        if before_length > before_width:
+            # The way outwards, and how far along the edge the point is.
+            sign, out_x, out_y, aside = (1 if along > 0 else -1), cosine, sine, -across
+        else:
+            sign, out_x, out_y, aside = (1 if across > 0 else -1), -sine, cosine, along
+        normal[0], normal[1] = sign * out_x >> 3, sign * out_y >> 3
+        normal[2] = (sign * aside << 10) // (ARM_UM // STEP_UM)
+        return max(before_length, before_width)
 
 
 @micropython.native
@@ -96,28 +129,6 @@ def _beyond(one, other, x, y):
         reach_across = aslant * length + upright * width >> 13
     along, across = abs(cosine * x + sine * y) >> 13, abs(cosine * y - sine * x) >> 13
     return max(along - one[HALF_LENGTH] - reach_along, across - one[HALF_WIDTH] - reach_across)
-
-
-@micropython.viper
-def place(outline: ptr32, x_um: int, y_um: int, turn_um: int):
-    """Set the pose of an outline; cosine and sine are within 2 of those of its turn."""
-    one = int(ONE)
-    quarter_um = int(QUARTER_UM)
-    outline[X] = x_um // STEP_UM
-    outline[Y] = y_um // STEP_UM
-    quarter = (turn_um + quarter_um // 2) // quarter_um
-    # Radians in 1/8192, at most an eighth of a turn from a multiple of the right angle.
-    near = (turn_um - quarter * quarter_um) * 8 // 125
-    square = near * near >> 13
-    most = (one // 12 - square // 360) * square >> 13
-    cosine = one - (square * (one // 2 - most // 2) >> 13)
-    sine = near * (one - (square * (one - square // 20) >> 13) // 6) >> 13
-    if quarter & 1:
-        cosine, sine = 0 - sine, cosine
-    if quarter & 2:
-        cosine, sine = 0 - cosine, 0 - sine
-    outline[COSINE] = cosine
-    outline[SINE] = sine
 
 
 @micropython.viper
@@ -172,38 +183,3 @@ def overlaps_square(outline: ptr32, x: int, y: int, half: int) -> int:
     if along > length + shadow or along < 0 - length - shadow:
         return 0
     return 0 if across > width + shadow or across < 0 - width - shadow else 1
-
-
-@micropython.viper
-def edge(outline: ptr32, normal: ptr32, x: int, y: int) -> int:
-    """How far a point is outside; see `Outline.edge`."""
-    widen = int(WIDEN)
-    x -= outline[X] << widen >> widen
-    y -= outline[Y] << widen >> widen
-    if outline[SHAPE] == DISC:
-        from_centre = int(root((x >> 2) * (x >> 2) + (y >> 2) * (y >> 2))) * 4
-        most = from_centre if from_centre > 1 else 1
-        normal[0] = x * int(ONE) // most >> 3
-        normal[1] = y * int(ONE) // most >> 3
-        normal[2] = 0
-        return from_centre - outline[HALF_LENGTH]
-    arm = int(ARM_UM) // STEP_UM
-    cosine = outline[COSINE] << widen >> widen
-    sine = outline[SINE] << widen >> widen
-    along = cosine * x + sine * y >> 13
-    across = cosine * y - sine * x >> 13
-    before_length = (along if along > 0 else 0 - along) - outline[HALF_LENGTH]
-    before_width = (across if across > 0 else 0 - across) - outline[HALF_WIDTH]
-    if before_length > before_width:
-        distance = before_length
-        sign = 1 if along > 0 else -1
-        normal[0] = sign * cosine >> 3
-        normal[1] = sign * sine >> 3
-        normal[2] = (0 - sign * across << 10) // arm
-    else:
-        distance = before_width
-        sign = 1 if across > 0 else -1
-        normal[0] = 0 - sign * sine >> 3
-        normal[1] = sign * cosine >> 3
-        normal[2] = (sign * along << 10) // arm
-    return distance

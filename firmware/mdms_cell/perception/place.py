@@ -39,14 +39,12 @@ class Place:
     `others` is whether other nodes are neighbours now, or the place is known for the first time.
     `column` and `row` count from 1, and 0 means that the place is unknown. `x_um` and `y_um` are
     the cell's centre [table frame]. `nodes[d]` is the node id in direction d, 0 for none.
-    `shifts_um` has its centre from 2 * d on, x and y [from the cell's own centre].
     """
 
     def __init__(self, objects, changed):
         self._objects = objects
         self._changed = changed
         self.nodes = array("B", bytes(DIRECTIONS))
-        self.shifts_um = array("i", [0] * (2 * DIRECTIONS))
         on_setting = self._on_setting
         objects.watch(on_setting, indices.PLACE, indices.NEIGHBOURS, indices.SENSOR_OFFSETS)
         for axis in range(AXES):
@@ -72,8 +70,6 @@ class Place:
         self.pitch_um = number(indices.PLACE, 5)
         for direction in range(DIRECTIONS):
             self.nodes[direction] = number(indices.NEIGHBOURS, direction + 1)
-        for place in range(2 * DIRECTIONS):
-            self.shifts_um[place] = STEPS[place] * self.pitch_um
 
     def present(self):
         """The mask of the directions in which there is a neighbour."""
@@ -93,7 +89,7 @@ class Place:
 
     def shift_um(self, direction):
         """Where the centre of a neighbour is [from the cell's own centre]."""
-        return self.shifts_um[2 * direction], self.shifts_um[2 * direction + 1]
+        return STEPS[2 * direction] * self.pitch_um, STEPS[2 * direction + 1] * self.pitch_um
 
     def contact_um(self, axis):
         """Where the wheel of an axis touches [from the cell's own centre]."""

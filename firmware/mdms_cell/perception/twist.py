@@ -9,6 +9,7 @@ with a little damping. A wheel's weight falls with its error, as in Cauchy's est
 from array import array
 
 from mdms_cell.perception.heard import speed_um_s
+from mdms_cell.perception.place import AXES
 from mdms_protocol.compat import WIDEN, const, micropython, ptr32
 
 #: An error of this size halves a wheel's weight, at least [um/s].
@@ -19,6 +20,8 @@ _CLIP_UM_S = const(65_000)
 #: for parcels up to 0.6 m.
 _MOST_UM_S = const(1_300_000)
 _MOST_TURN_UM_S = const(500_000)
+#: A broken neighbour may send any speed. One above this counts as this.
+_ANY_UM_S = const(100_000_000)
 #: Keeps a direction that no wheel shows where it was.
 _RIDGE = const(8)
 
@@ -120,36 +123,24 @@ def fit(  # noqa: PLR0915, PLR0917 - one thought, and viper takes words
     speeds[2] = turn
 
 
-@micropython.viper
-def against(  # noqa: PLR0917 - viper takes words
-    speeds: ptr32, along: ptr32, levers: ptr32, frames, direction: int, axes: int
-) -> int:
+@micropython.native
+def against(speeds, along, levers, frames, direction, axes):  # noqa: PLR0917 - as `fit`
     """Return how the wheels of a cell in a mask move: TURNS, SLIPS, or both; see `fit`.
 
     A wheel slips that is off the parcel's motion by 12 mm/s and a quarter of its own.
     """
-    widen = int(WIDEN)
-    vx = speeds[0] << widen >> widen
-    vy = speeds[1] << widen >> widen
-    turn = speeds[2] << widen >> widen
+    vx, vy, turn = speeds
     shown = 0
-    axis = 0
-    while axes >> axis:
+    for axis in range(AXES):
         if axes >> axis & 1:
-            wheel = 2 * direction + axis
-            expected = (along[2 * axis] << widen >> widen) * vx
-            expected += (along[2 * axis + 1] << widen >> widen) * vy
-            expected = expected + (levers[wheel] << widen >> widen) * turn >> 9
-            # A broken neighbour may send any speed; differences with this one fit 32 bits.
-            speed = int(speed_um_s(frames, wheel, 100_000_000))
-            off = speed - expected if speed > expected else expected - speed
-            speed = speed if speed > 0 else 0 - speed
-            expected = expected if expected > 0 else 0 - expected
-            slip = 12_000 + expected // 4
+            wheel = AXES * direction + axis
+            along_x, along_y = along[2 * axis], along[2 * axis + 1]
+            expected = along_x * vx + along_y * vy + levers[wheel] * turn >> 9
+            speed = speed_um_s(frames, wheel, _ANY_UM_S)
+            slip = 12_000 + abs(expected) // 4
             # At rest a wheel that cannot turn agrees with everything.
-            if expected > slip or speed > slip:
+            if max(abs(expected), abs(speed)) > slip:
                 shown |= TURNS
-            if off > slip:
+            if abs(speed - expected) > slip:
                 shown |= SLIPS
-        axis += 1
     return shown

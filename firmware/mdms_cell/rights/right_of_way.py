@@ -96,13 +96,7 @@ class RightOfWay:
     """
 
     def __init__(
-        self,
-        *,
-        lease_beats=10,
-        late_beats=2,
-        hold_beats=3,
-        hops=HOPS,
-        patience_beats=100,
+        self, *, lease_beats=10, late_beats=2, hold_beats=3, hops=HOPS, patience_beats=100
     ):
         registers = self.registers = array("H", [0] * _REGISTERS)
         registers[_HOPS] = hops

@@ -267,23 +267,6 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
     return True
 
 
-@micropython.viper
-def read_way(pages: ptr8, way: ptr32, base: int):  # type: ignore[no-untyped-def]
-    """Read the numbers that a cell steers by from a parcel's page and the goal's page behind it.
-
-    Six numbers: x, y and yaw of the goal, the acceleration, the speed, and the flags.
-    """
-    x = pages[9] >> 2 | pages[10] << 6 | (pages[11] & 0xF) << 14
-    y = pages[11] >> 4 | pages[12] << 4 | (pages[13] & 0x3F) << 12
-    yaw = pages[13] >> 6 | pages[14] << 2 | (pages[15] & 3) << 10
-    way[base] = (x ^ 0x20000) - 0x20000
-    way[base + 1] = (y ^ 0x20000) - 0x20000
-    way[base + 2] = (yaw ^ 0x800) - 0x800
-    way[base + 3] = pages[4] >> 4 | (pages[5] & 0xF) << 4
-    way[base + 4] = pages[5] >> 4 | (pages[6] & 0xF) << 4
-    way[base + 5] = pages[6] >> 4 | (pages[7] & 3) << 4
-
-
 def _write(low: int, middle: int, high: int, frame: "MutableSequence[int]", at: int) -> None:
     frame[at] = low & 0xFF
     frame[at + 1] = low >> 8 & 0xFF

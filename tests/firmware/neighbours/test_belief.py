@@ -198,8 +198,8 @@ def test_way_makes_unsure_and_standing_does_not():
 def test_agreement_meets_between_beliefs_and_is_no_surer_than_both():
     belief = believing(0, 0, 0)
     before = belief.variance()
-    off = (100 * each // 4 for each in (2_000, -1_000, 500))
-    belief.agree((100, *off, 100 * (before // 4)), 100)
+    off = [100 * each // 4 for each in (2_000, -1_000, 500)]
+    belief.agree(off, 100 * (before // 4), weight=100, own_weight=100)
     assert belief.pose.tolist() == [1_000, -500, 250]
     assert before // 4 < belief.variance() < before
 

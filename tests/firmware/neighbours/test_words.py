@@ -1,6 +1,7 @@
 """Numbers of the neighbour layer are words of 32 bits, as boards have them.
 
-Where they are, bytecode and the machine code of any board compute the same.
+Where they are, bytecode and the machine code of any board compute the same. Steering is bytecode
+everywhere, so there the numbers that it keeps are words, and no others.
 """
 
 from array import array
@@ -26,7 +27,7 @@ from mdms_cell.perception.outline import (
     STEP_UM,
     gap,
 )
-from mdms_cell.perception.place import AXES, DIRECTIONS
+from mdms_cell.perception.place import AXES
 from mdms_cell.perception.sensors import Comparison
 from mdms_cell.perception.suspicion import Suspicion
 from mdms_cell.perception.twist import against, fit
@@ -75,11 +76,21 @@ class Words(list):
         super().__setitem__(index, Word(value))
 
 
-def worded(part):
+class Kept(Words):
+    """A buffer of words that are computed with as integers of any size."""
+
+    def __getitem__(self, index):
+        return int(super().__getitem__(index))
+
+    def __iter__(self):
+        return map(int, super().__iter__())
+
+
+def worded(part, buffer=Words):
     """The same object, its arrays made of words."""
     for name, value in vars(part).items():
         if isinstance(value, array):
-            setattr(part, name, Words(value))
+            setattr(part, name, buffer(value))
     return part
 
 
@@ -98,11 +109,11 @@ def test_root_fits(number):
     assert root(Word(number)) ** 2 <= number
 
 
-def believed(shape, pose, halves):
+def believed(shape, pose, halves, buffer=Words):
     """The belief of a parcel of this shape [steps], at x and y [steps] and a turn."""
     x, y, turn = pose
     belief = worded(Belief())
-    worded(belief.twist)
+    worded(belief.twist, buffer)
     length, width = halves
     registers = belief.registers
     registers[SHAPE], registers[HALF_LENGTH], registers[HALF_WIDTH] = shape, length, width
@@ -214,7 +225,7 @@ def test_agreement_fits_whatever_neighbours_say(poses, certainties, certainty):
     ]
     heard = Heard()
     heard.estimates = Words([each for row in fields for each in row])
-    place = SimpleNamespace(shifts_um=Words([127_000, -127_000] * DIRECTIONS))
+    place = SimpleNamespace(shift_um=lambda _direction: (Word(127_000), Word(-127_000)))
     agreement = worded(Agreement(place, heard, Suspicion()))
     belief = believed(RECTANGLE, (0, 0, 0), (HALF, HALF))
     for axis, (number, step) in enumerate(zip(poses[0], (250, 250, 196), strict=True)):
@@ -236,21 +247,22 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
     cells = cells_around([(NEAR, NEAR), (-NEAR, -NEAR)], [(NEAR, -NEAR), (NEAR, -NEAR)])
     cells.present = Word(3)
     for goal, pose in zip(goals, poses, strict=False):
-        belief = believed(RECTANGLE, pose, (half, half))
+        belief = believed(RECTANGLE, pose, (half, half), Kept)
         moving(belief)
         tracking = SimpleNamespace(belief=belief, may_be_elsewhere=lambda: False, others=Word(3))
         beside = believed(RECTANGLE, (NEAR, -NEAR, 0), (half, half))
         here = SimpleNamespace(x_um=place_um[0], y_um=place_um[1], pitch_um=1_000_000)
         axes = SimpleNamespace(lead=lambda targets: None, rest=lambda: None)
-        leading = worded(Leading(here, cells, tracking, axes, lambda _direction, one=beside: one))
-        steering = worded(leading.steering)
+        leading = Leading(here, cells, tracking, axes, lambda _direction, one=beside: one)
+        worded(leading, Kept)
+        steering = worded(leading.steering, Kept)
         for acceleration in (limits[0], 255):
             program = Program()
             program.take((1, wire.PARCEL, 1, RECTANGLE, 0, 0, acceleration, limits[1], 0))
             program.take((1, wire.GOAL, 1, *goal, 0, 0, 0))
             for step_ms in (1, 50):
                 belief.twist.shown[0] = 8
-                leading.step(program, True, Word(step_ms))
-                steering.approach(belief.reach_um, True, Word(step_ms))
+                leading.step(program, True, step_ms)
+                steering.approach(belief.reach_um, True, step_ms)
         # With less the parcel moves on for tens of metres, where squares leave words and are apart.
         leading.look_ahead(program, 3)
