@@ -2,8 +2,8 @@
 
 from array import array
 
-from mdms_cell.motion.steering import REACTION_MS, SETTLED_MS, Steering, length
-from mdms_cell.perception.angle import ARM_UM, wrapped
+from mdms_cell.motion.steering import REACTION_MS, SETTLED_MS, Steering, length, size
+from mdms_cell.perception.angle import wrapped
 from mdms_cell.perception.outline import STEP_UM, Outline, gap
 from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.twist import OFF, WHEELS
@@ -271,13 +271,12 @@ class Leading:
         speed_mm_s = max(steering.speed_mm_s(), 1)
         ramps_ms = 2 * speed_mm_s * 1000 // max(steering.acceleration_mm_s2, 1)
         x_um, y_um, turn = steering.left
-        way_um = length(x_um, y_um, turn * reach_um // ARM_UM)
-        planned_ms = way_um // speed_mm_s + ramps_ms
+        planned_ms = size(x_um, y_um, turn, reach_um) // speed_mm_s + ramps_ms
         for leg in range(program.known_legs()):
             x_um, y_um, turn = program.place(leg)
             to_x_um, to_y_um, to_turn = program.place(leg + 1)
-            turning_um = wrapped(to_turn - turn) * reach_um // ARM_UM
-            way_um = length(to_x_um - x_um, to_y_um - y_um, turning_um)
+            turned = wrapped(to_turn - turn)
+            way_um = size(to_x_um - x_um, to_y_um - y_um, turned, reach_um)
             planned_ms += way_um // speed_mm_s + ramps_ms + SETTLED_MS
         # Twice that time can be counted.
         self._planned_ms = min(planned_ms, _LONG_MS // 2)

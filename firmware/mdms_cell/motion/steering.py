@@ -18,10 +18,6 @@ SETTLED_MS = const(300)
 #: From the wish to brake until all cells under the parcel brake: HOPS times the beats that `hold`
 #: may take and counts [ms].
 REACTION_MS = const(200)
-#: Parts of a corner's way, in which turning and going are one motion.
-_SHARE = const(64)
-#: The largest number of which `length` is exact.
-_LONG = const(3_000_000)
 
 
 class Steering:
@@ -76,12 +72,12 @@ class Steering:
         left[2] = wrapped(goal[2] - pose[2])
         turn = 0 if self._any_yaw else left[2]
         self._settle(turn)
-        length_um, speed_um_s = _size(left[0], left[1], turn, parcel.reach_um), 0
+        length_um, speed_um_s = size(left[0], left[1], turn, parcel.reach_um), 0
         if not self.arrived:
             most_um_s = self.speed_mm_s() * 1000
             speed_um_s = speed(length_um, self.acceleration_mm_s2, most_um_s)
         for axis, way in enumerate((left[0], left[1], turn)):
-            wish[axis] = (way >> 4) * speed_um_s // max(length_um >> 4, 1)
+            wish[axis] = way * speed_um_s // max(length_um, 1)
 
     @micropython.native
     def _settle(self, turn):
@@ -97,10 +93,10 @@ class Steering:
         """Bring the twist nearer to the wish, or to 0 if it may not go; returns whether it is 0."""
         commanded = self.commanded
         x, y, turn = [(self.wish[axis] if may_go else 0) - commanded[axis] for axis in range(3)]
-        size = _size(x, y, turn, reach_um)
+        change_um_s = size(x, y, turn, reach_um)
         # At least 0.1 mm/s: every ramp ends.
         most = max(self.acceleration_mm_s2 * step_ms, 100)
-        part, whole = (most >> 4, size >> 4) if size > most else (1, 1)
+        part, whole = (most, change_um_s) if change_um_s > most else (1, 1)
         for axis, change in enumerate((x, y, turn)):
             commanded[axis] += change * part // whole
         return self.stands()
@@ -120,9 +116,9 @@ class Steering:
         return self.arrived and self.stands()
 
 
-def _size(x, y, turn, reach_um):
-    """The length of a way, with that of a corner for the turn."""
-    return length(x, y, turn * (reach_um * _SHARE // ARM_UM or 1) // _SHARE)
+def size(x, y, turn, reach_um):
+    """The length of a way: going, and turning by the way of a corner, are one motion."""
+    return length(x, y, turn * reach_um // ARM_UM)
 
 
 @micropython.native
@@ -137,9 +133,9 @@ def speed(way_um, acceleration_mm_s2, most_um_s):
 
 @micropython.native
 def length(x, y, z):
-    """The length of a vector of parts within 3 m [um], within 80 um or three parts in 10,000."""
-    square, shift = (x >> 5) ** 2 + (y >> 5) ** 2 + (z >> 5) ** 2, 5
+    """The length of a vector, within one part in 20,000 or less than 1."""
+    square, halvings = x * x + y * y + z * z, 0
     while square > ROOT_MAX:
-        square >>= 4
-        shift += 2
-    return root(square) << shift
+        square >>= 2
+        halvings += 1
+    return root(square) << halvings

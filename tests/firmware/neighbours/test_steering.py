@@ -20,7 +20,7 @@ STEP_MS = 10
 @given(ways, ways, ways)
 def test_length_is_that_of_the_vector_however_far_it_goes(x, y, z):
     wanted = sqrt(x * x + y * y + z * z)
-    assert length(x, y, z) == pytest.approx(wanted, rel=3e-4, abs=80)
+    assert length(x, y, z) == pytest.approx(wanted, rel=5e-5, abs=1)
 
 
 REACH_UM = 250_000

@@ -248,6 +248,7 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
     cells.present = Word(3)
     for goal, pose in zip(goals, poses, strict=False):
         belief = believed(RECTANGLE, pose, (half, half), Kept)
+        belief.reach_um = int(belief.reach_um)
         moving(belief)
         tracking = SimpleNamespace(belief=belief, may_be_elsewhere=lambda: False, others=Word(3))
         beside = believed(RECTANGLE, (NEAR, -NEAR, 0), (half, half))
