@@ -17,22 +17,22 @@ TURN_UM = const(804_248)
 ROOT_MAX = const(2_000_000_000)
 
 
-@micropython.viper
-def wrapped(turn_um: int) -> int:
+@micropython.native
+def wrapped(turn_um):
     """The same angle within half a turn of 0 [um]."""
     return (turn_um + TURN_UM // 2) % TURN_UM - TURN_UM // 2
 
 
-@micropython.viper
-def turn_um(yaw: int) -> int:
+@micropython.native
+def turn_um(yaw):
     """An angle of the wire as the way of a point at the arm [um]."""
-    return yaw * (TURN_UM // 8) // (int(wire.TURN) // 8)
+    return yaw * (TURN_UM // 8) // (wire.TURN // 8)
 
 
-@micropython.viper
-def yaw(turn_um: int) -> int:
+@micropython.native
+def yaw(turn_um):
     """The nearest angle of the wire, for the way of a point at the arm [um]."""
-    return (turn_um * (int(wire.TURN) // 8) + TURN_UM // 16) // (TURN_UM // 8)
+    return (turn_um * (wire.TURN // 8) + TURN_UM // 16) // (TURN_UM // 8)
 
 
 @micropython.viper

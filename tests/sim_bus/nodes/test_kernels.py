@@ -54,7 +54,7 @@ def bank():
 
 
 def test_all_kernels_of_a_cell_are_compiled():
-    assert len(kernels()) > 15
+    assert len(kernels()) >= 14
     assert [at for at, kernel in kernels().items() if not hasattr(kernel, "py_func")] == []
 
 
@@ -95,6 +95,5 @@ def test_kernels_give_the_results_of_the_plain_functions(bank, monkeypatch):
     # All but those that only other kernels call.
     assert {name for (_, name), number in calls.items() if number > COMPARED} >= {
         *("fit", "read_estimates", "points_within", "squares_overlapped", "root"),
-        *("_take_in", "_stays_under", "_clear_the_wheels", "directions_having"),
-        *("pack_estimate", "wrapped", "turn_um", "yaw"),
+        *("_take_in", "_stays_under", "_clear_the_wheels", "directions_having", "pack_estimate"),
     }
