@@ -12,7 +12,7 @@ from mdms_host.coordination.run_state import Timing
 from mdms_host.estimation.tracked_parcel import LEARNED_M
 from mdms_host.motion.by_cells.program import LEAST_PITCHES, MOST_PITCHES
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.safe_goals import Footing, SupportedParcel, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.buses import (
@@ -80,7 +80,7 @@ def chosen_parcel(scenario: Scenario, name: str | None) -> Parcel:
     raise InputError(f"--parcel {name}: no such parcel; there are {names}")
 
 
-def goal_of(parcel: Parcel) -> Goal | None:
+def goal_of(parcel: Parcel) -> GoalPose | None:
     """The goal as the host steers to it, None without one; a disc stays turned as it is.
 
     Raises `InputError` for a disc that is to be turned.
@@ -89,13 +89,13 @@ def goal_of(parcel: Parcel) -> Goal | None:
     if goal is None:
         return None
     if parcel.shape != "disc":
-        return Goal(goal.x_m, goal.y_m, goal.yaw_rad)
+        return GoalPose(goal.x_m, goal.y_m, goal.yaw_rad)
     if goal.yaw_rad:
         raise InputError(
             f"goal.yaw_rad of parcel {parcel.name!r} is {goal.yaw_rad:g}, but no sensor shows how "
             "a disc is turned, so it is steered to a place only; leave yaw_rad out"
         )
-    return Goal(goal.x_m, goal.y_m, None)
+    return GoalPose(goal.x_m, goal.y_m, None)
 
 
 def refuse_pushless(scenario: Scenario) -> None:

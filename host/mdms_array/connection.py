@@ -28,7 +28,7 @@ from mdms_host.coordination.operation import Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.programs.program import TableProgram
-from mdms_host.programs.script import Task
+from mdms_host.programs.script import ScriptTask
 from mdms_host.programs.table import Table
 from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.errors import InputError
@@ -171,7 +171,7 @@ class ThreadDriver:
             flow=program.driver.take_flow,
         )
         self._asked: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._calls: list[tuple[Task[Any], Event]] = []
+        self._calls: list[tuple[ScriptTask[Any], Event]] = []
         self._operation: Operation | None = None
         self._error: BaseException | None = None
         self._thread = Thread(target=self._operate, name="table", daemon=True)
@@ -207,7 +207,7 @@ class ThreadDriver:
     ) -> Result:
         """Wait for the end of a coroutine; its result. Raises its errors and `RunError`."""
         done = Event()
-        started: list[Task[Result]] = []
+        started: list[ScriptTask[Result]] = []
 
         def start() -> None:
             task = self.table.start(routine(self.table))

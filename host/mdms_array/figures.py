@@ -10,7 +10,7 @@ import numpy as np
 from mdms_array.host import has_failed, late_text
 from mdms_array.run import ERRORS, Incident, ParcelRun, Run
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, GoalOutcome, missed_text, outcome_of
 from mdms_model.arrays import Floats
 from mdms_model.run.derived import lifted_s, slip_m_s
@@ -249,7 +249,7 @@ def _parcel_runs(
     }
 
 
-def _goal(goal: Goal | None) -> tuple[float, float, float | None] | None:
+def _goal(goal: GoalPose | None) -> tuple[float, float, float | None] | None:
     return None if goal is None else (goal.x_m, goal.y_m, goal.yaw_rad)
 
 
@@ -272,7 +272,7 @@ def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
 
 
 def _true_outcomes(
-    scenario: Scenario, record: Record, goals: Mapping[str, Goal]
+    scenario: Scenario, record: Record, goals: Mapping[str, GoalPose]
 ) -> list[GoalOutcome]:
     """How far from its goal each parcel that was steered to one ends in truth."""
     outcomes = []
@@ -295,7 +295,7 @@ def _believed_outcomes(scenario: Scenario, coordinator: Coordinator) -> list[Goa
     ]
 
 
-def _believed_outcome(coordinator: Coordinator, name: str, goal: Goal) -> GoalOutcome:
+def _believed_outcome(coordinator: Coordinator, name: str, goal: GoalPose) -> GoalOutcome:
     """How far from its goal a parcel is believed to have ended."""
     believed = coordinator.estimate(name)
     pose = None if believed is None else (believed.x_m, believed.y_m, believed.yaw_rad)
@@ -316,7 +316,7 @@ def slipping_share(record: Record) -> float:
     return float(slipping.sum() / max(moving.sum(), 1))
 
 
-def _there_s(record: Record, number: int, goal: Goal) -> float | None:
+def _there_s(record: Record, number: int, goal: GoalPose) -> float | None:
     """Since when the parcel has been at its goal [s]; None if it is not there at the end."""
     x_m, y_m, yaw_rad = record.pose[:, number].T
     # A parcel without a place is not there.

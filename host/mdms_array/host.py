@@ -18,7 +18,7 @@ from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.by_cells.sending import CellsMotion
 from mdms_host.motion.carrying import AHEAD_M
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.goal import GoalPose, Limits
 from mdms_host.motion.program import ByCells, FieldProgram, Program
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
@@ -38,7 +38,7 @@ from mdms_model.array import last_support_m
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses, address_cells
 from mdms_model.errors import InputError
-from mdms_model.fields import Command, accepted
+from mdms_model.fields import ReferenceCommand, accepted
 from mdms_model.log import LOG
 from mdms_model.loop_margin import largest_gain, observer_for
 from mdms_model.motor import drive_of
@@ -113,7 +113,7 @@ def references_m_s(scenario: Scenario) -> Floats:
     return command.set_m_s
 
 
-def command_figures(scenario: Scenario, command: Command) -> dict[str, Any]:
+def command_figures(scenario: Scenario, command: ReferenceCommand) -> dict[str, Any]:
     """The wheels' references by a field and by its policy, for JSON."""
     speeds_m_s = abs(command.asked_m_s)
     moving_m_s = speeds_m_s[speeds_m_s > 0.0]
@@ -510,7 +510,7 @@ def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
     )
 
 
-def goals_of(scenario: Scenario) -> dict[str, Goal] | None:
+def goals_of(scenario: Scenario) -> dict[str, GoalPose] | None:
     """The goals of a scenario's parcels, by name; None for a scenario of another motion."""
     if scenario.motion.field != "goal":
         return None

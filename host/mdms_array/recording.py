@@ -16,7 +16,7 @@ from mdms_array.extras import PICTURES
 from mdms_array.host import estimates_of
 from mdms_array.revision import git_revision
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.program import Main, TableProgram
 from mdms_model.arrays import Floats
 from mdms_model.log import LOG
@@ -43,7 +43,7 @@ class PlanLog:
     def __init__(self, coordinator: Coordinator) -> None:
         self.plans: list[Plan] = []
         self._coordinator = coordinator
-        self._goals: dict[str, Goal] = {}
+        self._goals: dict[str, GoalPose] = {}
         self._ways: tuple[str, ...] = ()
         self._again_s = 0.0
         #: As long as this is the same object, the ways are the same.
@@ -81,7 +81,7 @@ class PlanLog:
         return Plan(time_s, ways, tiles, due_s, goals)
 
 
-def _pose(goal: Goal) -> Floats:
+def _pose(goal: GoalPose) -> Floats:
     yaw_rad = np.nan if goal.yaw_rad is None else goal.yaw_rad
     return np.array([goal.x_m, goal.y_m, yaw_rad])
 

@@ -33,7 +33,7 @@ from mdms_array.source import LONGEST_S, SHORTEST_S, Source, check_time, open_so
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
 from mdms_model.errors import InputError
@@ -220,7 +220,7 @@ def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
     )
 
 
-def _poses(goals: Mapping[str, Goal]) -> dict[str, Pose]:
+def _poses(goals: Mapping[str, GoalPose]) -> dict[str, Pose]:
     return {name: (goal.x_m, goal.y_m, goal.yaw_rad) for name, goal in goals.items()}
 
 

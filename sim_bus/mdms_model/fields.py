@@ -331,7 +331,7 @@ def _sliding(scenario: Scenario, parcel: Parcel) -> Bound:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class ReferenceCommand:
     """References (W,) [m/s] as the field has them, and as they are set by its policy, if any.
 
     `outside` counts the wheels whose reference from the field breaks the policy.
@@ -355,7 +355,7 @@ class Command:
         )
 
 
-def command_of(scenario: Scenario) -> Command:
+def command_of(scenario: Scenario) -> ReferenceCommand:
     """The references of a scenario's field, within its policy or not.
 
     References make surfaces of free wheels run at (a/b) r; where droop is compensated, r = (b/a) v
@@ -368,12 +368,12 @@ def command_of(scenario: Scenario) -> Command:
         asked_m_s = asked_m_s / drive_of(scenario.cell).droop
     bound = bound_of(scenario)
     if bound is None:
-        return Command(asked_m_s, asked_m_s)
+        return ReferenceCommand(asked_m_s, asked_m_s)
     outside = int(np.count_nonzero(bound.outside(asked_m_s)))
-    return Command(asked_m_s, bound.clamp(asked_m_s, wheels.cell), bound, outside)
+    return ReferenceCommand(asked_m_s, bound.clamp(asked_m_s, wheels.cell), bound, outside)
 
 
-def accepted(scenario: Scenario) -> Command:
+def accepted(scenario: Scenario) -> ReferenceCommand:
     """The command of a scenario; raises PolicyError for one outside a policy that refuses."""
     command = command_of(scenario)
     if command.outside and scenario.motion.outside == "refuse":

@@ -16,7 +16,7 @@ POLL_NS = 100_000
 PRIORITY_POLL = 30
 
 
-class Driver:
+class ParticipantDriver:
     """Puts a participant on its buses and polls it when it wants to be polled.
 
     A `BusesParticipant` is on all of them, any other on the first. A participant that has left is
@@ -95,7 +95,7 @@ class Driver:
 class _Ear:
     """A driver as one of its buses sees it."""
 
-    def __init__(self, driver: Driver, bus: int) -> None:
+    def __init__(self, driver: ParticipantDriver, bus: int) -> None:
         self.on_frame = partial(driver.on_frame, bus)
 
 

@@ -20,7 +20,7 @@ from mdms_sim.bus.controller import Controller
 from mdms_sim.bus.party import Disturbance
 from mdms_sim.bus.segment import Segment
 from mdms_sim.bus.wire import INTERFRAME_BITS, frame_bits
-from mdms_sim.driver import Driver
+from mdms_sim.driver import ParticipantDriver
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import CellBank
 from mdms_sim.physics.plane.control_step import UV_PER_V
@@ -221,7 +221,7 @@ class NodeFaults:
         kernel: Kernel,
         controllers: Sequence[Controller],
         bank: CellBank,
-        drivers: Sequence[Driver],
+        drivers: Sequence[ParticipantDriver],
     ) -> None:
         self._kernel = kernel
         self._controllers = controllers

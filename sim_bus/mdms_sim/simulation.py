@@ -29,7 +29,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.log import BusLog
-from mdms_sim.driver import Driver
+from mdms_sim.driver import ParticipantDriver
 from mdms_sim.faults import Faults, NodeFaults, Ongoing, Places, WireFaults, WorldFaults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
@@ -217,7 +217,7 @@ class Simulation:
         places = Places(bank, told)
         #: The place of each node, and the node at each place: cells may change places.
         self._places, self._nodes = places.of_node, places.node_at
-        self._drivers = [Driver(self.kernel, self.buses, one) for one in participants]
+        self._drivers = [ParticipantDriver(self.kernel, self.buses, one) for one in participants]
         self.faults = Faults(
             scenario.fault,
             scenario.run.seed,

@@ -23,10 +23,10 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner
 from mdms_host.commissioning.jog import Jog
 from mdms_host.commissioning.network import Commissioning, CommissioningError
-from mdms_host.commissioning.stop import StopAll
+from mdms_host.commissioning.stop import NetworkStop
 from mdms_host.commissioning.wheel_turn import nudge
 from mdms_host.coordination.coordinator import Coordinator
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.outcome import outcome_of
 from mdms_host.updating.bundles import Bundle, pack_image, sign
 from mdms_host.updating.cell_update import CellUpdate
@@ -36,7 +36,7 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs import cob, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import AXES, ENTRIES
-from mdms_sim.driver import Driver
+from mdms_sim.driver import ParticipantDriver
 from mdms_sim.faults import PRIORITY
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
@@ -237,8 +237,8 @@ class _Events:
     def _now_s(self) -> float:
         return self._simulation.kernel.now_ns / NS_PER_S
 
-    def _join(self, participant: Any) -> Driver:
-        return Driver(self._simulation.kernel, self._simulation.buses, participant)
+    def _join(self, participant: Any) -> ParticipantDriver:
+        return ParticipantDriver(self._simulation.kernel, self._simulation.buses, participant)
 
     def _empty(self) -> None:
         self._host.kill(inf, self._now_s)
@@ -294,7 +294,7 @@ class _Events:
             self._host.coordinator.stop()
 
     def _stop_all(self) -> None:
-        self._join(_OnAllBuses(StopAll(), self._now_s, self._addresses.bus_count))
+        self._join(_OnAllBuses(NetworkStop(), self._now_s, self._addresses.bus_count))
 
     def _restart(self, pause_s: float) -> None:
         self._host.kill(pause_s, self._now_s)
@@ -311,7 +311,7 @@ class _Events:
         if coordinator is None or coordinator.stopped:
             return
         try:
-            coordinator.set_goal(parcel, Goal(x_m, y_m, yaw_rad))
+            coordinator.set_goal(parcel, GoalPose(x_m, y_m, yaw_rad))
         except (KeyError, ValueError):
             # The page shows why, and the parcel keeps its goal.
             return
@@ -361,7 +361,7 @@ class _Once:
 class _OnAllBuses:
     """A participant of one bus that sends the same on all."""
 
-    def __init__(self, one: StopAll, now_s: float, buses: int) -> None:
+    def __init__(self, one: NetworkStop, now_s: float, buses: int) -> None:
         self._one = one
         self._buses = range(buses)
         one.wake_s = now_s

@@ -10,7 +10,7 @@ import pytest
 from tests.micropython_builds import skipping_without_micropython
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_sim.nodes.micropython_process import find_micropython
 
 MDMS = Path(sys.executable).with_name("mdms")
@@ -28,7 +28,7 @@ def run_of(capsys):
     """The traffic of the bus, and the places of parcels."""
 
     def run(command, *arguments, nodes="cpython"):
-        assert main([*command, "--nodes", nodes, *arguments]) == Exit.TIME_LIMIT
+        assert main([*command, "--nodes", nodes, *arguments]) == ExitCode.TIME_LIMIT
         printed = capsys.readouterr().out
         assert json.loads(printed)["nodes"] == nodes
         return told(printed)

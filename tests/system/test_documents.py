@@ -18,7 +18,7 @@ from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_array.source import open_program
 from mdms_host.cli import main
-from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.cli.reference import pages
 from mdms_host.cli.verbs import VERBS, build_parser
 from mdms_host.commissioning.array_file import (
@@ -149,7 +149,7 @@ class Reader:
         with self._commissioned() if on_a_bus else nullcontext():
             code = main(words)
         printed = self._capsys.readouterr()
-        assert code == Exit.OK, (command, printed)
+        assert code == ExitCode.OK, (command, printed)
         if target:
             Path(target).write_text(printed.out)
 
@@ -230,7 +230,7 @@ class UntilALine(io.StringIO):
 def start_and_end(words):
     """Run a command that goes on until Ctrl-C, and press that when it has printed a line."""
     with redirect_stdout(UntilALine()) as shown, suppress(KeyboardInterrupt):
-        assert main(words[1:]) in (Exit.OK, INTERRUPTED), words
+        assert main(words[1:]) in (ExitCode.OK, INTERRUPTED), words
     assert "\n" in shown.getvalue(), words
 
 

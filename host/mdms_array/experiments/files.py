@@ -18,7 +18,7 @@ from mdms_array.experiments.settings import (
     uniform,
 )
 from mdms_array.experiments.sweep import Design, design_of
-from mdms_array.experiments.tuning import Bound, TuningProblem, task_of
+from mdms_array.experiments.tuning import MeasureBound, TuningProblem, task_of
 from mdms_array.source import Source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import builtin_names
@@ -112,11 +112,11 @@ def read_tuning(path: Path) -> TuningProblem:
         raise type(error)(f"{path}: {error}") from None
 
 
-def _bounds(path: Path, table: Any) -> dict[Bound, Measure]:
+def _bounds(path: Path, table: Any) -> dict[MeasureBound, Measure]:
     """The bounds of a file, each with its measure. Raises `InputError`."""
     if not isinstance(table, Mapping):
         raise InputError(f"{path}: bounds is {table!r}, but must be a table")
-    bounds: dict[Bound, Measure] = {}
+    bounds: dict[MeasureBound, Measure] = {}
     for name, limits in table.items():
         numbers = [*limits.values()] if isinstance(limits, Mapping) else []
         known = isinstance(limits, Mapping) and {*limits} <= {"at_least", "at_most"}
@@ -131,7 +131,7 @@ def _bounds(path: Path, table: Any) -> dict[Bound, Measure]:
                 f"{limits['at_most']:g}, so nothing keeps both; exchange them"
             )
         measure = measure_named(name, path.parent)
-        bounds[Bound(name_of(measure), **limits)] = measure
+        bounds[MeasureBound(name_of(measure), **limits)] = measure
     return bounds
 
 

@@ -34,7 +34,7 @@ MOST_SEEDS = 1 << 32
 
 
 @dataclass(frozen=True, slots=True)
-class Bound:
+class MeasureBound:
     """A bound of the mean of a measure."""
 
     measure: str
@@ -59,7 +59,7 @@ class TuningProblem:
     vary: Mapping[str, Distribution]
     objective: str
     maximise: bool
-    bounds: tuple[Bound, ...]
+    bounds: tuple[MeasureBound, ...]
     trials: int
     seed: int
     unseen: int
@@ -109,7 +109,7 @@ def task_of(
     *,
     objective: str,
     maximise: bool,
-    bounds: Sequence[Bound],
+    bounds: Sequence[MeasureBound],
     trials: int,
     seed: int,
     unseen: int,

@@ -16,7 +16,7 @@ from mdms_model.errors import Error, InputError
 from mdms_model.scenario.motion import Motion
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.batch import Batch, check_alike
-from mdms_sim.physics.plane.world import World, WorldState
+from mdms_sim.physics.plane.world import World, WorldSnapshot
 from mdms_sim.simulation import Simulation, addresses_of, open_bank
 
 #: A control period: one step of an environment [s].
@@ -96,7 +96,7 @@ class IdealTables:
         self._sensed = self._steps - late
         self._batch = Batch(scenarios, threads=threads, most_edges=MOST_EDGES)
         self._begun = [*scenarios]
-        self._starts: list[WorldState] = [world.state() for world in self._batch.worlds]
+        self._starts: list[WorldSnapshot] = [world.state() for world in self._batch.worlds]
         self._noisy = cell.sensor_noise > 0.0
         #: Poses and twists, once they have been read since the last step.
         self._motion: tuple[Floats, Floats] | None = None

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from mdms_host.cli.exits import (
     INTERRUPTED,
-    Exit,
+    ExitCode,
     Terminated,
     ended_by_signals,
     ending_behind,
@@ -21,7 +21,7 @@ from mdms_host.cli.verbs import build_parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line and return its exit code; see `Exit`."""
+    """Run one command line and return its exit code; see `ExitCode`."""
     open_streams()
     with ended_by_signals():
         return flushed(_run(argv))
@@ -34,7 +34,7 @@ def _run(argv: Sequence[str] | None) -> int:
     except KeyboardInterrupt as interrupt:
         return _ended_by(interrupt)
     except SystemExit as leaving:
-        return leaving.code if isinstance(leaving.code, int) else Exit.OK
+        return leaving.code if isinstance(leaving.code, int) else ExitCode.OK
     except Exception as error:
         ending = ending_behind(error)
         if ending is not None:
@@ -50,6 +50,6 @@ def _ended_by(interrupt: KeyboardInterrupt) -> int:
     has_arrived()
     if isinstance(interrupt, Terminated):
         say("mdms: terminated")
-        return Exit.FAILURE
+        return ExitCode.FAILURE
     say("mdms: interrupted")
     return INTERRUPTED

@@ -11,13 +11,13 @@ from rich.markdown import Markdown
 from rich.table import Table
 
 from mdms_host.cli.console import show
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.parser import Parser
 
 _PACKAGE = Path(__file__).parents[1]
 
 
-def complete(arguments: Namespace) -> Exit:
+def complete(arguments: Namespace) -> ExitCode:
     """Print the script; nothing is installed."""
     from mdms_host.cli.verbs import build_parser  # noqa: PLC0415 - the table names this module
 
@@ -27,7 +27,7 @@ def complete(arguments: Namespace) -> Exit:
         for action in each._actions:
             _complete_files(action)
     print(shtab.complete(parser, shell=arguments.shell), end="")
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _parsers(parser: Parser) -> Iterator[Parser]:
@@ -91,7 +91,7 @@ TOPICS = {
 }
 
 
-def help_on(arguments: Namespace) -> Exit:
+def help_on(arguments: Namespace) -> ExitCode:
     """Print a document, or the list of all; a terminal gets a pager."""
     if arguments.topic is None:
         table = Table("topic", "about")
@@ -99,26 +99,26 @@ def help_on(arguments: Namespace) -> Exit:
             table.add_row(name, about)
         show(table)
         print("mdms help TOPIC prints one; mdms VERB --help has the options of a verb")
-        return Exit.OK
+        return ExitCode.OK
     text = document(arguments.topic)
     if not sys.stdout.isatty():
         print(text, end="")
-        return Exit.OK
+        return ExitCode.OK
     console = Console()
     with console.pager(styles=True):
         console.print(Markdown(text))
-    return Exit.OK
+    return ExitCode.OK
 
 
 def document(topic: str) -> str:
     """The text of a document. Raises `CommandError` for an unknown topic, or one left out."""
     if topic not in TOPICS:
         known = ", ".join(TOPICS)
-        raise CommandError(f"{topic}: no such topic; there are {known}", Exit.USAGE)
+        raise CommandError(f"{topic}: no such topic; there are {known}", ExitCode.USAGE)
     name = TOPICS[topic][0]
     # In a wheel they have a folder beside the packages, in the project they lie where they are.
     for root in (_PACKAGE.parent / "mdms_docs", _PACKAGE.parents[1]):
         path = root / name
         if path.is_file():
             return path.read_text(encoding="utf-8")
-    raise CommandError(f"{name} is not installed", Exit.FAILURE)
+    raise CommandError(f"{name} is not installed", ExitCode.FAILURE)

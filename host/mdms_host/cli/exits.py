@@ -14,7 +14,7 @@ from typing import NoReturn
 from weakref import WeakSet
 
 
-class Exit(IntEnum):
+class ExitCode(IntEnum):
     """The exit codes."""
 
     OK = 0
@@ -31,50 +31,50 @@ INTERRUPTED = 130
 #: Exit codes by class of error; of a class and its bases, the nearest that is listed counts.
 #: Classes are named here, not imported: a verb should not wait for the modules of the others.
 EXITS = {
-    "builtins.OSError": Exit.FAILURE,
-    "mdms_array.run.FaultError": Exit.NODE_FAULT,
-    "mdms_array.run.StoppedError": Exit.TIME_LIMIT,
-    "mdms_array.run.TimeLimitError": Exit.TIME_LIMIT,
-    "mdms_model.errors.Error": Exit.FAILURE,
-    "mdms_model.errors.InputError": Exit.USAGE,
-    "mdms_host.can_link.link.LinkError": Exit.NO_DEVICE,
-    "mdms_host.commissioning.array_file.ArrayFileError": Exit.USAGE,
-    "mdms_host.commissioning.commissioner.CommissionError": Exit.NODE_FAULT,
-    "mdms_host.commissioning.doctor.emergency_stop.NobodyError": Exit.TIME_LIMIT,
-    "mdms_host.commissioning.doctor.emergency_stop.OwnFaultError": Exit.NODE_FAULT,
-    "mdms_host.commissioning.doctor.emergency_stop.StopTestError": Exit.FAILURE,
-    "mdms_host.commissioning.lss_master.LssError": Exit.NODE_FAULT,
-    "mdms_host.commissioning.network.CommissioningError": Exit.NODE_FAULT,
-    "mdms_host.commissioning.network.SilentError": Exit.NO_DEVICE,
-    "mdms_host.commissioning.node_ids.NodeIdError": Exit.FAILURE,
-    "mdms_host.commissioning.parameters.ParameterError": Exit.USAGE,
-    "mdms_host.coordination.other_host.OtherHostError": Exit.FAILURE,
-    "mdms_sim.nodes.bank.MicropythonMissing": Exit.NO_DEVICE,
-    "mdms_sim.nodes.bank.NodeError": Exit.NODE_FAULT,
-    "mdms_model.fields.FieldError": Exit.USAGE,
-    "mdms_model.fields.PolicyError": Exit.USAGE,
-    "mdms_host.line.attached.LineError": Exit.FAILURE,
-    "mdms_host.page.page.PageError": Exit.FAILURE,
-    "mdms_model.run.folder.RunFolderError": Exit.USAGE,
-    "mdms_model.scenario.scenario.ScenarioError": Exit.USAGE,
-    "mdms_host.updating.bundles.BundleError": Exit.USAGE,
-    "mdms_host.updating.bundles.KeyFileError": Exit.USAGE,
-    "mdms_model.squeeze.SqueezeError": Exit.USAGE,
-    "mdms_sim.plots.canvas.PictureFormatError": Exit.USAGE,
-    "mdms_sim.plots.animation.EncoderMissingError": Exit.FAILURE,
-    "mdms_sim.serve.endpoint.ServeError": Exit.FAILURE,
+    "builtins.OSError": ExitCode.FAILURE,
+    "mdms_array.run.FaultError": ExitCode.NODE_FAULT,
+    "mdms_array.run.StoppedError": ExitCode.TIME_LIMIT,
+    "mdms_array.run.TimeLimitError": ExitCode.TIME_LIMIT,
+    "mdms_model.errors.Error": ExitCode.FAILURE,
+    "mdms_model.errors.InputError": ExitCode.USAGE,
+    "mdms_host.can_link.link.LinkError": ExitCode.NO_DEVICE,
+    "mdms_host.commissioning.array_file.ArrayFileError": ExitCode.USAGE,
+    "mdms_host.commissioning.commissioner.CommissionError": ExitCode.NODE_FAULT,
+    "mdms_host.commissioning.doctor.emergency_stop.NobodyError": ExitCode.TIME_LIMIT,
+    "mdms_host.commissioning.doctor.emergency_stop.OwnFaultError": ExitCode.NODE_FAULT,
+    "mdms_host.commissioning.doctor.emergency_stop.StopTestError": ExitCode.FAILURE,
+    "mdms_host.commissioning.lss_master.LssError": ExitCode.NODE_FAULT,
+    "mdms_host.commissioning.network.CommissioningError": ExitCode.NODE_FAULT,
+    "mdms_host.commissioning.network.SilentError": ExitCode.NO_DEVICE,
+    "mdms_host.commissioning.node_ids.NodeIdError": ExitCode.FAILURE,
+    "mdms_host.commissioning.parameters.ParameterError": ExitCode.USAGE,
+    "mdms_host.coordination.other_host.OtherHostError": ExitCode.FAILURE,
+    "mdms_sim.nodes.bank.MicropythonMissing": ExitCode.NO_DEVICE,
+    "mdms_sim.nodes.bank.NodeError": ExitCode.NODE_FAULT,
+    "mdms_model.fields.FieldError": ExitCode.USAGE,
+    "mdms_model.fields.PolicyError": ExitCode.USAGE,
+    "mdms_host.line.attached.LineError": ExitCode.FAILURE,
+    "mdms_host.page.page.PageError": ExitCode.FAILURE,
+    "mdms_model.run.folder.RunFolderError": ExitCode.USAGE,
+    "mdms_model.scenario.scenario.ScenarioError": ExitCode.USAGE,
+    "mdms_host.updating.bundles.BundleError": ExitCode.USAGE,
+    "mdms_host.updating.bundles.KeyFileError": ExitCode.USAGE,
+    "mdms_model.squeeze.SqueezeError": ExitCode.USAGE,
+    "mdms_sim.plots.canvas.PictureFormatError": ExitCode.USAGE,
+    "mdms_sim.plots.animation.EncoderMissingError": ExitCode.FAILURE,
+    "mdms_sim.serve.endpoint.ServeError": ExitCode.FAILURE,
 }
 
 
 class CommandError(Exception):
     """Ends the command with one line on stderr and an exit code."""
 
-    def __init__(self, message: str, code: Exit) -> None:
+    def __init__(self, message: str, code: ExitCode) -> None:
         super().__init__(message)
         self.code = code
 
 
-def exit_of(error: Exception) -> Exit | None:
+def exit_of(error: Exception) -> ExitCode | None:
     """The exit code of an error; None for a defect of the program."""
     if isinstance(error, CommandError):
         return error.code

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 
 #: Faults of a given path, and not of the device behind it.
 _BAD_PLACES = frozenset(
@@ -29,7 +29,7 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        code = Exit.USAGE if error.errno in _BAD_PLACES else Exit.FAILURE
+        code = ExitCode.USAGE if error.errno in _BAD_PLACES else ExitCode.FAILURE
         raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None
 
 
@@ -56,7 +56,7 @@ def check_own(path: Path, mark: bytes, force: bool) -> None:
         raise CommandError(
             f"{path}: is there already, and was not written by this verb; "
             "--force overwrites it, or give another name",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
 
 

@@ -10,7 +10,7 @@ from mdms_array.report import Reporter
 from mdms_host.can_link.bus_log import LogWriter
 from mdms_host.can_link.link import LinkCounts
 from mdms_host.can_link.recent import Recent
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.log_files import LogFolder
 from mdms_host.cli.options import LOGS
 from mdms_host.cli.report_requests import ReportRequests
@@ -48,10 +48,10 @@ def check_log(arguments: Namespace) -> None:
     if arguments.log in ("events", "all") and arguments.log_dir is None and arguments.out is None:
         raise CommandError(
             f"--log {arguments.log}: there is no place for its files; give --log-dir DIR",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     if arguments.log == "none" and arguments.log_dir is not None:
-        raise CommandError("--log none keeps nothing; leave --log-dir out", Exit.USAGE)
+        raise CommandError("--log none keeps nothing; leave --log-dir out", ExitCode.USAGE)
 
 
 def reports_folder(arguments: Namespace) -> Path:

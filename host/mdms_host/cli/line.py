@@ -11,7 +11,7 @@ from typing import Any
 from mdms_array.extras import OPCUA, require
 from mdms_array.host import programmed
 from mdms_array.source import open_program
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.line.attached import Line
 from mdms_host.line.machine import Recipes
@@ -50,12 +50,12 @@ def check_line(arguments: Namespace, scenario: Scenario, main: Main | None) -> N
         raise CommandError(
             f"--opcua, --modbus: a line needs a program, but motion.field is "
             f"{scenario.motion.field!r}; take a file of tasks, or Python, or sort54",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     if scenario.motion.control == "cells":
         raise CommandError(
             "--opcua, --modbus: cells that steer keep no orders; set motion.control=host",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
 
 
@@ -68,7 +68,7 @@ def recipes_of(
     """
     jobs = {Path(source).stem: job}
     if arguments.recipe and not has_line(arguments):
-        raise CommandError("--recipe: is chosen by a line; add --opcua or --modbus", Exit.USAGE)
+        raise CommandError("--recipe: is chosen by a line; add --opcua or --modbus", ExitCode.USAGE)
     if has_line(arguments):
         check_line(arguments, *job)
     for each in arguments.recipe:
@@ -78,7 +78,7 @@ def recipes_of(
             raise CommandError(
                 f"--recipe {each}: {name!r:.70} is taken, or not {LONGEST} printable characters at "
                 "most; give NAME=FILE",
-                Exit.USAGE,
+                ExitCode.USAGE,
             )
         recipe = open_program(path, overrides)
         check_line(arguments, *recipe)
@@ -94,7 +94,7 @@ def _check_same_table(recipe: str, scenario: Scenario, own: Scenario) -> None:
             raise CommandError(
                 f"--recipe {recipe}: `{each.name}` is not that of the table; a recipe has its own "
                 "`task`, `motion`, `run` and kinds of exits, and nothing else",
-                Exit.USAGE,
+                ExitCode.USAGE,
             )
 
 
@@ -148,20 +148,20 @@ def _security(folder: Path, arguments: Namespace) -> dict[str, object]:
     for path in (certificate, key):
         if not path.is_file():
             raise CommandError(
-                f"--opcua: there is no {path}; `mdms line certificate` makes it", Exit.USAGE
+                f"--opcua: there is no {path}; `mdms line certificate` makes it", ExitCode.USAGE
             )
     if arguments.anonymous and (arguments.line_host or LOOPBACK) != LOOPBACK:
         raise CommandError(
             "--anonymous: nothing is encrypted, so it is for this machine only; leave --line-host "
             "out",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     users = _users(folder / USERS)
     if not users and not arguments.anonymous:
         raise CommandError(
             f"--opcua: {folder / USERS} has no users; write a line NAME:PASSWORD into it, "
             "or give --anonymous to read only",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     return {"certificate": str(certificate), "key": str(key), "users": users}
 
@@ -172,22 +172,22 @@ def _users(path: Path) -> dict[str, str]:
         return {}
     # Elsewhere than on POSIX these bits say nothing.
     if os.name == "posix" and path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise CommandError(f"{path}: others may read it; run chmod 600 {path}", Exit.USAGE)
+        raise CommandError(f"{path}: others may read it; run chmod 600 {path}", ExitCode.USAGE)
     users = {}
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:
-        raise CommandError(f"{path}: is not UTF-8; save it as that", Exit.USAGE) from None
+        raise CommandError(f"{path}: is not UTF-8; save it as that", ExitCode.USAGE) from None
     for number, line in enumerate(text.splitlines(), 1):
         name, colon, password = line.partition(":")
         if line.strip() and not (name and colon and password):
-            raise CommandError(f"{path}, line {number}: is not NAME:PASSWORD", Exit.USAGE)
+            raise CommandError(f"{path}, line {number}: is not NAME:PASSWORD", ExitCode.USAGE)
         if line.strip():
             users[name] = password
     return users
 
 
-def make_certificate(arguments: Namespace) -> Exit:
+def make_certificate(arguments: Namespace) -> ExitCode:
     """`mdms line certificate`: a key and a certificate for OPC UA, signed by itself."""
     # The extra has been asked for by the verb.
     from mdms_host.line.certificate import certificate_of  # noqa: PLC0415
@@ -199,7 +199,7 @@ def make_certificate(arguments: Namespace) -> Exit:
         raise CommandError(
             f"{folder} has a key or a certificate already, which clients may trust; give --force "
             "to replace it",
-            Exit.FAILURE,
+            ExitCode.FAILURE,
         )
     key, certificate, until = certificate_of(arguments.host_name, arguments.days)
     descriptor = os.open(key_path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
@@ -209,4 +209,4 @@ def make_certificate(arguments: Namespace) -> Exit:
     path.write_bytes(certificate)
     print(f"{path}: valid until {until}; have clients trust it")
     print(f"{key_path}: its key, which nobody else may have")
-    return Exit.OK
+    return ExitCode.OK

@@ -15,7 +15,7 @@ from mdms_array.operation import watch_program
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.can_link.returning import ReturningLink
-from mdms_host.cli.exits import CommandError, Exit, interrupted
+from mdms_host.cli.exits import CommandError, ExitCode, interrupted
 from mdms_host.cli.kept import Kept, keeping
 from mdms_host.cli.line import has_line, opened_line
 from mdms_host.cli.options import AGAIN
@@ -127,7 +127,9 @@ class Watched:
         kept.attend(now_s)
 
 
-def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: Namespace) -> Exit:
+def show_array(
+    recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: Namespace
+) -> ExitCode:
     """Run the program again and again, as that is asked for, until Ctrl-C or the time limit.
 
     With a line the program waits for Reset and Start. Raises NoBusError, DeviceGoneError,
@@ -183,10 +185,10 @@ def show_array(recipes: Recipes[tuple[BelievedArray, Main | None]], arguments: N
         raise attend.failure
     run = slot.coordinator
     if run is not None and run.fault is not None:
-        raise CommandError(run.fault, Exit.NODE_FAULT)
+        raise CommandError(run.fault, ExitCode.NODE_FAULT)
     if run is not None and run is not table.taken_over and (late or run.stuck is not None):
         raise_for_end(recipes.jobs[recipes.running][0].scenario, run, late=late)
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _under_way(slot: RunSlot) -> bool:

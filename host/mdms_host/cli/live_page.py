@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from mdms_array.host import layout_of, parcels_of
-from mdms_host.cli.exits import Exit, interrupted
+from mdms_host.cli.exits import ExitCode, interrupted
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.page.commands import ShownTable
@@ -42,7 +42,7 @@ def opened_page(table: ShownTable, arguments: Namespace) -> Iterator[Page]:
 _WAIT_S = 0.004
 
 
-def show_recorded(arguments: Namespace) -> Exit:
+def show_recorded(arguments: Namespace) -> ExitCode:
     """Play a run in its page until Ctrl-C. Raises RunFolderError, PageError."""
     table, clock = table_of(read_run(arguments.folder)), MonotonicClock()
     with opened_page(table, arguments) as page, interrupted() as over:
@@ -50,7 +50,7 @@ def show_recorded(arguments: Namespace) -> Exit:
             table.advance(clock.now_s())
             page.attend()
             clock.sleep(_WAIT_S)
-    return Exit.OK
+    return ExitCode.OK
 
 
 def table_of(run: StoredRun) -> RecordedTable:

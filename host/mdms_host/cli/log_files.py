@@ -15,7 +15,7 @@ except ModuleNotFoundError:
     # Windows has none.
     fcntl = None  # type: ignore[assignment]
 
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.clock import wall_text
 
 EVENTS, FRAMES, LOCK = "events.log", "bus.log", ".lock"
@@ -126,7 +126,7 @@ def _locked(folder: Path) -> int:
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
         raise CommandError(
-            f"--log-dir {folder}: cannot be written: {error.strerror}", Exit.USAGE
+            f"--log-dir {folder}: cannot be written: {error.strerror}", ExitCode.USAGE
         ) from None
     try:
         if fcntl is not None:
@@ -135,6 +135,6 @@ def _locked(folder: Path) -> int:
         os.close(lock)
         raise CommandError(
             f"--log-dir {folder}: another command writes there; give each a folder of its own",
-            Exit.USAGE,
+            ExitCode.USAGE,
         ) from None
     return lock

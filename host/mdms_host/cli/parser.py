@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from mdms_array.extras import Extra, require
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Parser(ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End with the exit code for bad usage."""
-        self.exit(Exit.USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(ExitCode.USAGE, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 class ShowVersion(Action):

@@ -9,7 +9,7 @@ from mdms_array.checks import MASSLESS, gain_limits, refuse_tipping
 from mdms_array.extras import COMPILER
 from mdms_array.host import command_figures
 from mdms_host.cli.console import working
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.streams import say
 from mdms_model.fields import command_of
 from mdms_model.scenario.file import builtin_names, builtin_text, load_scenario
@@ -31,14 +31,14 @@ GAIN = "gain: 45 degrees of phase margin up to"
 WIDTH = max(len(text) for _name, text, _unit in ROWS)
 
 
-def scenarios(arguments: Namespace) -> Exit:
+def scenarios(arguments: Namespace) -> ExitCode:
     """Print the built-in scenarios, a name and a title each, or one of them to start from."""
     if arguments.show is not None:
         text = builtin_text(arguments.show)
         print(
             json.dumps({"name": arguments.show, "toml": text}) if arguments.json else text.rstrip()
         )
-        return Exit.OK
+        return ExitCode.OK
     titles = {name: load_scenario(name).title for name in builtin_names()}
     if arguments.json:
         print(json.dumps({"scenarios": [{"name": n, "title": t} for n, t in titles.items()]}))
@@ -46,10 +46,10 @@ def scenarios(arguments: Namespace) -> Exit:
         width = max(map(len, titles), default=0)
         for name, title in titles.items():
             print(f"{name:{width}}  {title}")
-    return Exit.OK
+    return ExitCode.OK
 
 
-def limits(arguments: Namespace) -> Exit:
+def limits(arguments: Namespace) -> ExitCode:
     """Print the paper's bounds for each parcel, the field's references, and the largest gain.
 
     Raises `InputError` for a parcel that no run takes.
@@ -66,7 +66,7 @@ def limits(arguments: Namespace) -> Exit:
     else:
         tables = [_table(scenario.title, parcel) for parcel in bounds]
         print(*tables, *map(_field_rows, field.values()), _gain_row(gain), sep="\n\n")
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _field(scenario: Scenario) -> dict[str, Any]:

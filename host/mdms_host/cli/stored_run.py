@@ -5,12 +5,12 @@ from argparse import Namespace
 from pathlib import Path
 
 from mdms_host.cli.console import working
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.files import check_own, replacing, writing
 from mdms_model.run.folder import TABLES, export_csv, read_run
 
 
-def plot(arguments: Namespace) -> Exit:
+def plot(arguments: Namespace) -> ExitCode:
     """Draw the run and print the path of the picture."""
     with working("loading the plots"):
         # Tables are exported where nothing draws.
@@ -26,10 +26,10 @@ def plot(arguments: Namespace) -> Exit:
     with working(f"drawing {path}"), replacing(path, MARK.encode(), force) as partial:
         save(partial, stored.scenario, stored.record)
     print(json.dumps({"picture": str(path)}) if arguments.json else path)
-    return Exit.OK
+    return ExitCode.OK
 
 
-def export(arguments: Namespace) -> Exit:
+def export(arguments: Namespace) -> ExitCode:
     """Write the run as CSV tables and print their paths."""
     stored = read_run(arguments.folder)
     for name, header in TABLES.items():
@@ -37,7 +37,7 @@ def export(arguments: Namespace) -> Exit:
     with working(f"writing the tables of {arguments.folder}"), writing(arguments.csv):
         paths = export_csv(arguments.csv, stored.scenario, stored.record)
     _print(paths, arguments.json)
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _print(paths: tuple[Path, ...], as_json: bool) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from math import inf
 
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_model.log import LOG
 
 
@@ -151,4 +151,4 @@ def flushed(code: int) -> int:
     if isinstance(failure, BrokenPipeError):
         return code
     say(f"mdms: stdout cannot be written: {failure.strerror}")
-    return code or Exit.FAILURE
+    return code or ExitCode.FAILURE

@@ -39,7 +39,7 @@ class CommissionError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class Commissioned:
     """A cell with its settings: how many were changed, and whether they outlive a restart."""
 
     node_id: int
@@ -253,7 +253,7 @@ def wiring_fault(axis: int, direction: Direction) -> str | None:
     return None
 
 
-def write_settings(commissioning: Commissioning, cell: FiledCell) -> Done:
+def write_settings(commissioning: Commissioning, cell: FiledCell) -> Commissioned:
     """Write the settings of a cell, read them back, store them, and see that a restart keeps them.
 
     Raises CommissioningError.
@@ -266,7 +266,7 @@ def write_settings(commissioning: Commissioning, cell: FiledCell) -> Done:
     changes = settings.changes(cell.values)
     apply_changes(commissioning, changes, lambda _share: None)
     stored = _keep(commissioning, cell.node_id)
-    return Done(cell.node_id, len(changes), stored)
+    return Commissioned(cell.node_id, len(changes), stored)
 
 
 def settings_beside_defaults(

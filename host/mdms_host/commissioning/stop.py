@@ -22,7 +22,7 @@ class StopReport:
     not_off: tuple[int, ...]
 
 
-class StopAll:
+class NetworkStop:
     """A participant that takes all nodes out of 'operational', where no motor may run.
 
     It then checks their heartbeats; `listen_s` should span some of them.
@@ -64,7 +64,7 @@ class StopAll:
 
 def stop_all(link: AnyLink, clock: Clock) -> StopReport:
     """Turn off every drive on the bus of a link; raises DeviceGoneError."""
-    stopping = StopAll()
+    stopping = NetworkStop()
     drive(stopping, link, clock, lambda: stopping.over)
     return stopping.report
 

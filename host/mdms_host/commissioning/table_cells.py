@@ -169,7 +169,7 @@ def _numbered(name: str, there: Collection[str]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Missing:
+class MissingCells:
     """Cells that should answer on a bus, and do not: their node ids, and how that is known.
 
     `is_sure` is whether they exist for certain: a gap in the node ids is only a hint.
@@ -201,7 +201,7 @@ class Heard:
     neighbours: Mapping[int, Sequence[int]] = field(default_factory=dict)
 
 
-def missing_cells(heard: Sequence[Heard], cells: int | None = None) -> list[Missing]:
+def missing_cells(heard: Sequence[Heard], cells: int | None = None) -> list[MissingCells]:
     """The cells of a table that do not answer, bus by bus.
 
     The first of these counts: so many `cells` on all buses together, the array file, the neighbours
@@ -220,7 +220,7 @@ def missing_cells(heard: Sequence[Heard], cells: int | None = None) -> list[Miss
             missing += _gaps(each)
             continue
         if absent:
-            missing.append(Missing(each.bus.name, tuple(sorted(absent)), source, is_sure=True))
+            missing.append(MissingCells(each.bus.name, tuple(sorted(absent)), source, is_sure=True))
     return missing
 
 
@@ -235,7 +235,7 @@ def how_known(heard: Sequence[Heard], cells: int | None = None) -> str:
     return "unknown, so a cell that is gone may go unnoticed; --array FILE or --cells N tells"
 
 
-def _of_count(heard: Sequence[Heard], cells: int) -> list[Missing]:
+def _of_count(heard: Sequence[Heard], cells: int) -> list[MissingCells]:
     """Cells that are missing in a count; they are named where the gaps are as many."""
     there = sum(len(each.node_ids) for each in heard)
     if there >= cells:
@@ -244,15 +244,15 @@ def _of_count(heard: Sequence[Heard], cells: int) -> list[Missing]:
     gaps = [gap for each in heard for gap in _gaps(each)]
     if sum(len(gap.node_ids) for gap in gaps) == cells - there:
         return [replace(gap, source=source, is_sure=True) for gap in gaps]
-    return [Missing("", (), source, is_sure=True)]
+    return [MissingCells("", (), source, is_sure=True)]
 
 
-def _gaps(heard: Heard) -> list[Missing]:
+def _gaps(heard: Heard) -> list[MissingCells]:
     """Node ids without a cell below the highest."""
     highest = max(heard.node_ids, default=0)
     gaps = tuple(node for node in range(1, highest) if node not in heard.node_ids)
     source = f"node ids go up to {highest}"
-    return [Missing(heard.bus.name, gaps, source, is_sure=False)] if gaps else []
+    return [MissingCells(heard.bus.name, gaps, source, is_sure=False)] if gaps else []
 
 
 def _of_this_bus(neighbours: Mapping[int, Iterable[int]]) -> set[int]:

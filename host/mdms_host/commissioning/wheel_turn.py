@@ -38,7 +38,7 @@ class WheelError(CommissioningError):
     """A wheel could not be turned; the message has the cell's reason."""
 
 
-class StoppedError(CommissioningError):
+class TurnStoppedError(CommissioningError):
     """Another host or an emergency stop has stopped the cell, or it has restarted.
 
     Nothing is to be turned any more.
@@ -110,7 +110,7 @@ def turn_wheel(
         if not jog.over:
             commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
     if jog.stopped:
-        raise StoppedError(f"node {node_id} was stopped: {jog.failure}; its wheels are off")
+        raise TurnStoppedError(f"node {node_id} was stopped: {jog.failure}; its wheels are off")
     if jog.failure:
         raise WheelError(f"node {node_id}, axis {axis}: {jog.failure}")
     after = _rest_m(commissioning, node_id, axis)

@@ -28,7 +28,7 @@ from mdms_host.coordination.supervision import Supervision
 from mdms_host.coordination.wheel_speeds import Odometry, VelocityFrames
 from mdms_host.estimation.tracker import Estimate, Parcel, Tracker
 from mdms_host.layout import Layout
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import ByCells, HandlesLostCells, Program
 from mdms_host.motion.safe_goals import Places, SafeGoals
 from mdms_model.arrays import Floats
@@ -209,12 +209,12 @@ class Coordinator:
         return self._program
 
     @property
-    def goals(self) -> Mapping[str, Goal]:
+    def goals(self) -> Mapping[str, GoalPose]:
         """The goal of each parcel that is steered to one."""
         return {name: one.goal for name, one in self._program.controllers.items()}
 
     @property
-    def arrived(self) -> Mapping[str, Goal]:
+    def arrived(self) -> Mapping[str, GoalPose]:
         """The goals of the parcels that are there, as it believes, and knows well enough."""
         there = {name: one for name, one in self._program.controllers.items() if one.arrived}
         return {name: one.goal for name, one in there.items() if name not in self.unsure}
@@ -224,7 +224,7 @@ class Coordinator:
         """The parcels that may be beside the goals that they have come to, and how far off."""
         return self._cycle.watch.unsure
 
-    def set_goal(self, parcel: str, goal: Goal) -> None:
+    def set_goal(self, parcel: str, goal: GoalPose) -> None:
         """Steer a parcel to another goal from the next setpoints on.
 
         The parcel keeps its goal if this raises. Raises TippingError if the parcel would tip at the

@@ -59,7 +59,7 @@ class Following:
 _FOUND_WITHIN_S = 1.5
 
 
-class Missing:
+class MissingParcels:
     """Reports once each parcel that is awaited and not found."""
 
     def __init__(self) -> None:
@@ -167,7 +167,7 @@ class Watch:
         self._axes = axes
         self._controllers = controllers
         self._following = Following(axes * len(cells))
-        self._missing = Missing()
+        self._missing = MissingParcels()
 
     @property
     def standing(self) -> Bools:

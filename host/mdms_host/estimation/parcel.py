@@ -55,7 +55,7 @@ def outline_corners_m(parcel: Parcel) -> tuple[tuple[float, float], ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Region:
+class BoundingBox:
     """An upright rectangle of the table, from its least to its greatest x and y [m; table frame].
 
     An infeed is one: a parcel that is announced there is found nowhere else.

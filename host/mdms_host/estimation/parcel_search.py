@@ -7,7 +7,7 @@ import numpy as np
 from mdms_host.estimation.belief import BeliefChange, BeliefEvent, Standing
 from mdms_host.estimation.pose.estimator import BESIDE_M
 from mdms_host.estimation.presence import PresenceMap, Surroundings
-from mdms_host.estimation.roll_call import Found, RollCall, Scene
+from mdms_host.estimation.roll_call import Found, RollCall, SensorScene
 from mdms_host.estimation.tracked_parcel import TrackedParcel
 from mdms_host.estimation.unexplained_sensors import UnexplainedSensors
 from mdms_host.estimation.unknowns import Unknowns
@@ -81,7 +81,7 @@ class ParcelSearch:
             return []
         sought = [each.sought for each in missing if each.estimator.rests]
         disputed = self._disputed(now_s, missing)
-        scene = Scene(self._presence.covered, valid, still, taken, disputed)
+        scene = SensorScene(self._presence.covered, valid, still, taken, disputed)
         found = self._roll_call.step(sought, scene)
         for one in found:
             self._start(now_s, valid, known[one.name], one)

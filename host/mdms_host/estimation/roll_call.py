@@ -18,7 +18,7 @@ import numpy as np
 
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.estimation.locating import Location, Search
-from mdms_host.estimation.parcel import Region
+from mdms_host.estimation.parcel import BoundingBox
 from mdms_host.estimation.presence import Surroundings
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
@@ -208,7 +208,7 @@ class Sought:
     footprint: Footprint
     yaw_hint_rad: float
     place: Floats | None = None
-    region: Region | None = None
+    region: BoundingBox | None = None
 
     def may_be_in(self, places_m: Floats) -> bool:
         """Whether its middle may be at any of these places (N, 2)."""
@@ -226,7 +226,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class SensorScene:
     """State of the sensors, (S,) each, and the groups of those that no found parcel covers.
 
     `taken` (S,) are for sure under parcels that are found, and `disputed` (S,) around the last
@@ -263,7 +263,7 @@ class RollCall:
         """Groups of covered sensors that are several parcels, as bytes."""
         return {key for key, division in self._divisions.items() if division.is_heap}
 
-    def step(self, sought: Sequence[Sought], scene: Scene) -> list[Found]:
+    def step(self, sought: Sequence[Sought], scene: SensorScene) -> list[Found]:
         """Try once more; the parcels that are found, once their assignment is sure."""
         self._keep(scene.groups)
         parts = [part for group in scene.groups for part in self._parts(group)]
@@ -337,7 +337,7 @@ class RollCall:
             self._spreads[key] = middle_m, _extent_m(covered_m)
         return self._spreads[key]
 
-    def _search(self, one: Sought, group: Ints, scene: Scene) -> Search:
+    def _search(self, one: Sought, group: Ints, scene: SensorScene) -> Search:
         key = _key(one, group)
         if key not in self._searches:
             mine = np.zeros(len(scene.covered), dtype=bool)
@@ -358,7 +358,7 @@ class RollCall:
         return self._surroundings.of(middle_m, 2 * one.footprint.reach_m).sensors
 
     def _conclude(
-        self, sought: Sequence[Sought], scene: Scene, pairs: Sequence[tuple[Sought, Ints]]
+        self, sought: Sequence[Sought], scene: SensorScene, pairs: Sequence[tuple[Sought, Ints]]
     ) -> list[Found]:
         """All pairs have been tried: start from them, and divide groups that nothing explains."""
         placed = {part.tobytes() for _, part in pairs}
@@ -380,7 +380,7 @@ class RollCall:
             and (search := self._search(one, part, scene)).found is not None
         ]
 
-    def _divide(self, group: Ints, sought: Sequence[Sought], scene: Scene) -> bool:
+    def _divide(self, group: Ints, sought: Sequence[Sought], scene: SensorScene) -> bool:
         """Divide a group in the next way there is; False if there is none."""
         there = [one for one in sought if one.may_be_in(self._sensors_m[group])]
         names = frozenset(one.name for one in there)
@@ -395,7 +395,7 @@ class RollCall:
         return division.next()
 
     def _ways(
-        self, group: Ints, sought: Sequence[Sought], scene: Scene
+        self, group: Ints, sought: Sequence[Sought], scene: SensorScene
     ) -> Iterator[tuple[Ints, ...]]:
         """Ways to divide a group: by where parcels are expected, then by what explains it."""
         covered_m = self._sensors_m[group]

@@ -7,7 +7,7 @@ import numpy as np
 from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, Standing
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.locating import Location
-from mdms_host.estimation.parcel import ExitLine, Parcel, Region
+from mdms_host.estimation.parcel import BoundingBox, ExitLine, Parcel
 from mdms_host.estimation.pose.estimator import ParcelEstimator, View
 from mdms_host.estimation.presence import Surroundings
 from mdms_host.estimation.roll_call import Sought
@@ -42,7 +42,7 @@ class TrackedParcel:
         parcel: Parcel,
         surroundings: Surroundings,
         *,
-        region: Region | None = None,
+        region: BoundingBox | None = None,
         unknown: str | None = None,
     ) -> None:
         self.parcel = parcel

@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 
 from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, Gain, Standing
-from mdms_host.estimation.parcel import ExitLine, Parcel, Region
+from mdms_host.estimation.parcel import BoundingBox, ExitLine, Parcel
 from mdms_host.estimation.parcel_search import ParcelSearch
 from mdms_host.estimation.pose.estimator import BESIDE_M, Shown, View
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
@@ -21,7 +21,7 @@ from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.scenario.scenario import name_fault
 
-__all__ = ["Estimate", "ExitLine", "Parcel", "Region", "Tracker"]
+__all__ = ["BoundingBox", "Estimate", "ExitLine", "Parcel", "Tracker"]
 
 #: No parcel is so many times as large as the outline of the unknown thing that it is.
 _FAR_LARGER = 2.0
@@ -74,11 +74,11 @@ class Tracker:
         self._lay_there: set[str] = set()
         self._faulty: list[tuple[int, list[int]]] = []
         self._changes: list[BeliefChange] = []
-        self._withdrawn: list[tuple[Parcel, Region | None]] = []
+        self._withdrawn: list[tuple[Parcel, BoundingBox | None]] = []
 
     # Parcels come and go
 
-    def announce(self, parcel: Parcel, region: Region | None = None) -> None:
+    def announce(self, parcel: Parcel, region: BoundingBox | None = None) -> None:
         """Expect a parcel: it is found once sensors show it, in `region` only if there is one.
 
         Those that look the same are found in the order in which they were announced. Raises
@@ -104,7 +104,7 @@ class Tracker:
         """
         self._known[name].gate = None
 
-    def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
+    def take_withdrawn(self) -> list[tuple[Parcel, BoundingBox | None]]:
         """Parcels that have not come after all, with the regions where they were announced.
 
         Something else was taken for each. They are no parcels of this tracker any more, and may be
@@ -128,7 +128,7 @@ class Tracker:
                 )
         _refuse_far_larger(unknown, corners_m, parcel)
         low_m, high_m = corners_m.min(axis=0).tolist(), corners_m.max(axis=0).tolist()
-        region = Region((low_m[0], low_m[1]), (high_m[0], high_m[1]))
+        region = BoundingBox((low_m[0], low_m[1]), (high_m[0], high_m[1]))
         self._add(TrackedParcel(parcel, self._surroundings, region=region, unknown=unknown))
 
     def size(self, name: str) -> Size | None:

@@ -29,7 +29,7 @@ _CREEP_M = 0.006
 
 
 @dataclass(frozen=True, slots=True)
-class Goal:
+class GoalPose:
     """The pose that a parcel is steered to [table frame], and when it counts as reached.
 
     `yaw_rad` None leaves the parcel turned as it is.
@@ -64,7 +64,7 @@ class Limits:
 
 
 def next_move(
-    goal: Goal, belief: Belief, moves: Iterable[Floats], made: int, footholds: Footholds
+    goal: GoalPose, belief: Belief, moves: Iterable[Floats], made: int, footholds: Footholds
 ) -> Floats | None:
     """The first of these moves, (3,), that a parcel at its goal may make to be felt, or None.
 
@@ -90,7 +90,7 @@ class GoalController:
     has been found.
     """
 
-    def __init__(self, goal: Goal, traction: Traction, mass: Mass) -> None:
+    def __init__(self, goal: GoalPose, traction: Traction, mass: Mass) -> None:
         self.goal = goal
         self.arrived = False
         self.paused = False

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees, hypot
 
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.path import shorter_turn_rad
 
 #: A parcel within this of its goal has reached it. The coordinator steers to within 2 mm by its
@@ -41,7 +41,7 @@ class GoalOutcome:
         )
 
 
-def miss_of(goal: Goal, x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
+def miss_of(goal: GoalPose, x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
     """How far a pose is from a goal: distance [m], and the shorter turn away from it [rad].
 
     A goal without a yaw is reached however the parcel is turned.
@@ -52,7 +52,7 @@ def miss_of(goal: Goal, x_m: float, y_m: float, yaw_rad: float) -> tuple[float, 
 
 
 def outcome_of(
-    parcel: str, goal: Goal, pose: tuple[float, float, float] | None, time_s: float | None
+    parcel: str, goal: GoalPose, pose: tuple[float, float, float] | None, time_s: float | None
 ) -> GoalOutcome:
     """The outcome for a parcel at a pose; `time_s` is when it came there, if it is there."""
     if pose is None:

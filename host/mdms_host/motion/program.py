@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from mdms_host.estimation.belief import Belief, Gain
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours.messages import Estimate, Lost, Page
 
@@ -32,7 +32,7 @@ class Steered(Protocol):
     """A parcel that is steered to a goal, by whomever."""
 
     @property
-    def goal(self) -> Goal:
+    def goal(self) -> GoalPose:
         """Where to."""
         ...
 
@@ -79,7 +79,7 @@ class AnyProgram(Protocol):
         """The controller of each parcel that has a goal, by the parcel's name."""
         ...
 
-    def set_goal(self, name: str, goal: Goal) -> None:
+    def set_goal(self, name: str, goal: GoalPose) -> None:
         """Have a parcel steered to this goal from now on.
 
         Raises ValueError where none are steered, and KeyError for a parcel that is not the
@@ -160,7 +160,7 @@ class FieldProgram:
         """Nothing: a field carries no parcel."""
         return {}
 
-    def set_goal(self, name: str, goal: Goal) -> None:
+    def set_goal(self, name: str, goal: GoalPose) -> None:
         """Raises ValueError: a field has no goals."""
         raise ValueError("the program drives all wheels by a field, and steers no parcel")
 

@@ -13,7 +13,7 @@ import numpy as np
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import INSET_M, MARGIN_M, Footholds
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.path import shorter_turn_rad
 from mdms_model.arrays import Floats
 from mdms_model.outline import Outline
@@ -51,7 +51,7 @@ class Footing:
 
 
 def least_footing(
-    wheel_m: Floats, load: SupportedParcel, start: Floats, goal: Goal | None
+    wheel_m: Floats, load: SupportedParcel, start: Floats, goal: GoalPose | None
 ) -> Footing:
     """The worst place of the straight way from a pose (x, y, yaw) to a goal; None: of the start.
 
@@ -75,7 +75,7 @@ def _inset(outline: Outline) -> Outline:
     return replace(outline, edges=edges, radius_m=outline.radius_m - INSET_M)
 
 
-def straight_way(start: Floats, goal: Goal | None, reach_m: float) -> Floats:
+def straight_way(start: Floats, goal: GoalPose | None, reach_m: float) -> Floats:
     """Poses (P, 3) of the way that `GoalController` takes, the shorter turn; start and goal too."""
     if goal is None:
         return start[None, :]
@@ -109,7 +109,9 @@ class SafeGoals:
         self._layout = layout
         self._centres_of_mass_m = centres_of_mass_m
 
-    def check(self, parcel: Parcel, start: Floats | None, goal: Goal, *, straight: bool) -> None:
+    def check(
+        self, parcel: Parcel, start: Floats | None, goal: GoalPose, *, straight: bool
+    ) -> None:
         """Raises `TippingError` where the parcel would tip that lies at `start`, None: anywhere.
 
         The way counts too if it is `straight`. A parcel that is about to tip where it is may stay
@@ -129,7 +131,7 @@ class SafeGoals:
         if self._margin_m(parcel, start, goal) < MARGIN_M:
             raise TippingError(f"{parcel.name} would tip on the straight way there")
 
-    def _margin_m(self, parcel: Parcel, start: Floats, goal: Goal | None) -> float:
+    def _margin_m(self, parcel: Parcel, start: Floats, goal: GoalPose | None) -> float:
         """How far the centre of mass stays inside the supports at a pose, or on the way from it."""
         centre_m = self._centres_of_mass_m.get(parcel.name, (0.0, 0.0))
         footholds = Footholds(self._layout, parcel.footprint, centre_m)

@@ -18,7 +18,7 @@ class LeaveError(Exception):
     """A client has to leave; the message says why."""
 
 
-class Client:
+class PageClient:
     """Messages on their way to one client: all messages in order, of snapshots the newest only.
 
     It gets a snapshot when it has confirmed an earlier one (`seen`). So a slow client, or one that
@@ -98,8 +98,8 @@ class Hub:
     """
 
     def __init__(self, on_vacant: Callable[[], object]) -> None:
-        self.clients: list[Client] = []
-        self.controller: Client | None = None
+        self.clients: list[PageClient] = []
+        self.controller: PageClient | None = None
         self._on_vacant = on_vacant
 
     @property
@@ -112,7 +112,7 @@ class Hub:
         """Whether anybody waits for a snapshot."""
         return any(client.looks for client in self.clients)
 
-    def come(self, client: Client) -> None:
+    def come(self, client: PageClient) -> None:
         """A client has come; the first that may is in control.
 
         One with the token finds room: clients without control leave, those without a token first.
@@ -128,7 +128,7 @@ class Hub:
             self.controller = client
         self._tell()
 
-    def leave(self, client: Client) -> None:
+    def leave(self, client: PageClient) -> None:
         """A client has gone; a client that was sent away has been taken off before."""
         if client not in self.clients:
             return
@@ -138,7 +138,7 @@ class Hub:
             self._on_vacant()
         self._tell()
 
-    def take(self, client: Client) -> bool:
+    def take(self, client: PageClient) -> bool:
         """It wants to be in control; returns whether it is."""
         if not client.may_control:
             return False
@@ -146,7 +146,7 @@ class Hub:
         self._tell()
         return True
 
-    def release(self, client: Client) -> None:
+    def release(self, client: PageClient) -> None:
         """It does not want to be in control any more."""
         if self.controller is client:
             self.controller = None
@@ -165,7 +165,7 @@ class Hub:
         for client in self.clients:
             client.show(snapshot)
 
-    def _dismiss(self, client: Client) -> None:
+    def _dismiss(self, client: PageClient) -> None:
         self.clients.remove(client)
         client.send_away("too many pages are open")
 

@@ -15,7 +15,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import BRING_UP
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import KINDS, BusRates, BusWatch
 from mdms_host.page.cell_objects import ObjectReader
@@ -130,9 +130,9 @@ def _not_steered(coordinator: Coordinator, name: str) -> str:
     return f"the program that runs does not steer {name}"
 
 
-def _goal_of(coordinator: Coordinator, command: commands.Goal) -> Goal:
+def _goal_of(coordinator: Coordinator, command: commands.Goal) -> GoalPose:
     """The goal, as exact as the parcel's own; a disc's turn is seen by no sensor."""
-    before = coordinator.goals.get(command.parcel, Goal(0.0, 0.0))
+    before = coordinator.goals.get(command.parcel, GoalPose(0.0, 0.0))
     parcel = coordinator.tracker.parcels.get(command.parcel)
     turned = parcel is None or parcel.shape != "disc"
     yaw_rad = command.yaw_rad if turned else None

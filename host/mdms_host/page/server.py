@@ -26,7 +26,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from mdms_host.page import commands
 from mdms_host.page.commands import Command, RefusedError
-from mdms_host.page.hub import Client, Hub, LeaveError
+from mdms_host.page.hub import Hub, LeaveError, PageClient
 
 LOOPBACK = "127.0.0.1"
 _LOOPBACKS = ("127.0.0.1", "localhost", "[::1]")
@@ -197,7 +197,7 @@ class PageApp:
 
     async def _live(self, socket: WebSocket) -> None:
         await socket.accept()
-        client = Client(str(socket.client))
+        client = PageClient(str(socket.client))
         with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
             try:
                 await self._welcome(client, socket)
@@ -216,7 +216,7 @@ class PageApp:
                 self._hub.leave(client)
                 await asyncio.gather(*both, return_exceptions=True)
 
-    async def _welcome(self, client: Client, socket: WebSocket) -> None:
+    async def _welcome(self, client: PageClient, socket: WebSocket) -> None:
         """Its first message has the token, if it has one. Raises `RefusedError`."""
         hello = await self._hello(socket)
         token = hello.get("token") if isinstance(hello, dict) else None
@@ -244,7 +244,7 @@ class PageApp:
             raise RefusedError("too many pages come at once; come again")
         return hello.result()
 
-    async def _send(self, client: Client, socket: WebSocket) -> None:
+    async def _send(self, client: PageClient, socket: WebSocket) -> None:
         """Send what waits, until the client takes nothing any more."""
         with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
             while True:
@@ -261,7 +261,7 @@ class PageApp:
                     await socket.close(1008, "nothing is taken")
                     return
 
-    async def _receive(self, client: Client, socket: WebSocket) -> None:
+    async def _receive(self, client: PageClient, socket: WebSocket) -> None:
         bad, pace = 0, _Pace()
         with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
             while bad < MOST_BAD:
@@ -273,7 +273,7 @@ class PageApp:
                     bad = 0 if await self._obey(client, message) else bad + 1
             await socket.close(1008, "too much that is no command")
 
-    async def _obey(self, client: Client, message: Any) -> bool:
+    async def _obey(self, client: PageClient, message: Any) -> bool:
         """Obey a message, and answer; returns whether it was a command."""
         number = message.get("id") if isinstance(message, dict) else None
         number = number if isinstance(number, int) else None
@@ -294,7 +294,7 @@ class PageApp:
             traceback.print_exception(error)
         return True
 
-    async def _carry_out(self, client: Client, command: Command) -> str | None:
+    async def _carry_out(self, client: PageClient, command: Command) -> str | None:
         # Anybody who sees something go wrong may stop it: a stop moves nothing.
         if isinstance(command, commands.StopAll):
             return await self._ask(command)

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
+from mdms_host.estimation.parcel import BoundingBox, Parcel
 from mdms_host.estimation.parcel import ExitLine as TrackerGate
-from mdms_host.estimation.parcel import Parcel, Region
 from mdms_host.estimation.size import Size
 from mdms_host.motion.trajectory.pushes import UNKNOWN_KG, Mass, uniform_mass
 from mdms_host.programs.order import Gate
@@ -27,7 +27,7 @@ class ParcelRegister(Protocol):
         """The parcels that there are, found or not, as they were given, by name."""
         ...
 
-    def announce(self, parcel: Parcel, region: Region | None = None) -> None:
+    def announce(self, parcel: Parcel, region: BoundingBox | None = None) -> None:
         """Expect a parcel."""
         ...
 
@@ -54,17 +54,17 @@ class Infeed:
         return replace(parcel, near_m=(x_m, y_m), yaw_hint_rad=yaw_rad)
 
     @property
-    def region(self) -> Region:
+    def region(self) -> BoundingBox:
         """Where their middles are when they have been set down."""
         x_m, y_m, _ = self.pose.tolist()
         return around((x_m, y_m))
 
 
-def around(place_m: tuple[float, float]) -> Region:
+def around(place_m: tuple[float, float]) -> BoundingBox:
     """Where the middle of a parcel is that is set down at a place."""
     x_m, y_m = place_m
     low_m, high_m = (x_m - _AROUND_M, y_m - _AROUND_M), (x_m + _AROUND_M, y_m + _AROUND_M)
-    return Region(low_m, high_m)
+    return BoundingBox(low_m, high_m)
 
 
 class Comings:
@@ -114,7 +114,7 @@ class NamingRegister(ParcelRegister, Protocol):
         """Take an unknown thing for a parcel. Raises KeyError, ValueError."""
         ...
 
-    def take_withdrawn(self) -> list[tuple[Parcel, Region | None]]:
+    def take_withdrawn(self) -> list[tuple[Parcel, BoundingBox | None]]:
         """Parcels that have not come after all."""
         ...
 

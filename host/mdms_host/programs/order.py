@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Order:
     goal to have its place made sure.
     """
 
-    def __init__(self, parcel: str, goal: Goal | Gate, *, kept: bool = False) -> None:
+    def __init__(self, parcel: str, goal: GoalPose | Gate, *, kept: bool = False) -> None:
         self.parcel = parcel
         self.goal = goal
         self.kept = kept

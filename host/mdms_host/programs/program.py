@@ -8,13 +8,13 @@ from typing import Any
 from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.motion.by_cells.program import CellsProgram
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
 from mdms_host.programs.carrier import Traffic
 from mdms_host.programs.newcomers import Comings, NamingRegister, TrackedNewcomers, tracker_gate
 from mdms_host.programs.order import Order
-from mdms_host.programs.script import ScriptError, Task, failure_text, place_of
+from mdms_host.programs.script import ScriptError, ScriptTask, failure_text, place_of
 from mdms_host.programs.table import Table, TableDriver
 from mdms_host.programs.table_parcel import ProgramError, TableParcel
 from mdms_host.programs.traffic.by_cells import CellsTraffic
@@ -77,13 +77,13 @@ class TableProgram:
         self._given: dict[str, Order] = {}
         self._given_up: dict[str, str] = {}
         self._doubts = False
-        self._task: Task[None] | None = None
+        self._task: ScriptTask[None] | None = None
         self._failure: str | None = None
         self._raised = False
         self._rested_s = 0.0
         self._notices: list[str] = []
 
-    def keep_goals(self, goals: Mapping[str, Goal]) -> None:
+    def keep_goals(self, goals: Mapping[str, GoalPose]) -> None:
         """Take each parcel to its goal once it has been found, and keep it there; no other aim.
 
         A person may give other goals, which take the places of these.
@@ -210,7 +210,7 @@ class TableProgram:
         """Tiles that parcels have before them: middle and side [m], and which parcels, in order."""
         return self._traffic.reserved
 
-    def set_goal(self, name: str, goal: Goal) -> None:
+    def set_goal(self, name: str, goal: GoalPose) -> None:
         """Order a parcel to a place, whatever the program has ordered.
 
         Raises KeyError for a parcel that neither is on the table nor has a goal.
@@ -219,7 +219,7 @@ class TableProgram:
             raise KeyError(name)
         self._give(name, goal)
 
-    def _give(self, name: str, goal: Goal) -> None:
+    def _give(self, name: str, goal: GoalPose) -> None:
         self._given[name] = order = Order(name, goal, kept=self.keeps_goals)
         self._given_up.pop(name, None)
         self._traffic.give(order)

@@ -54,7 +54,7 @@ def until(condition: Condition) -> Generator[Condition, None, None]:
         yield condition
 
 
-class Task(Generic[Result]):
+class ScriptTask(Generic[Result]):
     """A coroutine that goes on by itself; its `await` returns its result or raises its error."""
 
     def __init__(self, routine: Coroutine[Any, Any, Result]) -> None:
@@ -175,7 +175,7 @@ class Script:
     """
 
     def __init__(self) -> None:
-        self._tasks: list[Task[Any]] = []
+        self._tasks: list[ScriptTask[Any]] = []
         self._now_s: Callable[[], float] = lambda: 0.0
         self.blocked: list[tuple[str, float]] = []
 
@@ -183,14 +183,14 @@ class Script:
         """Measure by a clock how long tasks compute."""
         self._now_s = now_s
 
-    def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
+    def start(self, routine: Coroutine[Any, Any, Result]) -> ScriptTask[Result]:
         """Have a coroutine go on by itself, from this cycle on. Raises TypeError for another."""
         if not isinstance(routine, CoroutineType):
             raise TypeError(
                 f"a task is a coroutine, and no {type(routine).__name__}: call an `async def` "
                 "function, as in table.start(job(table))"
             )
-        task = Task(routine)
+        task = ScriptTask(routine)
         self._tasks.append(task)
         return task
 
@@ -216,7 +216,7 @@ class Script:
         self._tasks = [task for task in self._tasks if not task.done]
         return unheeded
 
-    def _go_on(self, task: Task[Any], dropped: list[str]) -> bool:
+    def _go_on(self, task: ScriptTask[Any], dropped: list[str]) -> bool:
         """Have a task go on, and note it if that takes too long."""
         begun_s, line = self._now_s(), task.line
         went_on = task.go_on(dropped)

@@ -11,10 +11,10 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import Condition, Script, Task, until
+from mdms_host.programs.script import Condition, Script, ScriptTask, until
 from mdms_host.programs.table_orders import TableOrders
 from mdms_host.programs.table_parcel import Newcomer, Newcomers, ProgramError, TableParcel
 from mdms_model.arrays import Floats
@@ -177,7 +177,7 @@ class Table:
         # Cycles add up to a time by rounding only.
         await until(lambda: self.now_s > begun_s and self.now_s >= begun_s + seconds - 1e-9)
 
-    def start(self, routine: Coroutine[Any, Any, Result]) -> Task[Result]:
+    def start(self, routine: Coroutine[Any, Any, Result]) -> ScriptTask[Result]:
         """Have a coroutine go on beside all else; its result may be awaited.
 
         An error in it ends the program if no coroutine awaits it.
@@ -269,7 +269,7 @@ class Table:
         _check_numbers(parcel.name, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad or 0.0)
         if parcel.is_round and yaw_rad:
             raise ProgramError(f"{parcel.name} is round: no sensor shows how it is turned")
-        await self._order(parcel, Goal(x_m, y_m, None if parcel.is_round else yaw_rad))
+        await self._order(parcel, GoalPose(x_m, y_m, None if parcel.is_round else yaw_rad))
 
     async def _leave(self, parcel: TableParcel, exit: str | None) -> None:
         name = self.exit_for(parcel) if exit is None else exit
@@ -284,12 +284,12 @@ class Table:
         if not parcel.has_left:
             _check_done(order)
 
-    async def _order(self, parcel: TableParcel, goal: Goal | Gate) -> None:
+    async def _order(self, parcel: TableParcel, goal: GoalPose | Gate) -> None:
         order = self._give(parcel, goal)
         await until(lambda: order.over)
         _check_done(order)
 
-    def _give(self, parcel: TableParcel, goal: Goal | Gate) -> Order:
+    def _give(self, parcel: TableParcel, goal: GoalPose | Gate) -> Order:
         if self._parcels.get(parcel.name) is not parcel:
             raise ProgramError(f"{parcel.name} has left the table")
         order = Order(parcel.name, goal)

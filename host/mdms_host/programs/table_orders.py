@@ -11,7 +11,7 @@ from enum import StrEnum
 from math import hypot, pi, radians, remainder
 from typing import TYPE_CHECKING, Any
 
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import until
 from mdms_host.programs.table_parcel import Leave, Move, ProgramError, TableParcel
@@ -413,7 +413,7 @@ class TableOrders:
         self._under_way.pop(parcel.name, None)
 
     async def leave(
-        self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]
+        self, parcel: TableParcel, gate: Gate, give: Callable[[GoalPose | Gate], Order]
     ) -> Order:
         """Have a parcel leave by a gate while that takes parcels; it waits before a full one.
 
@@ -430,7 +430,7 @@ class TableOrders:
                 return order
 
     async def _wait_before(
-        self, parcel: TableParcel, gate: Gate, give: Callable[[Goal | Gate], Order]
+        self, parcel: TableParcel, gate: Gate, give: Callable[[GoalPose | Gate], Order]
     ) -> Order:
         """Have a parcel wait before a full exit until it is free, or it is ordered elsewhere.
 
@@ -463,8 +463,8 @@ async def _until_over(order: Order, interrupted: Callable[[], bool]) -> None:
     await until(lambda: order.over or interrupted())
 
 
-def _before(parcel: TableParcel, gate: Gate) -> Goal:
-    return Goal(*gate.place_m(-_depth_m(parcel)), None)
+def _before(parcel: TableParcel, gate: Gate) -> GoalPose:
+    return GoalPose(*gate.place_m(-_depth_m(parcel)), None)
 
 
 def _is_there(parcel: TableParcel, order: LineOrder) -> bool:

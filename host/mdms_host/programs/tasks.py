@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 
-from mdms_host.programs.script import Task, until
+from mdms_host.programs.script import ScriptTask, until
 from mdms_host.programs.table import Newcomer, ProgramError, Table, TableParcel
 
 __all__ = ["Buffer", "buffer", "merge", "name", "singulate", "sort", "swap", "transport"]
@@ -48,7 +48,7 @@ async def merge(table: Table, exit: str, count: int | None = None) -> None:
 
 
 async def _all_leave(table: Table, exit: str | None, count: int | None) -> None:
-    leaving: list[Task[None]] = []
+    leaving: list[ScriptTask[None]] = []
     missing = count
     while missing is None or missing > 0:
         came: list[TableParcel] = []

@@ -32,11 +32,11 @@ from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_host.routes.well_formed import OrderSearch, stuck
 from mdms_model.arrays import Bools, Floats, Ints
 
-__all__ = ["Margins", "Plan", "Planner", "SearchSettings"]
+__all__ = ["Margins", "Planner", "RoutePlan", "SearchSettings"]
 
 
 @dataclass(frozen=True)
-class Plan:
+class RoutePlan:
     """A route for each parcel, of one pose where it stays, and why those with a goal stay."""
 
     routes: Mapping[str, Route]
@@ -126,7 +126,7 @@ class Planner:
         closed: Bools | None = None,
         kept: Mapping[str, Route] | None = None,
         seed: int = 1,
-    ) -> Plan:
+    ) -> RoutePlan:
         """Routes for all these parcels, first ones first if that works.
 
         Tiles that are `closed` are not crossed, but those under a parcel are left. Routes that are
@@ -154,7 +154,7 @@ class Planner:
         closed: Bools,
         kept: Mapping[str, Route],
         seed: int,
-    ) -> Plan:
+    ) -> RoutePlan:
         best: dict[str, Route] = {}
         for going, order, sure, aside in self._orders(problems, closed, kept, seed):
             attempt = Attempt(self._terms, going, closed, kept, sure)
@@ -174,7 +174,7 @@ class Planner:
             if name not in best
         }
         reservations = Reservations(routes)
-        return Plan(routes, blocked, (*kept, *best), reservations, Authority(reservations))
+        return RoutePlan(routes, blocked, (*kept, *best), reservations, Authority(reservations))
 
     def _orders(
         self,
@@ -244,7 +244,9 @@ class Planner:
                 tiles.take(owner, tile, enters_s - gap_s, leaves_s + gap_s)
         return Straightening(problem, routes[name], tiles.taken, closed).route()
 
-    def kept(self, plan: Plan, progress_m: Mapping[str, float], now_s: float) -> dict[str, Route]:
+    def kept(
+        self, plan: RoutePlan, progress_m: Mapping[str, float], now_s: float
+    ) -> dict[str, Route]:
         """The routes of a plan from the parcels' present places, for others to be planned around.
 
         `progress_m` is without those that are gone. If it has a parcel that is to be planned anew,

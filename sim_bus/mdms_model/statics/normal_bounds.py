@@ -26,7 +26,7 @@ X, Y, FIRST_X, FIRST_Y, SECOND_X, SECOND_Y = range(6)
 """A corner: a place of the parcel's centre, and the outline's normals at the two wheels."""
 
 
-class Lattice(NamedTuple):
+class WheelLattice(NamedTuple):
     """Wheels (W, 2) far around a cell at the origin, and places that stand for all others [m]."""
 
     wheel_m: Floats
@@ -44,7 +44,7 @@ class Extremes(NamedTuple):
 
 
 @compiled
-def extremes_at(lattice: Lattice, held: HeldParcel, yaw_rad: float) -> Extremes:
+def extremes_at(lattice: WheelLattice, held: HeldParcel, yaw_rad: float) -> Extremes:
     """Loads [N] of covered wheels and numbers of carrying ones, over all places at one yaw."""
     disc = held.body.edges == 0
     corners = disc_corners(lattice, held) if disc else side_corners(lattice, held, yaw_rad)
@@ -60,7 +60,7 @@ def extremes_at(lattice: Lattice, held: HeldParcel, yaw_rad: float) -> Extremes:
 
 
 @compiled
-def side_corners(lattice: Lattice, held: HeldParcel, yaw_rad: float) -> Floats:
+def side_corners(lattice: WheelLattice, held: HeldParcel, yaw_rad: float) -> Floats:
     """Where two wheels are at two sides of a polygon."""
     lines = side_lines(lattice, held, yaw_rad)
     corners, count = np.empty((256, 6)), 0
@@ -83,7 +83,7 @@ def side_corners(lattice: Lattice, held: HeldParcel, yaw_rad: float) -> Floats:
 
 
 @compiled
-def side_lines(lattice: Lattice, held: HeldParcel, yaw_rad: float) -> Floats:
+def side_lines(lattice: WheelLattice, held: HeldParcel, yaw_rad: float) -> Floats:
     """Places n . p = c of the centre with a wheel at a side: n, c and the wheel's place, (n, 5)."""
     first = held.body.first_edge
     sides = held.edges[first : first + held.body.edges]
@@ -109,7 +109,7 @@ def near(held: HeldParcel, x_m: float, y_m: float, line: Floats) -> bool:
 
 
 @compiled
-def disc_corners(lattice: Lattice, held: HeldParcel) -> Floats:
+def disc_corners(lattice: WheelLattice, held: HeldParcel) -> Floats:
     """Where two wheels are at the rim of a disc."""
     radius_m = held.body.radius_m
     corners, count = np.empty((256, 6)), 0
@@ -131,7 +131,7 @@ def disc_corners(lattice: Lattice, held: HeldParcel) -> Floats:
 
 
 @compiled
-def inside(lattice: Lattice, x_m: float, y_m: float) -> bool:
+def inside(lattice: WheelLattice, x_m: float, y_m: float) -> bool:
     """Whether a place is among those that stand for all."""
     across = lattice.low_m[0] - HAIR_M <= x_m <= lattice.high_m[0] + HAIR_M
     along = lattice.low_m[1] - HAIR_M <= y_m <= lattice.high_m[1] + HAIR_M
@@ -151,7 +151,7 @@ def noted(
 
 @compiled
 def weigh(
-    lattice: Lattice, held: HeldParcel, pose: tuple[float, float, float], found: Extremes
+    lattice: WheelLattice, held: HeldParcel, pose: tuple[float, float, float], found: Extremes
 ) -> Extremes:
     """The extremes with one more pose of the parcel's centre; one in which it tips adds nothing."""
     arm_x, arm_y = turned(held.body.centre_x_m, held.body.centre_y_m, pose[2])
@@ -310,7 +310,7 @@ def _at(scenario: Scenario, parcel: Parcel, x_m: float, y_m: float) -> Extremes:
     return weigh(_lattice(scenario, parcel), held, (x_m, y_m, parcel.yaw_rad), nothing)
 
 
-def _lattice(scenario: Scenario, parcel: Parcel) -> Lattice:
+def _lattice(scenario: Scenario, parcel: Parcel) -> WheelLattice:
     """Cells far around one at the origin; places within one pitch stand for all."""
     array, reach = scenario.array, _reach(scenario, parcel)
     steps = np.arange(-reach, reach + 1) * array.pitch_m
@@ -320,7 +320,7 @@ def _lattice(scenario: Scenario, parcel: Parcel) -> Lattice:
     half_m = np.full(2, array.pitch_m / 2)
     if array.rows == 1:
         half_m[1] = reach * array.pitch_m
-    return Lattice(wheels.position_m, -half_m, half_m)
+    return WheelLattice(wheels.position_m, -half_m, half_m)
 
 
 def _reach(scenario: Scenario, parcel: Parcel) -> int:

@@ -255,7 +255,7 @@ class Controller:
 Request = tuple[int, int, Controller, Frame]
 
 
-class Requests(list[Request]):
+class SendRequests(list[Request]):
     """A heap of (arbitration field, number, controller, frame); numbers order equals.
 
     Frames are pushed and popped with `heapq`.
@@ -339,7 +339,7 @@ SEQUENCE_BITS = 11
 PRIORITY = 0
 
 
-class Recovery:
+class BusOffRecovery:
     """Counts for the nodes of one wire; `done(controller)` is called when one may send again.
 
     An idle wire gives a sequence every eleven bits; a frame gives one, for it ends in eleven

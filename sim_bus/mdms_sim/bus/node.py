@@ -30,7 +30,7 @@ _LENGTH_BITS = 4
 _LONGEST_DATA = 8
 
 
-class Progress(Enum):
+class FrameProgress(Enum):
     """How far a frame is read."""
 
     MORE = "more bits to come"
@@ -77,11 +77,11 @@ class Reader:
             return Frame(can_id | REMOTE, bytes(size))
         return Frame(can_id, _number(bits[header : header + 8 * size]).to_bytes(size, "big"))
 
-    def take(self, bit: int) -> Progress:
+    def take(self, bit: int) -> FrameProgress:
         """Reads the next bit."""
         if self._run == STUFF_RUN:
             if bit == self._last:
-                return Progress.STUFF_ERROR
+                return FrameProgress.STUFF_ERROR
             self._run = 1
         else:
             self._bits.append(bit)
@@ -89,7 +89,7 @@ class Reader:
             self._wanted = self._wanted or self._length()
         self._last = bit
         whole = len(self._bits) == self._wanted and not self.stuffing
-        return Progress.WHOLE if whole else Progress.MORE
+        return FrameProgress.WHOLE if whole else FrameProgress.MORE
 
     def _length(self) -> int | None:
         """Bits from start of frame to the end of the CRC, as soon as that is decided."""
@@ -235,10 +235,10 @@ class Node:
 
     def _receive(self) -> Generator[int, int, Phase]:
         reader = self._reader
-        progress = Progress.MORE
-        while progress is Progress.MORE:
+        progress = FrameProgress.MORE
+        while progress is FrameProgress.MORE:
             progress = reader.take((yield RECESSIVE))
-        if progress is Progress.STUFF_ERROR or not (yield RECESSIVE):
+        if progress is FrameProgress.STUFF_ERROR or not (yield RECESSIVE):
             return self._error()
         good = reader.good
         answer = DOMINANT if good and not self._mute else RECESSIVE

@@ -3,8 +3,8 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
-from mdms_sim.bus.controller import Controller, ErrorState, Recovery
-from mdms_sim.bus.traffic import PRIORITY_END, States, Traffic
+from mdms_sim.bus.controller import BusOffRecovery, Controller, ErrorState
+from mdms_sim.bus.traffic import PRIORITY_END, States, WireTraffic
 from mdms_sim.kernel import Action
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ class Segment:
         self.controllers: list[Controller] = []
         self.bus = bus
         self._kernel = bus.kernel
-        self._recovery = Recovery(bus.kernel, bus.bit_ns, self._recovered)
-        self._traffic = Traffic(bus, self.controllers, self._recovery, self._tell_states)
+        self._recovery = BusOffRecovery(bus.kernel, bus.bit_ns, self._recovered)
+        self._traffic = WireTraffic(bus, self.controllers, self._recovery, self._tell_states)
         self.request = self._traffic.request
 
     def add(self, controller: Controller) -> None:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.controller import (
+    BusOffRecovery,
     Confinement,
     Controller,
     ErrorState,
     Receivers,
-    Recovery,
-    Requests,
+    SendRequests,
 )
 from mdms_sim.bus.node import Node
 from mdms_sim.bus.party import UNDISTURBED, Party, parties
@@ -174,7 +174,7 @@ PRIORITY_ARBITRATE = 1000
 States = Sequence[tuple[Controller, ErrorState]]
 
 
-class Traffic:
+class WireTraffic:
     """The frames on the wire of these controllers.
 
     `calm` may be set while no counter is above 0, nothing is disturbed and nobody is alone;
@@ -186,11 +186,11 @@ class Traffic:
         self,
         bus: "Bus",
         controllers: Sequence[Controller],
-        recovery: Recovery,
+        recovery: BusOffRecovery,
         ended: Callable[[States], object],
     ) -> None:
         self.calm = False
-        self.requests = Requests()
+        self.requests = SendRequests()
         self._next_number = bus.sequence.__next__
         self.receivers = Receivers(controllers, bus.observers)
         self.free_ns = 0

@@ -27,7 +27,7 @@ _DATA_MAX = 8
 Send = Callable[[int, bytes], bool | None]
 
 
-class Way:
+class GatewayDirection:
     """One direction: `table` maps the identifiers that come in to those that leave.
 
     `forwarded` counts frames that the other bus has taken. `replaced` counts those that a newer one
@@ -88,7 +88,7 @@ class GatewayNode:
     ) -> None:
         check_tables(*tables)
         self._kernel = kernel
-        self.ways = (Way(tables[0]), Way(tables[1]))
+        self.ways = (GatewayDirection(tables[0]), GatewayDirection(tables[1]))
         ears = [_Ear(partial(self._on_frame, side)) for side in range(2)]
         self.controllers: list[Controller] = [
             bus.attach(ear, frozenset(table))

@@ -65,7 +65,7 @@ class FiledFlash(VirtualFlash):
             os.rename(self._path + ".new", self._path)
 
 
-class Node:
+class ProcessNode:
     """A cell and its board, over the block at `address`."""
 
     def __init__(self, node_id, serial, flash, address):
@@ -182,7 +182,7 @@ flash = FiledFlash(sys.argv.pop(5))
 node_id, serial, read_fd, write_fd, address = [int(argument) for argument in sys.argv[1:]]
 requests = open(read_fd, "rb")  # noqa: SIM115 - open as long as the process lives
 answers = open(write_fd, "wb")  # noqa: SIM115
-node = Node(node_id, serial, flash, address)
+node = ProcessNode(node_id, serial, flash, address)
 gc.collect()
 gc.threshold(GARBAGE_MAX)
 serve(node, requests.readinto, answers.write)

@@ -12,7 +12,7 @@ from mdms_sim.referee.claims import Claims
 from mdms_sim.referee.parcels import Parcels
 from mdms_sim.referee.rules import Violation
 from mdms_sim.referee.truth import Truth, Word
-from mdms_sim.referee.wheels import Wheels
+from mdms_sim.referee.wheels import WheelReferee
 
 NS_PER_S = 1_000_000_000
 #: Parcels are looked at this often, words and wheels under parcels that often [ticks of 1 ms].
@@ -31,7 +31,7 @@ class Referee:
         self.violations: list[Violation] = []
         self._now_ns = 0
         self._ticks = 0
-        self._wheels = Wheels(truth, self._note)
+        self._wheels = WheelReferee(truth, self._note)
         self._word = Word(truth)
         self._parcels = Parcels(truth, self._note, self._word)
         self._claims = Claims(truth, self._note, self._word)
@@ -79,9 +79,9 @@ class Referee:
         self._parcels.look(self._now_ns)
         self._claims.finish(self._now_ns)
 
-    def _listeners_on(self, bus: int) -> dict[int, list[Word | Wheels | Parcels]]:
+    def _listeners_on(self, bus: int) -> dict[int, list[Word | WheelReferee | Parcels]]:
         """The listeners to each identifier of a bus, `word` before the judges that read it."""
-        listening: dict[int, list[Word | Wheels | Parcels]] = {}
+        listening: dict[int, list[Word | WheelReferee | Parcels]] = {}
         for listener in (self._word, self._wheels, self._parcels):
             for can_id in listener.watched(bus):
                 listening.setdefault(can_id, []).append(listener)

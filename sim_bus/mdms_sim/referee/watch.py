@@ -152,7 +152,7 @@ WHEEL = np.dtype(
 )
 
 
-class Watched(NamedTuple):
+class WatchedCells(NamedTuple):
     """Arrays of all cells (cells,), and of their axes (cells, 2)."""
 
     cells: Records
@@ -174,7 +174,7 @@ class Truths(NamedTuple):
 
 
 @compiled
-def look_at_tick(watched: Watched, truths: Truths, now_ns: int, voltage_uv: Registers) -> int:
+def look_at_tick(watched: WatchedCells, truths: Truths, now_ns: int, voltage_uv: Registers) -> int:
     """Take in the voltages (cells, 2), by places, of a tick; returns whether anything is noticed.
 
     `noticed` of cells and wheels has the findings.
@@ -319,7 +319,7 @@ class Lease(NamedTuple):
 
 @compiled
 def find_lapsed(
-    watched: Watched, truths: Truths, shapes: Shapes, lease: Lease, now_ns: int
+    watched: WatchedCells, truths: Truths, shapes: Shapes, lease: Lease, now_ns: int
 ) -> None:
     """Set from when on a cell may push no more, for it has no lease of another under its parcel.
 

@@ -90,7 +90,7 @@ _RULES = {
 }
 
 
-class Wheels:
+class WheelReferee:
     """Judges the voltages at the wheels of all cells, by the frames that have reached the cells.
 
     `delivered` are the identifiers of frames to cells that it wants to see.
@@ -107,7 +107,7 @@ class Wheels:
         self._node_ids = list(truth.addresses.node_ids)
         self._cells = np.zeros(cells, watch.CELL).view(np.recarray)
         self._wheels = np.zeros((cells, AXES), watch.WHEEL).view(np.recarray)
-        self._watched = watch.Watched(self._cells, self._wheels)
+        self._watched = watch.WatchedCells(self._cells, self._wheels)
         self._truths = watch.Truths(
             places=truth.places,
             parcel=np.full(cells, NOBODY),

@@ -14,7 +14,7 @@ from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
 from mdms_sim.serve import packet
-from mdms_sim.serve.slcan import Slcan
+from mdms_sim.serve.slcan import VirtualAdapter
 
 _LINES = re.compile(rb"[^\r]*\r|[^\r]+")
 
@@ -99,7 +99,7 @@ class SlcanCodec:
     greeting = b""
 
     def __init__(self, send: Callable[[Frame], bool]) -> None:
-        self._adapter = Slcan(send)
+        self._adapter = VirtualAdapter(send)
 
     @property
     def garbage(self) -> int:
@@ -146,7 +146,7 @@ _READ_BYTES = 1 << 10
 _NS_PER_BYTE = 2_000
 
 
-class Client:
+class BusClient:
     """A program on the bus; `dropped` counts frames and answers that it was too slow to read.
 
     `descriptor` is not blocking. `make_codec(send)` makes the codec for it.

@@ -10,7 +10,7 @@ from typing import Self
 
 from mdms_sim.bus.bus import Bus
 from mdms_sim.serve.client import (
-    Client,
+    BusClient,
     Codec,
     GoneError,
     PacketCodec,
@@ -42,7 +42,7 @@ MakeCodec = Callable[[Callable[..., bool]], Codec]
 
 
 @dataclass(frozen=True, slots=True)
-class Addresses:
+class ServedAddresses:
     """The name for a client: python-can's channel, a serial device, a TCP port if open."""
 
     channel: str
@@ -71,10 +71,10 @@ class Server:
         refuse_elsewhere()
         self.simulation = simulation
         self._report = report
-        self._clients: dict[int, Client] = {}
+        self._clients: dict[int, BusClient] = {}
         self._ready: dict[int, Callable[[int], None]] = {}
         self._connections: dict[int, socket.socket] = {}
-        self._leaving: list[Client] = []
+        self._leaving: list[BusClient] = []
         self._refusing = False
         self._blinking: list[int] = []
         self._look_ns = 0
@@ -108,7 +108,7 @@ class Server:
 
     def _open_bus(
         self, opened: ExitStack, bus: Bus, channel: str, tcp_port: int | None
-    ) -> Addresses:
+    ) -> ServedAddresses:
         """Open the doors of one bus."""
         terminal = Terminal()
         opened.callback(terminal.close)
@@ -123,7 +123,7 @@ class Server:
         packets = Packets(self.time.epoch_s)
         make_codec = partial(PacketCodec, packets=packets, bitrate=bus.bitrate)
         self._listen(unix.socket, "python-can", bus, make_codec)
-        return Addresses(channel, terminal.name, tcp_port)
+        return ServedAddresses(channel, terminal.name, tcp_port)
 
     def __enter__(self) -> Self:
         return self
@@ -226,7 +226,7 @@ class Server:
         self._report(f"a client has come: {kind}")
 
     def _admit(self, kind: str, bus: Bus, descriptor: int, make_codec: MakeCodec) -> None:
-        client = Client(kind, descriptor, bus, make_codec)
+        client = BusClient(kind, descriptor, bus, make_codec)
 
         def ready(events: int) -> None:
             if events & selectors.EVENT_WRITE:
@@ -238,7 +238,7 @@ class Server:
         self._ready[descriptor] = ready
         self._selector.register(descriptor, selectors.EVENT_READ, ready)
 
-    def _watch(self, descriptor: int, client: Client) -> None:
+    def _watch(self, descriptor: int, client: BusClient) -> None:
         """Listen only for as many clients as can be served: a bus that is full does not read on."""
         if descriptor not in self._clients:
             return
@@ -252,7 +252,7 @@ class Server:
         elif not wanted and key is not None:
             self._selector.unregister(descriptor)
 
-    def _read(self, descriptor: int, client: Client) -> None:
+    def _read(self, descriptor: int, client: BusClient) -> None:
         try:
             client.read(self.simulation.kernel.now_ns)
         except GoneError as error:
@@ -278,7 +278,7 @@ class Server:
                 client.on_error(now_ns)
 
 
-def ways_in(addresses: Addresses) -> tuple[str, ...]:
+def ways_in(addresses: ServedAddresses) -> tuple[str, ...]:
     """Lines to copy and paste, one a way in."""
     ways = [
         f"mdms scan -i mdms -c {addresses.channel}",

@@ -29,11 +29,11 @@ _SYNTAX = re.compile(
 )
 
 
-class LineError(Exception):
+class SlcanError(Exception):
     """A line is not SLCAN, or not now."""
 
 
-class Slcan:
+class VirtualAdapter:
     """One adapter: `send(frame) -> bool` gets the frames that a client wants on the bus.
 
     `garbage` counts lines that were refused. `is_slcan` is False once something has come that is
@@ -107,28 +107,28 @@ class Slcan:
         try:
             if overlong or not _SYNTAX.fullmatch(line):
                 self.is_slcan = False
-                raise LineError
+                raise SlcanError
             if line[0] not in self._commands:
-                raise LineError
+                raise SlcanError
             return self._commands[line[0]](line)
-        except (LineError, ValueError):
+        except (SlcanError, ValueError):
             self.garbage += 1
             return ERROR
 
     def _set_speed(self, line: bytes) -> bytes:
         if self.is_open or len(line) != 2 or line[1] not in _SPEEDS:
-            raise LineError
+            raise SlcanError
         return OK
 
     def _set_timing(self, line: bytes) -> bytes:
         if self.is_open:
-            raise LineError
+            raise SlcanError
         _require_hex(line[1:])
         return OK
 
     def _set_stamps(self, line: bytes) -> bytes:
         if self.is_open or line[1:] not in (b"0", b"1"):
-            raise LineError
+            raise SlcanError
         self._stamped = line[1:] == b"1"
         return OK
 
@@ -146,7 +146,7 @@ class Slcan:
 
     def _transmit(self, line: bytes) -> bytes:
         if not self.is_open or self._listen_only or not self._send(_frame_of(line)):
-            raise LineError
+            raise SlcanError
         return b"z\r" if line[0] in b"tr" else b"Z\r"
 
 
@@ -159,9 +159,9 @@ def _frame_of(line: bytes) -> Frame:
     size = int(line[1 + digits : 2 + digits], 16)
     data = bytes.fromhex(line[2 + digits :].decode("ascii"))
     if size > _DATA_MAX or can_id > (EXTENDED_MASK if extended else STANDARD_MASK):
-        raise LineError
+        raise SlcanError
     if len(data) != (0 if remote else size) or len(line) != 2 + digits + 2 * len(data):
-        raise LineError
+        raise SlcanError
     flags = (EXTENDED if extended else 0) | (REMOTE if remote else 0)
     return Frame(can_id | flags, bytes(size) if remote else data)
 
@@ -169,4 +169,4 @@ def _frame_of(line: bytes) -> Frame:
 def _require_hex(digits: bytes) -> None:
     """Raise LineError for anything else than hexadecimal digits."""
     if not digits or not _HEX_DIGITS.issuperset(digits):
-        raise LineError
+        raise SlcanError

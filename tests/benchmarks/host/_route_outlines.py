@@ -13,7 +13,7 @@ import numpy as np
 from shapely.geometry import MultiPoint, Point, Polygon
 
 from mdms_host.estimation.footprint import Disc, Rectangle
-from mdms_host.routes.planner import Plan
+from mdms_host.routes.planner import RoutePlan
 from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.route import Route
 from mdms_host.routes.support import Shape
@@ -149,7 +149,7 @@ def hangs_over(half_m: np.ndarray, one: Swept, from_s: float, to_s: float) -> bo
     return bool((np.abs(one.corners_m(poses)) > half_m).any())
 
 
-def faults(size_m: tuple[float, float], tasks: Sequence[RouteTask], plan: Plan) -> list[str]:
+def faults(size_m: tuple[float, float], tasks: Sequence[RouteTask], plan: RoutePlan) -> list[str]:
     """The faults of a plan for a table of this size: parcels that touch or do not arrive."""
     found = [str(blocked) for blocked in plan.blocked.values()]
     swept = [Swept(task, plan.routes[task.parcel]) for task in tasks]

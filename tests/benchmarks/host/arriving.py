@@ -32,7 +32,7 @@ from mdms_array.host import coordinator_of
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.footholds import MARGIN_M
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.safe_goals import SupportedParcel, least_footing
 from mdms_model.array import build_wheels
 from mdms_model.outline import outline_of
@@ -89,7 +89,7 @@ def keys_of(seed: int) -> list[str]:
         start, goal = _drawn(random), _drawn(random)
         if hypot(start[0] - goal[0], start[1] - goal[1]) < 0.05:
             continue
-        target = Goal(goal[0], goal[1], None if shape == "disc" else goal[2])
+        target = GoalPose(goal[0], goal[1], None if shape == "disc" else goal[2])
         if least_footing(wheel_m, load, np.array(start), target).margin_m >= MARGIN_M:
             return keys + _placed(shape, start, goal)
 

@@ -25,7 +25,7 @@ import numpy as np
 from tests.benchmarks.host._route_instances import TABLES, Table, instance
 from tests.benchmarks.host._route_outlines import faults
 
-from mdms_host.routes.planner import Plan
+from mdms_host.routes.planner import RoutePlan
 
 CONFIDENCE = 0.95
 
@@ -69,12 +69,12 @@ def try_one(table: Table, seed: int, count: Count) -> None:
         count.bad.append(f"seed {seed}: {'; '.join(wrong)}")
 
 
-def held(plan: Plan) -> frozenset[str]:
+def held(plan: RoutePlan) -> frozenset[str]:
     """Parcels that never arrive from the begin of their routes while all keep to the tile order."""
     return plan.authority.held(begun_m(plan), ())
 
 
-def begun_m(plan: Plan) -> dict[str, float]:
+def begun_m(plan: RoutePlan) -> dict[str, float]:
     """How far all have come on their routes when they begin."""
     return dict.fromkeys(plan.routes, 0.0)
 

@@ -17,7 +17,7 @@ from tests.host.motion.driving import LAYOUT
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.footholds import INSET_M, MARGIN_M, Footholds
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.safe_goals import straight_way
 from mdms_host.motion.way_search import WaySearch
 
@@ -43,7 +43,7 @@ def row(
     around = ways = 0
     while ways < cases:
         start, end = (random.uniform((-1, -1, -3), (1, 1, 3)) * (*half_m, 1) for _ in range(2))
-        straight = straight_way(start, Goal(*end.tolist()), box.footprint.reach_m)
+        straight = straight_way(start, GoalPose(*end.tolist()), box.footprint.reach_m)
         if footholds.margins_m(straight, INSET_M).min() < MARGIN_M:
             continue
         ways += 1

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import mdms_array as mdms
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import read_tree
 
@@ -208,12 +208,12 @@ def test_an_unknown_keyword_is_refused(wrong):
 @pytest.mark.parametrize(
     ("status", "error", "code"),
     [
-        ("reached", None, Exit.OK),
-        ("time limit", mdms.TimeLimitError, Exit.TIME_LIMIT),
-        ("stopped", mdms.StoppedError, Exit.TIME_LIMIT),
-        ("fault", mdms.FaultError, Exit.NODE_FAULT),
-        ("lost", mdms.LostError, Exit.FAILURE),
-        ("failed", mdms.FailedError, Exit.FAILURE),
+        ("reached", None, ExitCode.OK),
+        ("time limit", mdms.TimeLimitError, ExitCode.TIME_LIMIT),
+        ("stopped", mdms.StoppedError, ExitCode.TIME_LIMIT),
+        ("fault", mdms.FaultError, ExitCode.NODE_FAULT),
+        ("lost", mdms.LostError, ExitCode.FAILURE),
+        ("failed", mdms.FailedError, ExitCode.FAILURE),
     ],
 )
 def test_one_verdict_is_error_message_and_exit_code(status, error, code, capsys):
@@ -225,7 +225,7 @@ def test_one_verdict_is_error_message_and_exit_code(status, error, code, capsys)
             run.raise_for_status()
     # A time limit ends a job that has no end of its own.
     endless = replace(run, endless=True)
-    assert verdict(endless) == (Exit.OK if status == "time limit" else code)
+    assert verdict(endless) == (ExitCode.OK if status == "time limit" else code)
 
 
 def test_nobody_else_sends_signals_in_virtual_time():

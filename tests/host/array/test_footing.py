@@ -4,7 +4,7 @@ import pytest
 
 from mdms_array.source import open_program
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit, exit_of
+from mdms_host.cli.exits import ExitCode, exit_of
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import builtin_names
 
@@ -16,7 +16,7 @@ SAFE = ("parcel.0.x_m=-0.20", "parcel.0.y_m=-0.065")
 def refusal(*overrides):
     with pytest.raises(InputError) as refused:
         open_program("array18", overrides)
-    assert exit_of(refused.value) is Exit.USAGE
+    assert exit_of(refused.value) is ExitCode.USAGE
     return str(refused.value)
 
 
@@ -61,7 +61,7 @@ def test_the_papers_model_may_tip():
 @pytest.mark.parametrize("verb", ["simulate", "serve", "run"])
 def test_every_verb_that_moves_parcels_refuses(verb, capsys):
     options = [text for each in SMALL for text in ("--set", each)]
-    assert main([verb, "array18", *options]) == Exit.USAGE
+    assert main([verb, "array18", *options]) == ExitCode.USAGE
     assert "would tip" in capsys.readouterr().err
 
 

@@ -8,7 +8,7 @@ from mdms_array.checks import load_of, warn_of_load, wire_of
 from mdms_array.simulation import run_scenario
 from mdms_array.source import open_program
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit, exit_of
+from mdms_host.cli.exits import ExitCode, exit_of
 from mdms_model.errors import InputError
 from mdms_model.scenario.scenario import Wire
 
@@ -16,7 +16,7 @@ from mdms_model.scenario.scenario import Wire
 def refusal(*overrides, scenario="array18"):
     with pytest.raises(InputError) as caught:
         open_program(scenario, overrides)
-    assert exit_of(caught.value) is Exit.USAGE
+    assert exit_of(caught.value) is ExitCode.USAGE
     return str(caught.value)
 
 
@@ -70,14 +70,14 @@ def test_a_model_without_a_bus_has_as_many_cells_as_it_wants():
     [("simulate", "array18"), ("serve", "array18"), ("run", "array18", "-i", "virtual")],
 )
 def test_every_verb_with_a_program_refuses_it_as_bad_input(capsys, command):
-    assert main([*command, "--set", "wire.bitrate=250000"]) == Exit.USAGE
+    assert main([*command, "--set", "wire.bitrate=250000"]) == ExitCode.USAGE
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.startswith("mdms: array: a run of 18 cells needs 20")
 
 
 def test_a_run_goes_by_the_bit_rate_of_its_bus(capsys):
-    assert main(["run", "array18", "-i", "virtual", "-b", "250000"]) == Exit.USAGE
+    assert main(["run", "array18", "-i", "virtual", "-b", "250000"]) == ExitCode.USAGE
     assert "of a bus at 250 kbit/s" in capsys.readouterr().err
 
 

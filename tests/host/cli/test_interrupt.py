@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 
 MDMS = Path(sys.executable).with_name("mdms")
 #: Hours of virtual time; the test ends it.
@@ -37,7 +37,7 @@ def test_interrupted_run_is_told_in_one_line_and_not_kept(tmp_path, nodes):
 def test_killed_run_leaves_the_old_one_whole_and_the_next_clears_up(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short = ["simulate", "paper-fig7", "--set", "run.duration_s=0.1", "--out", "run"]
-    assert main(short) == Exit.OK
+    assert main(short) == ExitCode.OK
     before = {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()}
     command = [str(MDMS), "simulate", "array18", *LONG, "--out", "run", "--force"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
@@ -45,5 +45,5 @@ def test_killed_run_leaves_the_old_one_whole_and_the_next_clears_up(tmp_path, mo
         process.kill()
     assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
     assert len(list(tmp_path.iterdir())) == 2
-    assert main(short) == Exit.OK
+    assert main(short) == ExitCode.OK
     assert [path.name for path in tmp_path.iterdir()] == ["run"]

@@ -8,7 +8,7 @@ from importlib import import_module
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import EXITS, CommandError, Exit, exit_of
+from mdms_host.cli.exits import EXITS, CommandError, ExitCode, exit_of
 from mdms_host.cli.parser import Verb
 from mdms_host.cli.verbs import VERBS
 from mdms_host.commissioning.cell_settings import StrangerError
@@ -59,9 +59,9 @@ def test_every_error_of_the_table_is_there(name):
 
 
 def test_nearest_class_of_an_error_decides_its_exit_code():
-    assert exit_of(SilentError("")) is Exit.NO_DEVICE
-    assert exit_of(StrangerError("")) is Exit.NODE_FAULT
-    assert exit_of(CommandError("", Exit.USAGE)) is Exit.USAGE
+    assert exit_of(SilentError("")) is ExitCode.NO_DEVICE
+    assert exit_of(StrangerError("")) is ExitCode.NODE_FAULT
+    assert exit_of(CommandError("", ExitCode.USAGE)) is ExitCode.USAGE
     assert exit_of(ValueError("")) is None
 
 
@@ -79,7 +79,7 @@ def test_help_lists_the_verbs(capsys):
 
 
 def test_exit_codes_are_the_promised_ones():
-    assert {code.name: code.value for code in Exit} == {
+    assert {code.name: code.value for code in ExitCode} == {
         "OK": 0,
         "FAILURE": 1,
         "USAGE": 2,
@@ -100,7 +100,7 @@ def raising(error):
     ("error", "code", "told"),
     [
         (KeyboardInterrupt(), 130, "mdms: interrupted\n"),
-        (CommandError("no bus", Exit.NO_DEVICE), 4, "mdms: no bus\n"),
+        (CommandError("no bus", ExitCode.NO_DEVICE), 4, "mdms: no bus\n"),
         (SilentError("node 3 is silent"), 4, "mdms: node 3 is silent\n"),
     ],
 )

@@ -9,12 +9,12 @@ import pytest
 
 from mdms_host.can_link.link import NoBusError, open_bus
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.programs.script import BLOCKED_S, Script, until
 
 
 def test_a_misspelt_scenario_is_answered_with_the_name_that_was_meant(capsys):
-    assert main(["simulate", "aray18"]) == Exit.USAGE
+    assert main(["simulate", "aray18"]) == ExitCode.USAGE
     assert "did you mean array18?" in capsys.readouterr().err
 
 
@@ -40,7 +40,7 @@ def test_a_bus_that_the_system_refuses_is_told_once_with_its_cure(
 
 
 def test_a_setting_behind_node_is_answered_with_the_order(capsys):
-    assert main(["configure", "set", "--node", "all", "gain=12"]) == Exit.USAGE
+    assert main(["configure", "set", "--node", "all", "gain=12"]) == ExitCode.USAGE
     assert "write all else before --node" in capsys.readouterr().err
 
 
@@ -52,16 +52,16 @@ def test_a_setting_behind_node_is_answered_with_the_order(capsys):
     ],
 )
 def test_steering_without_any_push_or_speed_is_refused(capsys, override, told):
-    assert main(["simulate", "array18", "--set", override]) == Exit.USAGE
+    assert main(["simulate", "array18", "--set", override]) == ExitCode.USAGE
     assert told in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("line", "code", "told"),
     [
-        ("await table['bx'].move(0, 0)", Exit.TIME_LIMIT, "did you mean 'box'?"),
-        ("table['box'].move(0.0, 0.0)", Exit.FAILURE, "move() has no await before it"),
-        ("await asyncio.sleep(1)", Exit.FAILURE, "await table.sleep(1.0) in place of asyncio"),
+        ("await table['bx'].move(0, 0)", ExitCode.TIME_LIMIT, "did you mean 'box'?"),
+        ("table['box'].move(0.0, 0.0)", ExitCode.FAILURE, "move() has no await before it"),
+        ("await asyncio.sleep(1)", ExitCode.FAILURE, "await table.sleep(1.0) in place of asyncio"),
     ],
 )
 def test_a_wrong_line_of_a_program_is_named_with_its_place(tmp_path, capsys, line, code, told):
@@ -81,7 +81,7 @@ def test_the_print_of_a_program_leaves_the_json_alone(tmp_path, capsys):
         "SCENARIO = 'array18'\nprint('at import')\n"
         "async def main(table):\n    print('in the run')\n"
     )
-    assert main(["simulate", str(path), "--json"]) == Exit.OK
+    assert main(["simulate", str(path), "--json"]) == ExitCode.OK
     told = capsys.readouterr()
     assert json.loads(told.out)["status"] == "reached"
     assert "at import" in told.err
@@ -117,14 +117,14 @@ def test_a_program_that_blocks_is_named_with_the_lines_and_the_time():
     ],
 )
 def test_an_angle_in_degrees_is_refused_with_its_radians(capsys, arguments):
-    assert main([*arguments]) == Exit.USAGE
+    assert main([*arguments]) == ExitCode.USAGE
     assert "30 degrees are 0.5236 rad" in capsys.readouterr().err
 
 
 def test_a_parcel_that_is_lifted_away_at_the_end_does_not_rest(capsys):
     lift = "fault=[{kind='lift', parcel='box', start_s=0.5}]"
     options = ("--set", lift, "--set", "run.duration_s=1.2")
-    assert main(["simulate", "array18", *options, "--json"]) != Exit.OK
+    assert main(["simulate", "array18", *options, "--json"]) != ExitCode.OK
     (box,) = json.loads(capsys.readouterr().out)["parcels"]
     assert (box["lifted"], box["at_rest"]) == (True, False)
 
@@ -134,10 +134,10 @@ def test_a_run_folder_repeats_its_program_and_says_whether_the_bus_agrees(tmp_pa
     path.write_text(
         "SCENARIO = 'array18'\nasync def main(table):\n    await table['box'].move(-0.05, 0.0)\n"
     )
-    assert main(["simulate", str(path), "--out", str(folder), "--json"]) == Exit.OK
+    assert main(["simulate", str(path), "--out", str(folder), "--json"]) == ExitCode.OK
     first = json.loads(capsys.readouterr().out)
     path.unlink()
-    assert main(["simulate", str(folder), "--json"]) == Exit.OK
+    assert main(["simulate", str(folder), "--json"]) == ExitCode.OK
     again = json.loads(capsys.readouterr().out)
     assert again["repeats"] is True
     assert again["bus"]["log_sha256"] == first["bus"]["log_sha256"]
@@ -150,7 +150,7 @@ def test_a_run_folder_repeats_its_program_and_says_whether_the_bus_agrees(tmp_pa
 
 @pytest.mark.slow
 def test_a_goal_that_is_never_sure_is_not_told_as_a_program_that_is_late(capsys):
-    assert main(["simulate", "array18", "--set", "cell.sensor_noise=0.2"]) == Exit.TIME_LIMIT
+    assert main(["simulate", "array18", "--set", "cell.sensor_noise=0.2"]) == ExitCode.TIME_LIMIT
     err = capsys.readouterr().err
     assert "the program" not in err
     assert "box is near its goal, but does not count as arrived" in err

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.streams import EventLines
 
 MDMS = str(Path(sys.executable).with_name("mdms"))
@@ -112,7 +112,7 @@ def ended_by(number, folder):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_end_by_signal_is_one_line_and_a_failure(number, tmp_path):
-    assert ended_by(number, tmp_path) == (Exit.FAILURE, "mdms: terminated\n")
+    assert ended_by(number, tmp_path) == (ExitCode.FAILURE, "mdms: terminated\n")
 
 
 #: Interrupts itself where a module is imported, as Ctrl-C may; the last is imported by a verb.
@@ -164,7 +164,7 @@ def test_error_of_a_file_is_one_line(monkeypatch, capsys):
         raise OSError(28, "No space left on device", "run/bus.log")
 
     monkeypatch.setattr("mdms_host.cli.scenarios.scenarios", fail)
-    assert main(["scenarios"]) == Exit.FAILURE
+    assert main(["scenarios"]) == ExitCode.FAILURE
     assert capsys.readouterr().err == "mdms: run/bus.log: No space left on device\n"
 
 

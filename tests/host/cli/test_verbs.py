@@ -5,7 +5,7 @@ import json
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_model.run.folder import TABLES
 from mdms_model.scenario.file import load_scenario
 
@@ -57,7 +57,7 @@ def test_a_built_in_scenario_is_printed_as_a_file_to_start_from(capsys, tmp_path
     assert load_scenario(path) == load_scenario("array18")
     assert main(["scenarios", "--show", "array18", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"name": "array18", "toml": printed}
-    assert main(["scenarios", "--show", "array19"]) == Exit.USAGE
+    assert main(["scenarios", "--show", "array19"]) == ExitCode.USAGE
     assert "no such built-in scenario; there are array18, " in capsys.readouterr().err
 
 

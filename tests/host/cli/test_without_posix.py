@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 
 #: Runs the command as if Python were built for such a system.
 SCRIPT = """
@@ -64,7 +64,7 @@ def test_table_is_simulated_drawn_and_exported(run, tmp_path):
     short = ("--set", "run.duration_s=0.2", "--out", folder, "--json")
     done = run("simulate", "array18", *short)
     # The box is not there yet.
-    assert done.returncode == Exit.TIME_LIMIT, done.stderr
+    assert done.returncode == ExitCode.TIME_LIMIT, done.stderr
     assert json.loads(done.stdout)["bus"]["frames"] > 20
     for more in (
         ("plot", folder),
@@ -73,13 +73,15 @@ def test_table_is_simulated_drawn_and_exported(run, tmp_path):
         ("map", "paper-fig7", "--out", tmp_path / "map.png"),
     ):
         drawn = run(*more)
-        assert drawn.returncode == Exit.OK, drawn.stderr
+        assert drawn.returncode == ExitCode.OK, drawn.stderr
     assert (tmp_path / "tables" / "cells.csv").is_file()
 
 
 def test_program_runs_over_python_can(run):
     done = run("run", "array18", "-i", "virtual", "-c", "nobody", "--limit", "0.2")
-    assert done.returncode in (Exit.NO_DEVICE, Exit.TIME_LIMIT, Exit.NODE_FAULT), done.stderr
+    assert done.returncode in (ExitCode.NO_DEVICE, ExitCode.TIME_LIMIT, ExitCode.NODE_FAULT), (
+        done.stderr
+    )
     assert "Traceback" not in done.stderr
 
 
@@ -95,9 +97,9 @@ def test_pages_of_a_table_are_imported(run):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (("serve", "array18"), Exit.FAILURE, "Unix sockets and pseudo-terminals"),
-        (("scan", "-i", "mdms", "-c", "array18"), Exit.NO_DEVICE, "which this system has not"),
-        (("report",), Exit.FAILURE, "over a Unix socket, which this system has not"),
+        (("serve", "array18"), ExitCode.FAILURE, "Unix sockets and pseudo-terminals"),
+        (("scan", "-i", "mdms", "-c", "array18"), ExitCode.NO_DEVICE, "which this system has not"),
+        (("report",), ExitCode.FAILURE, "over a Unix socket, which this system has not"),
     ],
 )
 def test_served_buses_say_what_they_lack(run, arguments, code, says):

@@ -7,7 +7,7 @@ import pytest
 from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, Identity
 from mdms_host.commissioning.node_ids import NodeIdError, assign_by_serial, assign_in_order
@@ -45,7 +45,7 @@ def test_a_cell_with_the_hosts_node_id_is_moved_by_its_serial_number(
     standing_cells, capsys, tmp_path
 ):
     file = array_file(tmp_path, 3, 9)
-    assert configure("assign", "--from", file) == Exit.OK
+    assert configure("assign", "--from", file) == ExitCode.OK
     assert capsys.readouterr().out.startswith("00000003: node 127 -> node 9\n")
     nodes = scan_bus(None, MonotonicClock())
     assert [(node.node_id, node.problem) for node in nodes] == [(1, None), (2, None), (9, None)]
@@ -61,14 +61,14 @@ def test_the_heartbeat_of_another_host_is_no_cell():
 
 def test_files_with_the_hosts_node_id_are_refused_before_the_bus_is_opened(capsys, tmp_path):
     file = array_file(tmp_path, 3, 127)
-    assert main(["configure", "assign", "--from", str(file)]) == Exit.USAGE
+    assert main(["configure", "assign", "--from", str(file)]) == ExitCode.USAGE
     assert capsys.readouterr().err == (
         f"mdms: {file}: 00000003: node id 127 is the host's own; give it one from 1 to 126\n"
     )
 
 
 def test_the_first_node_id_to_give_is_none_of_the_hosts(capsys):
-    assert main(["configure", "assign", "--first", "127"]) == Exit.USAGE
+    assert main(["configure", "assign", "--first", "127"]) == ExitCode.USAGE
     assert "127 is the host's own node id" in capsys.readouterr().err
 
 
@@ -88,7 +88,7 @@ def test_a_cell_of_another_protocol_is_marked(standing_cells, capsys, monkeypatc
         return replace(found, revision=0x00020000) if node_id == 2 else found
 
     monkeypatch.setattr(Commissioning, "identity", older)
-    assert main(["scan", "--json", "-i", "virtual"]) == Exit.OK
+    assert main(["scan", "--json", "-i", "virtual"]) == ExitCode.OK
     nodes = json.loads(capsys.readouterr().out)["nodes"]
     assert [node["problem"] for node in nodes] == [
         None,

@@ -1,12 +1,12 @@
 from tests.host.cells_link import CellsLink
 
-from mdms_host.commissioning.stop import StopAll, StopReport, stop_all
+from mdms_host.commissioning.stop import NetworkStop, StopReport, stop_all
 from mdms_protocol.codecs import nmt
 from mdms_protocol.codecs.frame import Frame
 
 
 def test_the_command_is_sent_three_times_and_first_of_all() -> None:
-    stopping, sent = StopAll(), []
+    stopping, sent = NetworkStop(), []
     while not stopping.over:
         now_s = stopping.wake_s
         sent += [(now_s, frame) for frame in stopping.poll(now_s)]
@@ -15,7 +15,7 @@ def test_the_command_is_sent_three_times_and_first_of_all() -> None:
 
 
 def test_a_cell_that_goes_on_is_named() -> None:
-    stopping = StopAll()
+    stopping = NetworkStop()
     stopping.on_frame(Frame(0x704, b"\x05"), 0.0)
     stopping.on_frame(Frame(0x705, b"\x05"), 0.0)
     stopping.on_frame(Frame(0x704, b"\x7f"), 0.1)

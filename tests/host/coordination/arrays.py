@@ -9,7 +9,7 @@ from mdms_host.coordination.run_state import Phase
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import FieldProgram
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -23,7 +23,7 @@ def still(layout: Layout = LAYOUT) -> FieldProgram:
     return FieldProgram(np.zeros(len(layout.wheel_cells)))
 
 
-def steering(goal: Goal) -> Coordinator:
+def steering(goal: GoalPose) -> Coordinator:
     return Coordinator(LAYOUT, program_to(goal, BOX, LAYOUT), parcels=(BOX,))
 
 

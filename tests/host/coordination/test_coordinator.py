@@ -9,7 +9,7 @@ from tests.host.coordination.arrays import BOTTOM, BOX, LAYOUT, STRICT, running,
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import EVENTS_KEPT, EventJournal, Phase
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
@@ -26,7 +26,7 @@ from mdms_protocol.entry import OutOfRangeError
     ],
 )
 def test_parcel_reaches_its_goal(rolling_array, start, goal, seed: int) -> None:
-    coordinator = steering(Goal(*goal))
+    coordinator = steering(GoalPose(*goal))
     array = rolling_array(
         LAYOUT, BOTTOM, start, speed_error=0.03, noise_m_s=0.002, latency_s=0.003, seed=seed
     )
@@ -40,7 +40,7 @@ def test_parcel_reaches_its_goal(rolling_array, start, goal, seed: int) -> None:
 
 
 def test_parcel_rests_after_it_has_arrived(rolling_array) -> None:
-    coordinator = steering(Goal(0.05, 0.0, 0.1))
+    coordinator = steering(GoalPose(0.05, 0.0, 0.1))
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0), noise_m_s=0.002)
     array.run(coordinator, 10.0, lambda: coordinator.finished)
     array.run(coordinator, array.now_s + 0.2)

@@ -11,7 +11,7 @@ from mdms_host.coordination.watch import Following, Watch
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import FieldProgram
 
 LAYOUT = Layout(6, 3, wheels=(WheelPlace(0.0, (0.0, 0.03)), WheelPlace(np.pi / 2, (0.03, 0.0))))
@@ -26,7 +26,7 @@ def array(rolling_array):
 
 
 def carrying() -> Coordinator:
-    return Coordinator(LAYOUT, program_to(Goal(0.1, 0.0, 0.3), BOX, LAYOUT), parcels=(BOX,))
+    return Coordinator(LAYOUT, program_to(GoalPose(0.1, 0.0, 0.3), BOX, LAYOUT), parcels=(BOX,))
 
 
 def start(array, coordinator: Coordinator) -> float:
@@ -163,5 +163,5 @@ def known_to(deviations):
 class There:
     """A parcel that is at its goal."""
 
-    goal = Goal(0.0, 0.0, 0.0)
+    goal = GoalPose(0.0, 0.0, 0.0)
     arrived = True

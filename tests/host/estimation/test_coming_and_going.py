@@ -7,14 +7,14 @@ from tests.host.estimation.lying import WHEELS, Lying
 
 from mdms_host.estimation.belief import BeliefEvent, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
-from mdms_host.estimation.tracker import ExitLine, Parcel, Region
+from mdms_host.estimation.tracker import BoundingBox, ExitLine, Parcel
 from mdms_host.layout import Layout
 
 LAYOUT = Layout(9, 6, wheels=WHEELS)
 BOX = Parcel("box", 0.36, 0.30)
 BOTTOM, SMALL = BOX.footprint, Rectangle(0.26, 0.22)
 SENSORS_M = LAYOUT.sensor_positions_m.reshape(-1, 2)
-INFEED = Region((-0.6, -0.4), (-0.2, 0.4))
+INFEED = BoundingBox((-0.6, -0.4), (-0.2, 0.4))
 
 
 @pytest.fixture
@@ -591,7 +591,7 @@ def test_a_newcomer_and_a_displaced_parcel_beside_it_are_told_apart() -> None:
     table = Lying(LAYOUT, (BOX,))
     table.put("box", BOTTOM, 0.005, 0.0, 0.0)
     table.run(0.2)
-    table.tracker.announce(Parcel("one", 0.30, 0.30), Region((-0.5, -0.15), (-0.2, 0.15)))
+    table.tracker.announce(Parcel("one", 0.30, 0.30), BoundingBox((-0.5, -0.15), (-0.2, 0.15)))
     table.tracker.look_away()
     table.put("box", BOTTOM, 0.005, 0.15, 0.3)
     table.put("one", Rectangle(0.30, 0.30), -0.36, 0.0, 0.0)

@@ -13,7 +13,7 @@ from tests.conftest import MDMS
 
 from mdms_array import Progress
 from mdms_host.cli import main
-from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.cli.experiments.sweep import progress_text
 
 FILE = """
@@ -47,7 +47,7 @@ def file(tmp_path, monkeypatch):
 
 
 def test_a_sweep_leaves_tables_a_summary_and_pictures(file, tmp_path, capsys):
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
     shown = capsys.readouterr().out
     # A row has no host.
     assert "belief" not in shown
@@ -60,25 +60,25 @@ def test_a_sweep_leaves_tables_a_summary_and_pictures(file, tmp_path, capsys):
     assert [*table["cell.friction"]] == [0.2, 0.2, 0.2, 0.2, 0.3, 0.3, 0.3, 0.3]
     assert (table["end_m"] == table["parcels.0.x_m"]).all()
     # All is there: nothing is run again.
-    assert main(["sweep", "fig8.toml", "--json"]) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--json"]) == ExitCode.OK
     figures = json.loads(capsys.readouterr().out)
     assert (figures["runs"], len(figures["summary"])) == (8, 4)
     assert (pandas.read_csv(folder / "table.csv")["started"] == table["started"]).all()
 
-    assert main(["sweep", "fig8.toml", "--again", "3"]) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--again", "3"]) == ExitCode.OK
     assert "row 3 comes out the same" in capsys.readouterr().out
     assert (folder / "again-3" / "run.mcap").is_file()
-    assert main(["sweep", "fig8.toml", "--again", "9"]) == Exit.USAGE
+    assert main(["sweep", "fig8.toml", "--again", "9"]) == ExitCode.USAGE
     assert "--again 9: the table has no such row" in capsys.readouterr().err
 
 
 def test_a_row_that_comes_out_otherwise_is_an_error(file, tmp_path, capsys):
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
     with sqlite3.connect(tmp_path / "runs" / "fig8" / "journal.sqlite") as journal:
         text = "substr(columns, instr(columns, 'record_sha256') + 17, 4)"
         journal.execute(f"UPDATE runs SET columns = replace(columns, {text}, 'abcd')")
     journal.close()
-    assert main(["sweep", "fig8.toml", "--again", "1"]) == Exit.FAILURE
+    assert main(["sweep", "fig8.toml", "--again", "1"]) == ExitCode.FAILURE
     assert "row 1 comes out otherwise: record_sha256 was abcd" in capsys.readouterr().err
 
 
@@ -90,29 +90,29 @@ def test_again_refuses_what_it_does_not_follow_and_makes_nothing(file, tmp_path,
         (["--records"], "--records: --again repeats"),
         (["--out", "fgi8"], "fgi8: no such sweep: it has no journal.sqlite; see --out"),
     ):
-        assert main([*again, *more]) == Exit.USAGE
+        assert main([*again, *more]) == ExitCode.USAGE
         assert told in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {"own.py", "fig8.toml"}
 
 
 @pytest.mark.parametrize("name", ["summary.csv", "end.png"])
 def test_a_file_that_the_disk_does_not_take_is_named(file, tmp_path, capsys, name):
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
     (tmp_path / "runs" / "fig8" / name).unlink()
     (tmp_path / "runs" / "fig8" / name).mkdir()
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.FAILURE
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.FAILURE
     assert f"runs/fig8/{name}: cannot be written: Is a directory" in capsys.readouterr().err
 
 
 def test_again_overwrites_no_other_run(file, tmp_path, capsys):
     again = ["sweep", "fig8.toml", "--again", "1"]
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
-    assert main(again) == Exit.OK
-    assert main(again) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
+    assert main(again) == ExitCode.OK
+    assert main(again) == ExitCode.OK
     kept = (tmp_path / "runs" / "fig8" / "again-1" / "run.mcap").read_bytes()
     file.write_text(FILE.replace("from = 0.2", "from = 0.25"))
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
-    assert main(again) == Exit.USAGE
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
+    assert main(again) == ExitCode.USAGE
     told = "again-1: holds another run, from before the sweep was changed; rename or remove it"
     assert told in capsys.readouterr().err
     assert (tmp_path / "runs" / "fig8" / "again-1" / "run.mcap").read_bytes() == kept
@@ -159,7 +159,7 @@ def test_again_overwrites_no_other_run(file, tmp_path, capsys):
 )
 def test_a_file_that_cannot_be_swept_is_refused(file, change, told, capsys):
     file.write_text(FILE.replace(*change))
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.USAGE
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.USAGE
     error = capsys.readouterr().err
     assert told in error
     assert error.startswith("mdms: ")
@@ -167,9 +167,9 @@ def test_a_file_that_cannot_be_swept_is_refused(file, change, told, capsys):
 
 
 def test_arguments_that_cannot_be_are_refused(file, capsys):
-    assert main(["sweep", "none.toml"]) == Exit.USAGE
-    assert main(["sweep", "fig8.toml", "--workers", "0"]) == Exit.USAGE
-    assert main(["sweep", "fig8.toml", "--workers", "1", "--cluster", "x"]) == Exit.USAGE
+    assert main(["sweep", "none.toml"]) == ExitCode.USAGE
+    assert main(["sweep", "fig8.toml", "--workers", "0"]) == ExitCode.USAGE
+    assert main(["sweep", "fig8.toml", "--workers", "1", "--cluster", "x"]) == ExitCode.USAGE
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(": ", 1)[1] for line in lines] == [
         "none.toml: cannot be read: No such file or directory",
@@ -180,15 +180,15 @@ def test_arguments_that_cannot_be_are_refused(file, capsys):
 
 def test_a_sweep_of_which_every_run_fails_ends_with_1(file, capsys):
     (file.parent / "own.py").write_text("def end_m(run): raise ValueError('no end')\n")
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.FAILURE
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.FAILURE
     assert "mdms: ValueError: no end" in capsys.readouterr().err
-    assert main(["sweep", "fig8.toml", "--again", "2"]) == Exit.FAILURE
+    assert main(["sweep", "fig8.toml", "--again", "2"]) == ExitCode.FAILURE
     assert "row 2 fails again: ValueError: no end" in capsys.readouterr().out
 
 
 def test_a_file_of_measures_that_ends_its_process_is_refused(file, capsys):
     (file.parent / "own.py").write_text("raise SystemExit(0)\n")
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.USAGE
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.USAGE
     assert "own.py: SystemExit: 0" in capsys.readouterr().err
 
 
@@ -200,7 +200,7 @@ def test_a_file_of_measures_imports_what_lies_beside_it(file, monkeypatch, capsy
         "from own_places import x_m\n"
         "def end_m(run):\n    import own_places\n    return own_places.x_m(run)['x_m']\n"
     )
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
     assert "8 runs, 0 failed" in capsys.readouterr().out
 
 
@@ -224,7 +224,7 @@ def test_ctrl_c_keeps_finished_runs_and_the_same_command_goes_on(file, tmp_path)
     assert 3 <= kept < 2000
     assert len(pandas.read_csv(journal.with_name("table.csv"))) == kept == count(journal)
     file.write_text(FILE.replace("seeds = 2", "seeds = 4"))
-    assert main(["sweep", "fig8.toml", "--workers", "1"]) == Exit.OK
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
 
 
 def count(journal):

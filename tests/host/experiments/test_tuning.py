@@ -10,7 +10,7 @@ import pytest
 from mdms_array.experiments.files import read_tuning
 from mdms_array.experiments.sweep import run_design
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_model.scenario.file import load_scenario
 
 FILE = """
@@ -59,7 +59,7 @@ def runs_in(path):
 
 def test_tuning_finds_better_values_within_bounds_and_repeats(file, capsys):
     code, first = tuned(capsys)
-    assert code == Exit.OK
+    assert code == ExitCode.OK
     assert first["better"]
     assert abs(first["best"]["setting"]["cell.friction"] - 0.4) < 0.1
     assert first["best"]["setting"]["motion.speed_m_s"] <= 12.0
@@ -72,7 +72,7 @@ def test_tuning_finds_better_values_within_bounds_and_repeats(file, capsys):
     assert max(first["importance"], key=first["importance"].get) == "cell.friction"
     runs = runs_in(file.parent / "runs" / "grip" / "journal.sqlite")
     # All runs are in the journal, and the sampler proposes the same again.
-    assert tuned(capsys) == (Exit.OK, first)
+    assert tuned(capsys) == (ExitCode.OK, first)
     assert runs_in(file.parent / "runs" / "grip" / "journal.sqlite") == runs
     assert (file.parent / "runs" / "grip" / "tuning.png").is_file()
     assert len(pandas.read_csv(file.parent / "runs" / "grip" / "table.csv")) == 12
@@ -80,14 +80,14 @@ def test_tuning_finds_better_values_within_bounds_and_repeats(file, capsys):
 
 def test_where_nothing_keeps_the_bounds_the_end_is_a_failure(file, capsys):
     file.write_text(FILE.replace("at_most = 12.0", "at_most = 1.0").replace("= 12\n", "= 4\n"))
-    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.FAILURE
+    assert main(["tune", "grip.toml", "--workers", "1"]) == ExitCode.FAILURE
     assert "no trial keeps all bounds" in capsys.readouterr().out
 
 
 def test_runs_that_raise_are_no_end(file, capsys):
     changed = FILE.replace("own.py:miss", "own.py:raises").replace("trials = 12", "trials = 2")
     file.write_text(changed)
-    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.FAILURE
+    assert main(["tune", "grip.toml", "--workers", "1"]) == ExitCode.FAILURE
     told = capsys.readouterr()
     assert "the scenario's own: failed" in told.out
     assert "no trial has a mean: a run failed, or gave no number of raises" in told.out
@@ -98,7 +98,7 @@ def test_a_best_that_fails_on_unseen_seeds_is_not_called_no_better(file, capsys)
     file.write_text(
         FILE.replace("own.py:miss", "own.py:unlucky").replace("seeds = 1", "seeds = [5]")
     )
-    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.OK
+    assert main(["tune", "grip.toml", "--workers", "1"]) == ExitCode.OK
     told = capsys.readouterr().out
     assert "unseen seeds failed" in told
     assert "they cannot be compared on 2 unseen seeds: a run failed, or gave no number" in told
@@ -180,7 +180,7 @@ def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, m
 )
 def test_a_file_that_cannot_be_tuned_is_refused(file, change, told, capsys):
     file.write_text(FILE.replace(*change, 1))
-    assert main(["tune", "grip.toml", "--workers", "1"]) == Exit.USAGE
+    assert main(["tune", "grip.toml", "--workers", "1"]) == ExitCode.USAGE
     error = capsys.readouterr().err
     assert told in error
     assert error.count("grip.toml") == 1

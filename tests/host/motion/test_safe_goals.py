@@ -6,7 +6,7 @@ import pytest
 from mdms_array.host import coordinator_of
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.safe_goals import SafeGoals, TippingError
 from mdms_model.scenario.file import load_scenario
 
@@ -25,13 +25,15 @@ def refused(goal, start=MIDDLE, parcel=BOX, straight=True, **centres_of_mass_m):
 
 
 def test_goal_beyond_the_edge_is_refused_and_one_on_the_table_is_not():
-    assert not refused(Goal(0.15, 0.0, 0.0))
-    assert refused(Goal(0.45, 0.0, 0.0)).startswith("box would tip there: its centre of mass would")
-    assert refused(Goal(0.9, 0.0, None), start=None)
+    assert not refused(GoalPose(0.15, 0.0, 0.0))
+    assert refused(GoalPose(0.45, 0.0, 0.0)).startswith(
+        "box would tip there: its centre of mass would"
+    )
+    assert refused(GoalPose(0.9, 0.0, None), start=None)
 
 
 def test_the_centre_of_mass_counts():
-    edge = Goal(0.28, 0.0, 0.0)
+    edge = GoalPose(0.28, 0.0, 0.0)
     assert not refused(edge)
     assert refused(edge, box=(0.1, 0.0))
 
@@ -39,17 +41,17 @@ def test_the_centre_of_mass_counts():
 def test_way_counts_where_it_is_straight():
     """A short box stands on three wheels' columns at both ends, and on two on the way."""
     short = Parcel("box", 0.25, 0.28)
-    start, goal = np.array([-0.17, 0.0, 0.0]), Goal(-0.05, 0.0, 0.0)
+    start, goal = np.array([-0.17, 0.0, 0.0]), GoalPose(-0.05, 0.0, 0.0)
     assert refused(goal, start, short) == "box would tip on the straight way there"
     assert not refused(goal, start, short, straight=False)
 
 
 def test_parcel_that_is_about_to_tip_may_stay_and_be_taken_to_where_it_stands_better():
     hanging = np.array([0.42, 0.0, 0.0])
-    assert refused(Goal(0.42, 0.0, 0.0))
-    assert not refused(Goal(0.42, 0.0, 0.0), hanging)
-    assert not refused(Goal(0.40, 0.0, 0.0), hanging)
-    assert refused(Goal(0.46, 0.0, 0.0), hanging)
+    assert refused(GoalPose(0.42, 0.0, 0.0))
+    assert not refused(GoalPose(0.42, 0.0, 0.0), hanging)
+    assert not refused(GoalPose(0.40, 0.0, 0.0), hanging)
+    assert refused(GoalPose(0.46, 0.0, 0.0), hanging)
 
 
 @pytest.mark.parametrize(
@@ -65,5 +67,5 @@ def test_coordinator_refuses_it_and_the_parcel_keeps_the_goal_that_it_has(overri
     coordinator = coordinator_of(load_scenario("array18", [*overrides]))
     before = dict(coordinator.goals)
     with pytest.raises(TippingError, match="box would tip there"):
-        coordinator.set_goal("box", Goal(0.9, 0.0, 0.0))
+        coordinator.set_goal("box", GoalPose(0.9, 0.0, 0.0))
     assert coordinator.goals == before

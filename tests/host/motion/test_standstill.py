@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.host.motion.driving import BOX, Table, mass_of, traction_of
 
-from mdms_host.motion.goal import Goal, GoalController
+from mdms_host.motion.goal import GoalController, GoalPose
 from mdms_host.motion.outcome import Standstill
 
 STEP_S = 0.01
@@ -11,7 +11,7 @@ STEP_S = 0.01
 def controller_of(speed_m_s: float) -> GoalController:
     """Of a parcel that is to go 0.3 m."""
     traction = traction_of(speed_m_s=speed_m_s)
-    return GoalController(Goal(0.15, 0.0, 0.0), traction, mass_of(BOX))
+    return GoalController(GoalPose(0.15, 0.0, 0.0), traction, mass_of(BOX))
 
 
 def reported_s(made_share: float, speed_m_s: float = 0.1, jump_m: float = 0.0) -> float | None:

@@ -7,7 +7,7 @@ import pytest
 from tests.system.simulated_link import SimulatedLink
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.live_array import SUSPENDED_S
 from mdms_host.page.commands import Goal, StopAll
 from mdms_host.programs.traffic.planning import VirtualExecutor
@@ -61,9 +61,9 @@ def run(*arguments):
 @pytest.mark.parametrize(
     "case",
     [
-        ("raise ValueError('a mistake')", Exit.FAILURE, "mdms: the program failed: ValueError"),
-        ("await table.sleep(99)", Exit.TIME_LIMIT, "mdms: the program has not come to its end"),
-        ("await table.sleep(0.1)", Exit.OK, ""),
+        ("raise ValueError('a mistake')", ExitCode.FAILURE, "mdms: the program failed: ValueError"),
+        ("await table.sleep(99)", ExitCode.TIME_LIMIT, "mdms: the program has not come to its end"),
+        ("await table.sleep(0.1)", ExitCode.OK, ""),
     ],
 )
 @pytest.mark.usefixtures("hand")
@@ -79,14 +79,14 @@ def test_a_page_changes_no_exit_code(tmp_path, capsys, page, case):
 
 @pytest.mark.usefixtures("hand")
 def test_a_goal_that_is_missed_with_a_page_is_told(capsys):
-    assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == Exit.TIME_LIMIT
+    assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == ExitCode.TIME_LIMIT
     assert "mdms: goal not reached: box is " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("command", [StopAll(), Goal("box", -0.09, 0.0, 0.0)])
 def test_a_run_that_a_person_takes_over_misses_no_goal(hand, command):
     hand.command = command
-    assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == Exit.OK
+    assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == ExitCode.OK
     assert hand.command is None
 
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from mdms_host.page.hub import MOST_UNSEEN, MOST_WAITING, Client, Hub, LeaveError
+from mdms_host.page.hub import MOST_UNSEEN, MOST_WAITING, Hub, LeaveError, PageClient
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def drained():
         yield lambda client: runner.run(taken_from(client))
 
 
-async def taken_from(client: Client) -> list[str | bytes]:
+async def taken_from(client: PageClient) -> list[str | bytes]:
     taken = []
     while True:
         try:
@@ -24,7 +24,7 @@ async def taken_from(client: Client) -> list[str | bytes]:
 
 
 def test_messages_come_in_order_and_before_snapshots(drained):
-    client = Client("one")
+    client = PageClient("one")
     client.show(b"snapshot")
     client.send({"a": 1})
     client.send({"b": 2})
@@ -32,14 +32,14 @@ def test_messages_come_in_order_and_before_snapshots(drained):
 
 
 def test_of_snapshots_only_the_newest_waits(drained):
-    client = Client("one")
+    client = PageClient("one")
     for number in range(100):
         client.show(bytes([number]))
     assert drained(client) == [bytes([99])]
 
 
 def test_client_that_confirms_nothing_gets_no_more_snapshots(drained):
-    client = Client("one")
+    client = PageClient("one")
     sent = []
     for number in range(20):
         client.show(bytes([number]))
@@ -51,7 +51,7 @@ def test_client_that_confirms_nothing_gets_no_more_snapshots(drained):
 
 
 def test_confirming_a_snapshot_that_was_never_sent_brings_no_more(drained):
-    client = Client("one")
+    client = PageClient("one")
     for _ in range(50):
         client.seen()
     sent = []
@@ -62,7 +62,7 @@ def test_confirming_a_snapshot_that_was_never_sent_brings_no_more(drained):
 
 
 def test_client_that_misses_messages_has_to_come_again(drained):
-    client = Client("one")
+    client = PageClient("one")
     for number in range(MOST_WAITING):
         client.send({"number": number})
     assert len(drained(client)) == MOST_WAITING
@@ -78,7 +78,7 @@ def test_client_that_misses_messages_has_to_come_again(drained):
 def test_the_first_client_that_may_is_in_control_until_another_takes_it():
     vacated = []
     hub = Hub(lambda: vacated.append(True))
-    watcher, first, second = Client("watcher"), Client("first"), Client("second")
+    watcher, first, second = PageClient("watcher"), PageClient("first"), PageClient("second")
     first.may_control = second.may_control = True
     for client in (watcher, first, second):
         hub.come(client)

@@ -11,7 +11,7 @@ from tests.system.simulated_link import SimulatedLink
 from mdms_host.can_link.link import DeviceGoneError, NoBusError
 from mdms_host.can_link.returning import ReturningLink
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.page.commands import RefusedError, StopAll
 from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
@@ -94,7 +94,7 @@ def test_stop_without_a_device_says_so_and_is_the_first_thing_sent_when_it_is_ba
         monkeypatch.setattr("mdms_host.cli.live_page.opened_page", story.opened_page)
         options = ("--page", "0", "--device-gone", "again", "--log", "none")
         # The run has ended with its device.
-        assert main(["run", "array18", *options]) == Exit.NODE_FAULT
+        assert main(["run", "array18", *options]) == ExitCode.NODE_FAULT
     assert "no cell gets it: cut the motors' power" in story.answer
     # A busy machine may have the page look late: the host's heartbeat goes on meanwhile.
     sent = [frame for frame in story.second.sent if frame != ALIVE]

@@ -13,7 +13,7 @@ from tests.host.page.bench import unpacked
 from websockets.sync.client import connect
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.page.bus_watch import CellState
 
 MDMS = Path(sys.executable).with_name("mdms")
@@ -33,7 +33,7 @@ def started(*arguments: str):
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=WITHIN_S)
     # On a busy machine a program may have ended with a fault.
-    assert process.returncode in (Exit.OK, Exit.NODE_FAULT), errors
+    assert process.returncode in (ExitCode.OK, ExitCode.NODE_FAULT), errors
 
 
 class Watcher:
@@ -127,5 +127,5 @@ def test_served_table_is_run_from_the_page_of_another_program(tmp_path):
     ],
 )
 def test_an_option_that_does_not_go_with_a_page_is_refused(arguments, capsys):
-    assert main([*arguments, "--page", "0"]) == Exit.USAGE
+    assert main([*arguments, "--page", "0"]) == ExitCode.USAGE
     assert "--page" in capsys.readouterr().err

@@ -4,7 +4,7 @@ from tests.host.motion.driving import traction_of
 
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.program import Member, TableProgram
 from mdms_host.programs.table import Table
@@ -18,7 +18,7 @@ from mdms_host.routes.route import TrapezoidPace
 _ROLLING_KG = 1.6
 
 
-def program_to(goal: Goal, parcel: Parcel, layout: Layout) -> TableProgram:
+def program_to(goal: GoalPose, parcel: Parcel, layout: Layout) -> TableProgram:
     loads = {parcel.name: Load(parcel.footprint, uniform_mass(parcel.footprint, _ROLLING_KG))}
     traction = traction_of(layout)
     traffic = TableTraffic(traction, TrapezoidPace(), VirtualExecutor(), loads, hangs=True)

@@ -10,7 +10,7 @@ from tests.host.programs.rolling import CYCLE_S, Rolling
 from mdms_host.estimation.belief import Belief, BeliefKind
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.parcel import Parcel
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import FieldProgram
 from mdms_sim.physics.plane.handling import lift, set_down
 
@@ -119,7 +119,7 @@ def test_a_parcel_that_does_not_get_on_is_given_up_after_five_tries_and_steered_
     assert table.program.stuck in table.program.take_notices()
     assert not table.references_m_s.any()
     set_down(table.world.scene, 0, None, None, None)
-    table.program.set_goal("box", Goal(0.0, -0.2, 0.0))
+    table.program.set_goal("box", GoalPose(0.0, -0.2, 0.0))
     assert table.program.stuck is None
     table.run_until(9.0, lambda: table.program.finished)
 
@@ -175,8 +175,8 @@ def test_an_unknown_thing_beside_a_parcel_at_its_goal_takes_nothing_from_it():
 def test_a_parcel_gets_another_goal_on_its_way_and_is_taken_there_without_slip():
     table = goals("motion.speed_m_s=0.5")
     table.run(0.8)
-    table.program.set_goal("box", Goal(-0.36, -0.2, 0.4))
-    assert table.program.controllers["box"].goal == Goal(-0.36, -0.2, 0.4)
+    table.program.set_goal("box", GoalPose(-0.36, -0.2, 0.4))
+    assert table.program.controllers["box"].goal == GoalPose(-0.36, -0.2, 0.4)
     table.run_until(9.0, lambda: table.program.finished)
     assert away_m(table.pose("box"), -0.36, -0.2) < 0.002
 
@@ -185,7 +185,7 @@ def test_the_goal_of_a_parcel_that_is_not_found_may_be_changed():
     table = goals()
     table.hidden.add("box")
     table.run(0.1)
-    table.program.set_goal("box", Goal(0.0, -0.2, 0.0))
+    table.program.set_goal("box", GoalPose(0.0, -0.2, 0.0))
     table.hidden.clear()
     table.run_until(9.0, lambda: table.program.finished)
     assert away_m(table.pose("box"), 0.0, -0.2) < 0.002
@@ -194,11 +194,11 @@ def test_the_goal_of_a_parcel_that_is_not_found_may_be_changed():
 def test_a_parcel_without_a_goal_gets_one_and_one_that_is_not_there_none():
     table = goals()
     table.run_until(9.0, lambda: table.program.finished)
-    table.program.set_goal("disc", Goal(-0.2, 0.1, None))
+    table.program.set_goal("disc", GoalPose(-0.2, 0.1, None))
     assert not table.program.finished
     table.run_until(9.0, lambda: table.program.finished)
     with pytest.raises(KeyError):
-        table.program.set_goal("crate", Goal(0.0, 0.0))
+        table.program.set_goal("crate", GoalPose(0.0, 0.0))
 
 
 class Named:
@@ -224,9 +224,9 @@ def test_a_thing_that_was_named_gets_a_goal_and_no_other_does(kind):
     table.program.references_m_s(there, CYCLE_S)
     if kind is not BeliefKind.PARCEL:
         with pytest.raises(KeyError):
-            table.program.set_goal("crate", Goal(0.0, 0.0))
+            table.program.set_goal("crate", GoalPose(0.0, 0.0))
         return
-    table.program.set_goal("crate", Goal(0.1, -0.1, 0.0))
+    table.program.set_goal("crate", GoalPose(0.1, -0.1, 0.0))
     pushed = [table.program.references_m_s(there, CYCLE_S).any() for _ in range(10)]
     assert any(pushed)
 
@@ -244,4 +244,4 @@ def test_wheels_that_slip_under_a_parcel_are_reported_once():
 
 def test_a_field_takes_no_goal():
     with pytest.raises(ValueError, match="steers no parcel"):
-        FieldProgram(np.zeros(72)).set_goal("left", Goal(0.0, 0.0))
+        FieldProgram(np.zeros(72)).set_goal("left", GoalPose(0.0, 0.0))

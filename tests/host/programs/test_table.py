@@ -3,7 +3,7 @@
 import pytest
 from tests.host.programs.hands import Stage
 
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.table import ProgramError
 
 
@@ -227,13 +227,13 @@ def test_a_parcel_that_has_left_takes_no_goal_from_a_person():
 
     stage = Stage(main, coming=["box 1"])
     stage.come("box 1")
-    stage.program.set_goal("box 1", Goal(0.1, 0.0))
+    stage.program.set_goal("box 1", GoalPose(0.1, 0.0))
     stage.run()
     stage.arrive("box 1")
     stage.run(0.3)
     stage.leave("box 1")
     stage.log.clear()
     with pytest.raises(KeyError):
-        stage.program.set_goal("box 1", Goal(-0.1, 0.0))
+        stage.program.set_goal("box 1", GoalPose(-0.1, 0.0))
     stage.come("box 1")
     assert stage.log == []

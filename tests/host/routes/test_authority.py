@@ -11,13 +11,13 @@ from tests.host.routes.parcels import LONG, task
 
 from mdms_host.layout import Layout
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.planner import Plan, Planner
+from mdms_host.routes.planner import Planner, RoutePlan
 from mdms_host.routes.reservations import REST_M, Reservations
 from mdms_host.routes.route import Visits
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
+def plan() -> RoutePlan:
     """Four parcels that all cross each other's way; one of them has to stand aside."""
     planner = Planner(Tiles(Layout(14, 9)))
     return planner.plan(
@@ -30,14 +30,14 @@ def plan() -> Plan:
     )
 
 
-def test_planned_visits_of_a_tile_do_not_overlap(plan: Plan) -> None:
+def test_planned_visits_of_a_tile_do_not_overlap(plan: RoutePlan) -> None:
     assert not plan.blocked
     for visits in plan.reservations.order.values():
         for former, later in pairwise(visits):
             assert former.parcel == later.parcel or former.leaves_s < later.enters_s
 
 
-def test_parcel_that_has_left_all_its_tiles_waits_for_nobody(plan: Plan) -> None:
+def test_parcel_that_has_left_all_its_tiles_waits_for_nobody(plan: RoutePlan) -> None:
     route = plan.routes["a"]
     left = replace(route, visits=Visits(*(column[:0] for column in route.visits)))
     assert Reservations({"a": left}).waits == {"a": ()}
@@ -45,7 +45,7 @@ def test_parcel_that_has_left_all_its_tiles_waits_for_nobody(plan: Plan) -> None
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_all_arrive_and_no_tile_has_two_however_late_anybody_is(plan: Plan, seed: int) -> None:
+def test_all_arrive_and_no_tile_has_two_however_late_anybody_is(plan: RoutePlan, seed: int) -> None:
     random = np.random.default_rng(seed)
     routes = plan.routes
     progress_m = dict.fromkeys(routes, 0.0)
@@ -67,14 +67,14 @@ def test_all_arrive_and_no_tile_has_two_however_late_anybody_is(plan: Plan, seed
     pytest.fail(f"they did not arrive: {progress_m}")
 
 
-def test_a_parcel_that_is_gone_keeps_nobody_waiting(plan: Plan) -> None:
+def test_a_parcel_that_is_gone_keeps_nobody_waiting(plan: RoutePlan) -> None:
     last = plan.order[-1]
     length_m = plan.routes[last].length_m
     assert plan.authority.limits_m(dict.fromkeys(plan.routes, 0.0))[last] < length_m
     assert plan.authority.limits_m({last: 0.0}) == {last: length_m}
 
 
-def assert_one_a_tile(plan: Plan, progress_m: dict[str, float]) -> None:
+def assert_one_a_tile(plan: RoutePlan, progress_m: dict[str, float]) -> None:
     for tile, visits in plan.reservations.order.items():
         on_it = {
             visit.parcel

@@ -1,6 +1,6 @@
 """The two ways of a gateway, without buses."""
 
-from mdms_sim.nodes.gateway import Way, check_tables
+from mdms_sim.nodes.gateway import GatewayDirection, check_tables
 
 TABLE = {0x181: 0x1FE, 0x182: 0x1FD, 0x183: 0x1FC}
 
@@ -29,7 +29,7 @@ class Bus:
 
 
 def test_listed_frame_leaves_under_its_other_identifier():
-    way, bus = Way(TABLE), Bus()
+    way, bus = GatewayDirection(TABLE), Bus()
     way.take(0x182, b"\x01\x02", 0)
     way.drain(bus.send, 0)
     assert bus.taken == [(0x1FD, b"\x01\x02")]
@@ -37,7 +37,7 @@ def test_listed_frame_leaves_under_its_other_identifier():
 
 
 def test_frame_that_is_not_listed_goes_nowhere():
-    way, bus = Way(TABLE), Bus()
+    way, bus = GatewayDirection(TABLE), Bus()
     for can_id in (0x080, 0x1FE, 0x184, 0x700):
         way.take(can_id, b"\x01", 0)
     way.drain(bus.send, 0)
@@ -46,7 +46,7 @@ def test_frame_that_is_not_listed_goes_nowhere():
 
 
 def test_frames_leave_in_the_order_in_which_they_came():
-    way, bus = Way(TABLE), Bus()
+    way, bus = GatewayDirection(TABLE), Bus()
     for can_id in (0x183, 0x181, 0x182):
         way.take(can_id, bytes([can_id & 0xFF]), 0)
     way.drain(bus.send, 0)
@@ -54,7 +54,7 @@ def test_frames_leave_in_the_order_in_which_they_came():
 
 
 def test_newer_frame_takes_the_place_of_the_one_that_waits():
-    way, bus = Way(TABLE), Bus()
+    way, bus = GatewayDirection(TABLE), Bus()
     way.take(0x181, b"old data", 0)
     way.take(0x182, b"", 1)
     way.take(0x181, b"new", 2)
@@ -64,7 +64,7 @@ def test_newer_frame_takes_the_place_of_the_one_that_waits():
 
 
 def test_full_bus_gets_the_rest_when_it_has_room():
-    way, bus = Way(TABLE), Bus(room=1)
+    way, bus = GatewayDirection(TABLE), Bus(room=1)
     way.take(0x181, b"a", 0)
     way.take(0x182, b"b", 0)
     way.drain(bus.send, 1)
@@ -75,7 +75,7 @@ def test_full_bus_gets_the_rest_when_it_has_room():
 
 
 def test_frame_that_has_waited_for_too_long_is_dropped_and_counted():
-    way, bus = Way(TABLE, limit_ms=10), Bus(room=0)
+    way, bus = GatewayDirection(TABLE, limit_ms=10), Bus(room=0)
     way.take(0x181, b"a", 0)
     way.take(0x182, b"b", 5)
     way.drain(bus.send, 10)
@@ -86,7 +86,7 @@ def test_frame_that_has_waited_for_too_long_is_dropped_and_counted():
 
 
 def test_flood_into_a_dead_bus_stays_within_the_table():
-    way, bus = Way(TABLE), Bus(room=0)
+    way, bus = GatewayDirection(TABLE), Bus(room=0)
     for number in range(1000):
         way.take(0x181 + number % 3, bytes([number & 0xFF]), number // 100)
         way.drain(bus.send, number // 100)
@@ -95,28 +95,28 @@ def test_flood_into_a_dead_bus_stays_within_the_table():
 
 
 def test_time_may_wrap_while_a_frame_waits():
-    way, bus = Way(TABLE), Bus()
+    way, bus = GatewayDirection(TABLE), Bus()
     way.take(0x181, b"a", (1 << 30) - 2)
     way.drain(bus.send, 3)
     assert bus.taken == [(0x1FE, b"a")]
 
 
 def test_garbage_of_more_bytes_than_a_frame_has_is_left_out():
-    way, bus = Way(TABLE), Bus()
+    way, bus = GatewayDirection(TABLE), Bus()
     way.take(0x181, bytes(9), 0)
     way.drain(bus.send, 0)
     assert bus.taken == []
 
 
 def test_way_without_a_table_forwards_nothing():
-    way, bus = Way({}), Bus()
+    way, bus = GatewayDirection({}), Bus()
     way.take(0x181, b"", 0)
     way.drain(bus.send, 0)
     assert bus.taken == []
 
 
 def test_two_ways_do_not_mix():
-    there, back = Way({0x181: 0x1FE}), Way({0x182: 0x1FD})
+    there, back = GatewayDirection({0x181: 0x1FE}), GatewayDirection({0x182: 0x1FD})
     bus = Bus()
     there.take(0x181, b"a", 0)
     back.drain(bus.send, 0)

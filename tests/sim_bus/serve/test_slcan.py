@@ -3,7 +3,7 @@ from hypothesis import strategies as st
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import EXTENDED, REMOTE
-from mdms_sim.serve.slcan import Slcan
+from mdms_sim.serve.slcan import VirtualAdapter
 
 FRAMES = st.builds(
     Frame,
@@ -22,7 +22,7 @@ def adapter(takes=True):
         sent.append(frame)
         return takes
 
-    return Slcan(send), sent
+    return VirtualAdapter(send), sent
 
 
 def opened():

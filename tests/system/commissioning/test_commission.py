@@ -7,7 +7,7 @@ import pytest
 from tests.virtual_array import OtherHost, SimulatedArray, virtual_time
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.network import Commissioning
@@ -71,7 +71,7 @@ def test_wheels_that_are_wired_wrongly_are_named_and_the_others_go_on(serve, tmp
         "{kind='encoder_stuck', cells=[4], axes=[1]}",
     )
     before_m = array.travels_m()
-    assert array.commission("--nudge") == Exit.NODE_FAULT
+    assert array.commission("--nudge") == ExitCode.NODE_FAULT
     healthy = [0, 1, 2, 5, 7]
     assert abs(array.travels_m() - before_m)[healthy].max() < 0.02
     message = capsys.readouterr().err
@@ -84,7 +84,7 @@ def test_wheels_that_are_wired_wrongly_are_named_and_the_others_go_on(serve, tmp
 
 def test_a_cell_that_lost_the_fight_for_its_node_id_gets_its_own(serve, tmp_path, capsys):
     array = serve((1, 2, 2, 4))
-    assert array.commission("--nudge") == Exit.OK
+    assert array.commission("--nudge") == ExitCode.OK
     assert " has node id 2, as another cell has; it gets its own" in capsys.readouterr().err
     file = read_array(tmp_path / "a.toml")
     assert [(cell.serial, cell.node_id) for cell in file.cells] == [(1, 1), (2, 2), (3, 3), (4, 4)]
@@ -102,7 +102,7 @@ def test_wheel_that_pushes_the_wrong_way_is_set_right_and_stays_so(
     terminal.isatty = lambda: True
     monkeypatch.setattr("sys.stdin", terminal)
     out = tmp_path / "asked.toml"
-    assert main(["commission", *GRID, "--out", str(out), "-i", "virtual"]) == Exit.OK
+    assert main(["commission", *GRID, "--out", str(out), "-i", "virtual"]) == ExitCode.OK
     said = capsys.readouterr().err
     assert said.count("did the top of each wheel move") == 6
     assert "'7' names other nodes than 1-2" in said
@@ -116,7 +116,7 @@ def test_wheel_that_pushes_the_wrong_way_is_set_right_and_stays_so(
         assert [bus.read(2, index) for index in (0x607E, 0x687E)] == [0x40, 0]
     before_m = array.travels_m()
     again = ["commission", "--from", str(out), "--yes", "--nudge", "-i", "virtual"]
-    assert main(again) == Exit.OK
+    assert main(again) == ExitCode.OK
     assert (array.travels_m() - before_m)[2] < -0.0005
     assert (array.travels_m() - before_m)[3] > 0.0005
 
@@ -200,7 +200,7 @@ def test_nudge_that_another_host_stops_ends_for_all_cells(serve, stage, capsys):
     array = serve((1, 2, 3, 4), "{kind='wheel_jammed', cells=[3], axes=[1]}")
     other = OtherHost(array.time.array)
     cut = Cut(array, stage, other.stop)
-    assert array.commission("--nudge") == Exit.NODE_FAULT
+    assert array.commission("--nudge") == ExitCode.NODE_FAULT
     assert cut.fired
     message = capsys.readouterr().err
     assert "was stopped: another host has sent 'enter pre-operational'" in message
@@ -225,7 +225,7 @@ def test_a_stop_between_two_pushes_ends_the_nudge_too(serve, capsys):
             sent.append(frame)
 
     array.time.before_send = look
-    assert array.commission("--nudge") == Exit.NODE_FAULT
+    assert array.commission("--nudge") == ExitCode.NODE_FAULT
     assert "was stopped: another host" in capsys.readouterr().err
     assert sent
     assert not [frame for frame in sent if starts(frame)]
@@ -234,7 +234,7 @@ def test_a_stop_between_two_pushes_ends_the_nudge_too(serve, capsys):
 def test_cell_in_fault_is_not_nudged_and_the_message_has_the_cure(serve, capsys):
     array = serve()
     array.time.array.bank._cells[2]._axes.fail(0x2310)
-    assert array.commission("--nudge") == Exit.NODE_FAULT
+    assert array.commission("--nudge") == ExitCode.NODE_FAULT
     message = capsys.readouterr().err
     assert "00000003: node 3, axis 1 is in fault, 0x2310: over-current" in message
     assert "remove the cause, then: mdms jog --node 3 --axis 1 --reset" in message
@@ -256,4 +256,4 @@ def test_fault_of_a_command_that_was_killed_is_reset_by_the_next(serve):
         assert bus.read(3, indices.ERROR_CODE) == 0x8250
         bus.command(nmt.ENTER_PRE_OPERATIONAL)
         array.time.sleep(0.2)
-    assert array.commission("--nudge") == Exit.OK
+    assert array.commission("--nudge") == ExitCode.OK

@@ -10,7 +10,7 @@ from tests.virtual_array import SimulatedArray, StandingArray, virtual_time
 
 from mdms_cell.canopen.objects import find
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.commissioning.doctor.findings import KINDS, known_issues
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
@@ -156,7 +156,7 @@ def found(capsys):
 
 
 def test_each_fault_is_found_at_its_cell_and_nothing_else(array, capsys):
-    assert main(["doctor", "--json", *BUS]) == Exit.NODE_FAULT
+    assert main(["doctor", "--json", *BUS]) == ExitCode.NODE_FAULT
     kinds, document = found(capsys)
     assert kinds == EXPECTED
     (row,) = (each for each in document["findings"] if each["kind"] == "supply-low")
@@ -166,7 +166,7 @@ def test_each_fault_is_found_at_its_cell_and_nothing_else(array, capsys):
 
 
 def test_wheels_that_turn_show_their_faults(array, capsys):
-    assert main(["doctor", "--json", "--turn", "--node", "5-8", *BUS]) == Exit.NODE_FAULT
+    assert main(["doctor", "--json", "--turn", "--node", "5-8", *BUS]) == ExitCode.NODE_FAULT
     kinds, _ = found(capsys)
     assert {kind: kinds.get(kind) for kind in OF_WHEELS} == OF_WHEELS
 
@@ -179,7 +179,7 @@ def test_cells_and_settings_are_compared_with_a_file(array, tmp_path, capsys):
         "".join(f'[[cell]]\nserial = "{serial:08X}"\nnode = {node}\n' for serial, node in listed)
         + "settings.axis1.gain = 13.0\n"
     )
-    assert main(["doctor", "--array", str(path), *BUS]) == Exit.NODE_FAULT
+    assert main(["doctor", "--array", str(path), *BUS]) == ExitCode.NODE_FAULT
     printed = capsys.readouterr()
     assert "     node 77: 0000004D is to be node 77\n" in printed.out
     assert "     node 5: 00000005 is in no place\n" in printed.out
@@ -199,26 +199,26 @@ def test_settings_that_a_run_has_left_are_no_finding(tmp_path, capsys):
         for cell in bank._cells:
             for gain in (indices.GAIN, indices.GAIN + indices.AXIS_OFFSET):
                 cell._objects.put(gain, 0, 9_000)
-        assert main(["doctor", "--array", str(path), *BUS]) == Exit.OK
+        assert main(["doctor", "--array", str(path), *BUS]) == ExitCode.OK
         assert "18 cells: 0 serious findings" in capsys.readouterr().out
         bank._cells[4]._objects.put(indices.REVERSAL_TIME, 0, 1)
-        assert main(["doctor", "--array", str(path), *BUS]) == Exit.NODE_FAULT
+        assert main(["doctor", "--array", str(path), *BUS]) == ExitCode.NODE_FAULT
 
 
 def test_an_empty_bus_is_a_finding_and_so_is_another_host(capsys):
     nobody = StandingArray(None, 0)
     with virtual_time(nobody):
-        assert main(["doctor", "--json", *BUS]) == Exit.NODE_FAULT
+        assert main(["doctor", "--json", *BUS]) == ExitCode.NODE_FAULT
         assert found(capsys)[0] == {"silence": [()]}
         send = nobody.attach(lambda _frame, _now_s: None)
         nobody.hand = lambda: send(nmt.heartbeat(cob.HOST_NODE, nmt.OPERATIONAL))
-        assert main(["doctor", "--json", *BUS]) == Exit.NODE_FAULT
+        assert main(["doctor", "--json", *BUS]) == ExitCode.NODE_FAULT
         assert found(capsys)[0] == {"silence": [()], "other-host": [()]}
 
 
 def test_a_healthy_array_has_no_findings(capsys):
     with virtual_time(SimulatedArray(PythonBank(range(1, 19)))):
-        assert main(["doctor", *BUS]) == Exit.OK
+        assert main(["doctor", *BUS]) == ExitCode.OK
         told = capsys.readouterr()
         assert told.out == "18 cells: 0 serious findings, 0 warnings\n"
         assert "how many cells there are to be: unknown, so a cell that is gone may go" in told.err
@@ -227,9 +227,9 @@ def test_a_healthy_array_has_no_findings(capsys):
 def test_a_dead_cell_is_missing_in_the_count_and_else_a_gap(capsys):
     dead = "fault=[{kind='off', cells=[7]}]"
     with virtual_time(SimulatedArray(PythonBank(range(1, 19)), dead)):
-        assert main(["doctor", "--json", *BUS]) == Exit.OK
+        assert main(["doctor", "--json", *BUS]) == ExitCode.OK
         assert found(capsys)[0] == {"gap": [(7,)]}
-        assert main(["doctor", "--json", "--cells", "18", *BUS]) == Exit.NODE_FAULT
+        assert main(["doctor", "--json", "--cells", "18", *BUS]) == ExitCode.NODE_FAULT
         assert found(capsys)[0] == {"missing": [(7,)]}
 
 
@@ -238,7 +238,7 @@ def test_a_served_array_is_examined_over_its_bus(tmp_path, capsys):
     channel = str(tmp_path / "bus.sock")
     fault = "fault=[{kind='supply', cells=[7], supply_v=5.0}]"
     with serving(PythonBank(range(1, 19)), channel, "array18", fault):
-        assert main(["doctor", "--json", "-i", "mdms", "-c", channel]) == Exit.NODE_FAULT
+        assert main(["doctor", "--json", "-i", "mdms", "-c", channel]) == ExitCode.NODE_FAULT
     assert found(capsys)[0] == {"supply-low": [(7,)]}
 
 

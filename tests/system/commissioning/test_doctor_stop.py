@@ -13,7 +13,7 @@ from tests.virtual_array import SimulatedArray, virtual_time
 from mdms_host.cli import main
 from mdms_host.cli.commission import doctor
 from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_model.scenario.fault import Fault
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt
@@ -126,7 +126,7 @@ def found(capsys):
 
 
 def test_a_good_stop_is_pressed_and_released_and_nothing_is_found(table, capsys):
-    assert main(STOP) == Exit.OK
+    assert main(STOP) == ExitCode.OK
     printed = capsys.readouterr()
     assert printed.out.startswith("6 cells: the last lost its supply 0.")
     assert printed.out.endswith("s after the first, and all stayed off after the release\n")
@@ -138,7 +138,7 @@ def test_a_good_stop_is_pressed_and_released_and_nothing_is_found(table, capsys)
 
 def test_a_relay_that_is_welded_is_named_and_the_release_is_not_asked_for(table, capsys):
     table.stopped = {0.0: tuple(cell for cell in CELLS if cell != 5)}
-    assert main([*STOP, "--json"]) == Exit.FAILURE
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
     rows, document = found(capsys)
     assert rows == [("stop-welded", (5,), "24.0 V, though the supply of other cells has fallen")]
     assert sorted(map(int, document["fell_s"])) == [cell for cell in CELLS if cell != 5]
@@ -147,13 +147,13 @@ def test_a_relay_that_is_welded_is_named_and_the_release_is_not_asked_for(table,
 
 def test_a_relay_that_opens_too_late_is_as_bad_as_one_that_is_welded(table, capsys):
     table.stopped = {0.0: tuple(CELLS)[:-1], 0.8: (6,)}
-    assert main([*STOP, "--json"]) == Exit.FAILURE
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
     assert [row[:2] for row in found(capsys)[0]] == [("stop-welded", (6,))]
 
 
 def test_a_stop_that_no_cell_feels_is_welded_for_all(table, capsys):
     table.stopped = {}
-    assert main([*STOP, "--json"]) == Exit.FAILURE
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
     assert found(capsys)[0] == [
         ("stop-welded", tuple(CELLS), "no cell has lost its supply; they measure 24.0 V")
     ]
@@ -175,7 +175,7 @@ def category_1(table, tmp_path):
 
 
 def test_a_stop_of_category_1_pulls_all_bridges_low_and_cuts_their_supply(category_1, capsys):
-    assert main([*category_1, "--json"]) == Exit.OK
+    assert main([*category_1, "--json"]) == ExitCode.OK
     rows, document = found(capsys)
     assert not rows
     assert document["form"] == "category_1"
@@ -183,7 +183,7 @@ def test_a_stop_of_category_1_pulls_all_bridges_low_and_cuts_their_supply(catego
 
 def test_a_time_relay_that_is_welded_is_found(table, category_1, capsys):
     table.delayed = False
-    assert main([*category_1, "--json"]) == Exit.FAILURE
+    assert main([*category_1, "--json"]) == ExitCode.FAILURE
     wanted = ("stop-delay", tuple(CELLS), "6.5 V 1.6 s after the stop was pressed")
     assert found(capsys)[0] == [wanted]
 
@@ -192,20 +192,20 @@ def test_a_cell_whose_bridges_are_not_pulled_low_is_named(table, category_1, cap
     """It loses its supply with the others, a second too late."""
     table.stopped = {0.0: tuple(CELLS)[1:]}
     table.on_press = lambda: table.after(1.0, lambda: table._cut((1,), 0.0))
-    assert main([*category_1, "--json"]) == Exit.FAILURE
+    assert main([*category_1, "--json"]) == ExitCode.FAILURE
     text = "its supply fell 1.0 s after the first cell's; 0.5 s are allowed"
     assert found(capsys)[0] == [("stop-welded", (1,), text)]
 
 
 def test_no_press_is_a_time_limit(table, capsys, monkeypatch):
     monkeypatch.setattr(doctor, "AtTerminal", Nobody)
-    assert main([*STOP, "--limit", "5"]) == Exit.TIME_LIMIT
+    assert main([*STOP, "--limit", "5"]) == ExitCode.TIME_LIMIT
     assert "mdms: nobody has pressed the emergency stop for 5 s\n" in capsys.readouterr().err
 
 
 def test_no_release_is_a_time_limit_too(table, capsys):
     table.release = lambda: None
-    assert main([*STOP, "--limit", "5"]) == Exit.TIME_LIMIT
+    assert main([*STOP, "--limit", "5"]) == ExitCode.TIME_LIMIT
     assert "mdms: nobody has released the emergency stop for 5 s\n" in capsys.readouterr().err
 
 
@@ -217,14 +217,14 @@ def test_a_cell_whose_relay_does_not_close_again_is_named(table, capsys):
         table._cut((4,), 0.0)
 
     table.release = release
-    assert main([*STOP, "--json"]) == Exit.FAILURE
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
     rows, _ = found(capsys)
     assert rows == [("stop-stays", (4,), "0.0 V 2 s after other cells had theirs back")]
 
 
 def test_a_stop_that_is_pressed_again_while_wheels_are_watched_proves_nothing(table, capsys):
     table.on_release = lambda: table.after(1.0, lambda: table._cut((2,), 0.0))
-    assert main(STOP) == Exit.FAILURE
+    assert main(STOP) == ExitCode.FAILURE
     assert "mdms: node 2 has lost its supply again; release" in capsys.readouterr().err
 
 
@@ -250,7 +250,7 @@ class OtherHost:
 
 def test_a_wheel_that_is_driven_after_the_release_is_named(table, capsys):
     table.on_release = OtherHost(table, (100_000, 0)).drive
-    assert main([*STOP, "--json"]) == Exit.FAILURE
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
     rows, _ = found(capsys)
     assert rows == [("stop-restarts", (6,), "axis 1 is in 'operation enabled'")]
 
@@ -263,7 +263,7 @@ def test_a_wheel_that_turns_though_its_cell_says_it_is_off_is_named(table, capsy
         table.after(0.1, turn)
 
     table.on_release = turn
-    assert main([*STOP, "--json"]) == Exit.FAILURE
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
     rows, _ = found(capsys)
     assert [row[:2] for row in rows] == [("stop-restarts", (2,))]
     assert rows[0][2].startswith("axis 1 has moved by ")
@@ -274,20 +274,20 @@ def test_a_cell_that_loses_its_controllers_supply_is_named(table, capsys):
         table._faults.append(table.simulation.faults.begin(Fault("off", cells=(5,))))
 
     table.on_press = lose
-    assert main([*STOP, "--json"]) == Exit.FAILURE
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
     assert [row[:2] for row in found(capsys)[0]] == [("stop-silent", (5,))]
 
 
 def test_a_cell_in_a_fault_of_its_own_is_no_candidate(table, capsys):
     table.bank._cells[2]._axes.fail(0x2310)
-    assert main(STOP) == Exit.NODE_FAULT
+    assert main(STOP) == ExitCode.NODE_FAULT
     assert "mdms: node 3, axis 1 is in fault, 0x2310: " in capsys.readouterr().err
     assert not table.asked
 
 
 def test_a_stop_that_is_pressed_already_is_to_be_released_first(table, capsys):
     table._cut((3, 4), 0.0)
-    assert main(STOP) == Exit.FAILURE
+    assert main(STOP) == ExitCode.FAILURE
     assert "mdms: node 3 measures 0.0 V already, 10.0 V are needed; release" in (
         capsys.readouterr().err
     )
@@ -298,7 +298,7 @@ def test_without_a_terminal_nobody_can_be_asked():
     ran = subprocess.run(
         [MDMS, *STOP], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
     )
-    assert ran.returncode == Exit.USAGE
+    assert ran.returncode == ExitCode.USAGE
     assert ran.stderr == (
         "mdms: mdms doctor --stop needs a person at a terminal, who presses the emergency stop\n"
     )

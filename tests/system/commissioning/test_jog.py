@@ -15,7 +15,7 @@ from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.commission.jog import KEY_S, ByKeys
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.jog import SPEED_MAX_M_S, Jog
 from mdms_host.commissioning.network import Commissioning
@@ -213,7 +213,7 @@ def test_no_wheel_is_turned_while_an_emergency_stop_is_pressed(pressed, capsys):
     fault = without_supply(0.0) if pressed else without_supply(0.0, [CELL + 1])
     with virtual_time(SimulatedArray(bank, fault)) as time:
         time.sleep(0.5)
-        assert main(JOG) == (Exit.NODE_FAULT if pressed else Exit.OK)
+        assert main(JOG) == (ExitCode.NODE_FAULT if pressed else ExitCode.OK)
         told = capsys.readouterr().err
         assert ("an emergency stop: 0x3220" in told) == pressed
         assert ("at node 1-4, 6-18" in told) == pressed
@@ -265,21 +265,21 @@ JOG = ["jog", "--node", str(CELL), "--axis", "1", "-0.05", "--seconds", "0.2", "
 
 def test_verbs_blink_and_turn_the_cells_that_they_name(array, capsys):
     blink = ["identify", "--node", "3", "7-8", "--seconds", "30", "-i", "virtual"]
-    assert main(blink) == Exit.OK
+    assert main(blink) == ExitCode.OK
     assert capsys.readouterr().out == "node 3, 7-8: both LEDs blink together for 30 s\n"
     assert array.array.simulation.blinking == [3, 7, 8]
     by_the_book = ["--node", "5", "--axis", "1", "0.05", "--seconds", "1"]
-    assert main(["jog", *by_the_book, "-i", "virtual"]) == Exit.OK
+    assert main(["jog", *by_the_book, "-i", "virtual"]) == ExitCode.OK
     assert capsys.readouterr().out.startswith("node 5, axis 1: 4")
-    assert main(JOG) == Exit.OK
+    assert main(JOG) == ExitCode.OK
     assert capsys.readouterr().out.startswith("node 5, axis 1: -8.")
-    assert main([*JOG, "--json"]) == Exit.OK
+    assert main([*JOG, "--json"]) == ExitCode.OK
     assert json.loads(capsys.readouterr().out)["distance_m"] == pytest.approx(-0.009, abs=0.002)
-    assert main(["jog", "--node", "5", "--axis", "1", "--keys", "-i", "virtual"]) == Exit.USAGE
-    assert main(["identify", "--node", "44", "-i", "virtual"]) == Exit.NO_DEVICE
+    assert main(["jog", "--node", "5", "--axis", "1", "--keys", "-i", "virtual"]) == ExitCode.USAGE
+    assert main(["identify", "--node", "44", "-i", "virtual"]) == ExitCode.NO_DEVICE
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdms_host.commissioning.network.Commissioning.other_host", True)
-        assert main(JOG) == Exit.NODE_FAULT
+        assert main(JOG) == ExitCode.NODE_FAULT
     assert "another host" in capsys.readouterr().err
 
 
@@ -287,13 +287,13 @@ def test_axis_in_fault_is_turned_only_once_the_fault_is_to_be_reset(array, capsy
     array.array.bank._cells[CELL - 1]._axes.fail(0x2310)
     sent = []
     array.before_send = sent.append
-    assert main(JOG) == Exit.NODE_FAULT
+    assert main(JOG) == ExitCode.NODE_FAULT
     assert capsys.readouterr().err == (
         "mdms: node 5, axis 1 is in fault, 0x2310: over-current, or the bridge has shut off; "
         "remove the cause, then: mdms jog --node 5 --axis 1 --reset\n"
     )
     assert not [frame for frame in sent if frame.can_id == cob.NMT]
-    assert main([*JOG, "--reset"]) == Exit.OK
+    assert main([*JOG, "--reset"]) == ExitCode.OK
 
 
 def test_motor_that_runs_away_does_so_slowly_and_ends_the_jog_with_its_reason(capsys):
@@ -302,7 +302,7 @@ def test_motor_that_runs_away_does_so_slowly_and_ends_the_jog_with_its_reason(ca
         speeds_m_s = time.array.simulation.world.scene.state.wheels["speed_m_s"]
         fastest_m_s = []
         time.before_send = lambda _frame: fastest_m_s.append(np.abs(speeds_m_s).max())
-        assert main(JOG) == Exit.NODE_FAULT
+        assert main(JOG) == ExitCode.NODE_FAULT
         assert "0x7302" in capsys.readouterr().err
         # 2.4 V; at 24 V it is faster within the same 80 ms.
         assert 0.3 < max(fastest_m_s) < 0.8
@@ -313,7 +313,7 @@ def test_motor_that_runs_away_does_so_slowly_and_ends_the_jog_with_its_reason(ca
 def test_a_wheel_that_stands_is_said_to_and_is_no_success(capsys):
     fault = f"fault=[{{kind='wheel_jammed', cells=[{CELL}], axes=[1]}}]"
     with virtual_time(SimulatedArray(PythonBank(range(1, 19)), fault)):
-        assert main(JOG) == Exit.NODE_FAULT
+        assert main(JOG) == ExitCode.NODE_FAULT
         told = capsys.readouterr()
         assert told.out.startswith("node 5, axis 1: 0.0 mm") or "-0.0 mm" in told.out
         assert "axis 1: the encoder does not move; is the wheel free" in told.err
@@ -328,7 +328,7 @@ def test_cell_without_a_trial_limit_is_not_turned(array, capsys):
     objects.tie(indices.TRIAL_VOLTAGE_LIMIT, 0, write=refuse)
     sent = []
     array.before_send = sent.append
-    assert main(JOG) == Exit.NODE_FAULT
+    assert main(JOG) == ExitCode.NODE_FAULT
     assert "its voltage cannot be limited" in capsys.readouterr().err
     assert not [frame for frame in sent if frame.can_id == pdo.TARGET_VELOCITY.can_id(CELL)]
 
@@ -339,7 +339,7 @@ def test_fault_on_the_way_ends_the_jog_with_its_reason(array, capsys):
             array.array.bank._cells[CELL - 1].fail(0x2310)
 
     array.before_send = fail
-    assert main([*JOG, "--reset"]) == Exit.NODE_FAULT
+    assert main([*JOG, "--reset"]) == ExitCode.NODE_FAULT
     message = capsys.readouterr().err
     assert "went off: axis 1 fault" in message
     assert "0x2310" in message

@@ -20,7 +20,7 @@ from tests.system.flashing.small_firmware import (
 from tests.system.flashing.unix_board import boards_in
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing import board_link
 from mdms_host.flashing.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
@@ -149,7 +149,7 @@ def shares(monkeypatch):
 def test_command_flashes_the_real_firmware_onto_boards_at_once(plug_in, copies, shares, capsys):
     boards = [plug_in({**OLD.files, **STALE, **KEPT}), plug_in({})]
     ports = [board.port for board in boards]
-    assert main(["flash", "--board", "pybv11", "--port", *ports]) == Exit.OK
+    assert main(["flash", "--board", "pybv11", "--port", *ports]) == ExitCode.OK
     told = capsys.readouterr().out
     assert f"old -> {VERSION}" in told
     assert f"no firmware -> {VERSION}" in told
@@ -161,7 +161,7 @@ def test_command_flashes_the_real_firmware_onto_boards_at_once(plug_in, copies, 
         assert share[-1] == 1.0
     for board in boards:
         assert firmware_on(board) == copies.files
-    assert main(["flash", "--board", "pybv11", "--json", "--port", *ports]) == Exit.OK
+    assert main(["flash", "--board", "pybv11", "--json", "--port", *ports]) == ExitCode.OK
     rows = json.loads(capsys.readouterr().out)["boards"]
     assert [(row["firmware"], row["written"]) for row in rows] == [(VERSION, [])] * 2
 
@@ -169,14 +169,14 @@ def test_command_flashes_the_real_firmware_onto_boards_at_once(plug_in, copies, 
 def test_flashed_modules_are_those_that_a_board_imports(plug_in, copies, capsys):
     sources = {"mdms_cell/cell.py": b"raise OSError\n", "mdms_cell/__init__.py": b""}
     board = plug_in(sources)
-    assert main(["flash", "--board", "pybv11", "--port", board.port]) == Exit.OK
+    assert main(["flash", "--board", "pybv11", "--port", board.port]) == ExitCode.OK
     assert imported_from(board, "mdms_cell.cell") == "mdms_cell/cell.mpy"
 
 
 def test_dry_run_writes_nothing_and_the_cell_runs_again(plug_in, capsys):
     board = plug_in(OLD.files)
     board.wait_for("motors", "on old")
-    assert main(["flash", "--board", "pybv11", "--dry-run", "--port", board.port]) == Exit.OK
+    assert main(["flash", "--board", "pybv11", "--dry-run", "--port", board.port]) == ExitCode.OK
     assert "would write" in capsys.readouterr().out
     board.wait_for("motors", "on old")
     assert {path: files_of(board)[path] for path in OLD.files} == OLD.files
@@ -184,7 +184,7 @@ def test_dry_run_writes_nothing_and_the_cell_runs_again(plug_in, capsys):
 
 def test_list_shows_the_boards_that_are_there(plug_in, capsys):
     board = plug_in(OLD.files)
-    assert main(["flash", "--list", "--json", "--port", board.port]) == Exit.OK
+    assert main(["flash", "--list", "--json", "--port", board.port]) == ExitCode.OK
     (row,) = json.loads(capsys.readouterr().out)["boards"]
     assert row["port"] == board.port
     assert row["chip"] == bytes(range(12)).hex()
@@ -197,7 +197,7 @@ def test_list_shows_the_boards_that_are_there(plug_in, capsys):
 def test_list_for_people_has_the_serial_number_of_the_bus_and_compares_versions(plug_in, capsys):
     later = {**OLD.files, "mdms_protocol/version.py": b"VERSION = '99.0.0'\n"}
     ports = [plug_in(files).port for files in (OLD.files, later, {})]
-    assert main(["flash", "--list", "--port", *ports]) == Exit.OK
+    assert main(["flash", "--list", "--port", *ports]) == ExitCode.OK
     printed = capsys.readouterr().out
     assert printed.count(f"{crc32(bytes(range(12))):08X}") == 3
     assert f"old (other than {VERSION} here)" in printed
@@ -207,7 +207,10 @@ def test_list_for_people_has_the_serial_number_of_the_bus_and_compares_versions(
 
 def test_one_board_that_fails_is_named_and_the_others_are_flashed(plug_in, gone_for_good, capsys):
     board = plug_in({})
-    assert main(["flash", "--board", "pybv11", "--port", board.port, "/dev/none"]) == Exit.NO_DEVICE
+    assert (
+        main(["flash", "--board", "pybv11", "--port", board.port, "/dev/none"])
+        == ExitCode.NO_DEVICE
+    )
     told = capsys.readouterr()
     assert "written and verified" in told.out
     assert "mdms: /dev/none: cannot be opened" in told.err
@@ -226,7 +229,7 @@ def test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start(
     monkeypatch.setattr("mdms_host.flashing.firmware.compiled_firmware", lambda _machine: NEW)
     board = plug_in({**OLD.files, **KEPT})
     board.wait_for("motors", "on old")
-    assert main(["flash", "--board", "pybv11", "--port", board.port]) == Exit.FAILURE
+    assert main(["flash", "--board", "pybv11", "--port", board.port]) == ExitCode.FAILURE
     printed = capsys.readouterr()
     assert "boards/table.bin did not arrive whole; flash it again" in printed.err
     assert "verified" not in printed.out
@@ -237,6 +240,6 @@ def test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start(
 
 def test_unknown_board_is_left_as_it_is(plug_in, capsys):
     board = plug_in(OLD.files)
-    assert main(["flash", "--port", board.port]) == Exit.FAILURE
+    assert main(["flash", "--port", board.port]) == ExitCode.FAILURE
     assert "--board names a board like it" in capsys.readouterr().err
     board.wait_for("motors", "on old")

@@ -18,7 +18,7 @@ from tests.system.flashing.small_firmware import (
 from tests.system.flashing.unix_board import ROM_SIZE, boards_in
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing import board_survey
 from mdms_host.flashing.board_link import BoardLink
@@ -44,13 +44,13 @@ def command(board, *more):
 
 def test_real_firmware_goes_into_the_romfs_and_runs_from_it(plug_in, copies, capsys):
     board = plug_in({**OLD.files, **STALE, **KEPT}, rom=b"")
-    assert command(board) == Exit.OK
+    assert command(board) == ExitCode.OK
     assert "1 file and a ROMFS image" in capsys.readouterr().out
     wanted = copies.in_rom()
     assert board.rom.startswith(wanted.rom)
     assert firmware_on(board) == {START: copies.files[START]}
     assert imported_from(board, "mdms_cell.cell") == "/rom/mdms_cell/cell.mpy"
-    assert command(board) == Exit.OK
+    assert command(board) == ExitCode.OK
     assert f"has {VERSION} already" in capsys.readouterr().out
 
 
@@ -97,14 +97,14 @@ def test_image_that_was_cut_while_it_was_written_is_written_anew(plug_in, copies
     wanted = copies.in_rom().rom
     # Erased flash is all ones.
     board = plug_in({}, rom=wanted[: wanted.index(cut) + 3])
-    assert command(board) == Exit.OK
+    assert command(board) == ExitCode.OK
     assert board.rom.startswith(wanted)
 
 
 def test_romfs_with_anything_else_in_it_is_left_alone(plug_in, copies):
     rom = rom_image({"app.py": b"", "mdms_cell/__init__.py": b""})
     board = plug_in({}, rom=rom)
-    assert command(board) == Exit.OK
+    assert command(board) == ExitCode.OK
     assert board.rom.startswith(rom)
     assert firmware_on(board) == copies.files
 
@@ -136,11 +136,11 @@ def test_a_module_in_the_file_system_does_not_pass_for_frozen(plug_in):
 def test_board_with_the_same_firmware_frozen_in_gets_main_alone(plug_in, freeze, capsys):
     freeze(VERSION)
     board = plug_in({**OLD.files, **STALE, **KEPT}, heap_bytes=SMALL_HEAP)
-    assert command(board) == Exit.OK
+    assert command(board) == ExitCode.OK
     assert "1 file," in capsys.readouterr().out
     assert firmware_on(board).keys() == {START}
     assert files_of(board)["settings0.bin"] == KEPT["settings0.bin"]
-    assert command(board, "--json") == Exit.OK
+    assert command(board, "--json") == ExitCode.OK
     (row,) = json.loads(capsys.readouterr().out)["boards"]
     assert (row["frozen"], row["written"]) == (VERSION, [])
 
@@ -148,7 +148,7 @@ def test_board_with_the_same_firmware_frozen_in_gets_main_alone(plug_in, freeze,
 def test_board_with_other_firmware_frozen_in_is_left_as_it_is(plug_in, freeze, capsys):
     freeze(OTHER)
     board = plug_in(OLD.files)
-    assert command(board) == Exit.NODE_FAULT
+    assert command(board) == ExitCode.NODE_FAULT
     told = capsys.readouterr().err
     assert f"firmware {OTHER} is frozen into its MicroPython, and this mdms has {VERSION}" in told
     assert "firmware/FREEZING.md" in told
@@ -162,7 +162,7 @@ def test_board_with_other_firmware_frozen_in_is_left_as_it_is(plug_in, freeze, c
 def test_copies_are_refused_where_they_do_not_fit_into_the_heap(plug_in, capsys):
     board = plug_in(OLD.files, heap_bytes=SMALL_HEAP)
     board.wait_for("motors", "on old")
-    assert command(board) == Exit.FAILURE
+    assert command(board) == ExitCode.FAILURE
     told = capsys.readouterr().err
     assert f"copied firmware takes {COPIES_HEAP // 1024} KB" in told
     assert "freeze the firmware into its MicroPython (firmware/FREEZING.md)" in told
@@ -175,5 +175,5 @@ def test_romfs_takes_modules_that_the_heap_does_not(plug_in, copies):
     board = plug_in({}, rom=b"", heap_bytes=SMALL_HEAP + ROM_SIZE)
     with BoardLink(board.port, MonotonicClock()) as link:
         assert identify(link).heap < COPIES_HEAP
-    assert command(board) == Exit.OK
+    assert command(board) == ExitCode.OK
     assert board.rom.startswith(copies.in_rom().rom)

@@ -18,7 +18,7 @@ from tests.micropython_builds import ROOT, skipping_without_micropython, stage, 
 from tests.system.links.serving import serving
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_sim.nodes.python_bank import PythonBank
 
 RECORD = struct.Struct("<HBB8s")
@@ -140,7 +140,7 @@ def test_cells_are_reached_over_a_board_instead_of_a_bought_adapter(tmp_path, ca
         at_once = ("--bus-kwargs", "sleep_after_open=0")
         show = ("configure", "show", "axis1.gain", "--node", "1-18")
         # On a busy machine answers of some cells are late.
-        assert any(main([*show, *door, *at_once]) == Exit.OK for _ in range(CHANCES))
+        assert any(main([*show, *door, *at_once]) == ExitCode.OK for _ in range(CHANCES))
         assert "node 1-18" in capsys.readouterr().out
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import mdms_array as mdms
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.coordination.run_state import Phase
 from mdms_model.run.record import Record
@@ -51,8 +51,8 @@ class Row:
     what: str
     fault: str
     until_s: float = 4.0
-    ends: Exit = Exit.OK
-    otherwise: tuple[Exit, ...] = ()
+    ends: ExitCode = ExitCode.OK
+    otherwise: tuple[ExitCode, ...] = ()
     pauses: tuple[int, ...] = (0,)
     lost: tuple[int, ...] = ()
     stands_s: float = np.inf
@@ -63,12 +63,12 @@ class Row:
 
 
 ROWS = (
-    Row("host killed", "kind='host'", 2.2, ends=Exit.TIME_LIMIT, stands_s=0.6),
+    Row("host killed", "kind='host'", 2.2, ends=ExitCode.TIME_LIMIT, stands_s=0.6),
     Row(
         "host cut off for 0.4 s",
         "kind='host', duration_s=0.4",
         5.0,
-        otherwise=(Exit.TIME_LIMIT,),
+        otherwise=(ExitCode.TIME_LIMIT,),
         pauses=(1,),
     ),
     Row(
@@ -83,7 +83,7 @@ ROWS = (
         "two cells killed side by side",
         "kind='off', cells=[6, 7]",
         3.6,
-        ends=Exit.TIME_LIMIT,
+        ends=ExitCode.TIME_LIMIT,
         lost=(6, 7),
         stands_s=0.9,
         more=(GO_ON,),
@@ -104,35 +104,35 @@ ROWS = (
         "sensor stuck",
         "kind='sensor_stuck', cells=[6], covered=false",
         5.0,
-        otherwise=(Exit.TIME_LIMIT,),
+        otherwise=(ExitCode.TIME_LIMIT,),
     ),
     Row(
         "wheel jammed",
         "kind='wheel_jammed', cells=[6], axes=[1]",
         11.0,
-        ends=Exit.TIME_LIMIT,
-        otherwise=(Exit.OK,),
+        ends=ExitCode.TIME_LIMIT,
+        otherwise=(ExitCode.OK,),
         stands_s=9.0,
     ),
     Row(
         "motor reversed",
         "kind='motor_reversed', cells=[6], axes=[1]",
         4.0,
-        ends=Exit.NODE_FAULT,
-        otherwise=(Exit.OK,),
+        ends=ExitCode.NODE_FAULT,
+        otherwise=(ExitCode.OK,),
         stands_s=2.2,
         always=True,
     ),
     Row(
         "parcel pushed",
         "kind='push', parcel='box', impulse_n_s=[0.0, 0.5]",
-        otherwise=(Exit.TIME_LIMIT,),
+        otherwise=(ExitCode.TIME_LIMIT,),
     ),
     Row(
         "parcel lifted away",
         "kind='lift', parcel='box'",
         3.0,
-        ends=Exit.FAILURE,
+        ends=ExitCode.FAILURE,
         stands_s=1.2,
         always=True,
     ),
@@ -145,7 +145,7 @@ ROWS = (
         "unknown parcel in the way",
         "",
         4.0,
-        ends=Exit.TIME_LIMIT,
+        ends=ExitCode.TIME_LIMIT,
         stands_s=2.3,
         more=CRATE,
         always=True,
@@ -159,7 +159,7 @@ class Ended:
     """A run of a row: its end, its reports, and the forbidden motion."""
 
     run: mdms.Run
-    ends: Exit
+    ends: ExitCode
     texts: str
     #: The fastest wheel while all are to stand, and of cells that no parcel lies on [m/s].
     moved_m_s: float

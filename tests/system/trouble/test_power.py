@@ -6,7 +6,7 @@ from tests.micropython_builds import skipping_without_micropython
 
 import mdms_array as mdms
 from mdms_array.host import coordinator_of
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
@@ -106,7 +106,7 @@ def run_of(control: str, fault: str, *more: str, until_s: float = 2.0) -> mdms.R
     run = mdms.simulate(scenario)
     tips = any(event.kind == "tip" for event in run.events)
     assert run.status == ("lost" if tips else "fault")
-    assert verdict(run) is (Exit.FAILURE if tips else Exit.NODE_FAULT)
+    assert verdict(run) is (ExitCode.FAILURE if tips else ExitCode.NODE_FAULT)
     return run
 
 

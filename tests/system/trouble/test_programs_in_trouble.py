@@ -8,7 +8,7 @@ import pytest
 from tests.system.trouble.documented import messages
 
 import mdms_array as mdms
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_host.programs.program import Main
 from mdms_host.programs.script import until
@@ -48,7 +48,7 @@ class Row:
     what: str
     fault: str
     until_s: float = 3.4
-    ends: Exit = Exit.OK
+    ends: ExitCode = ExitCode.OK
     pauses: int = 0
     lost: tuple[int, ...] = ()
     says: str = ""
@@ -56,7 +56,7 @@ class Row:
 
 
 ROWS = (
-    Row("host killed", "kind='host'", 1.8, ends=Exit.TIME_LIMIT),
+    Row("host killed", "kind='host'", 1.8, ends=ExitCode.TIME_LIMIT),
     Row("host cut off for 0.4 s", "kind='host', duration_s=0.4", pauses=1),
     Row("cell killed", "kind='off', cells=[6]", lost=(6,), more=(GO_ON,)),
     Row("cell rebooted", "kind='off', cells=[6], duration_s=0.05", pauses=1),
@@ -67,13 +67,13 @@ ROWS = (
     Row("encoder stuck", "kind='encoder_stuck', cells=[6], axes=[1]"),
     Row("sensor stuck", "kind='sensor_stuck', cells=[6], covered=false"),
     Row("wheel jammed", "kind='wheel_jammed', cells=[6], axes=[1]"),
-    Row("motor reversed", "kind='motor_reversed', cells=[6], axes=[1]", ends=Exit.NODE_FAULT),
+    Row("motor reversed", "kind='motor_reversed', cells=[6], axes=[1]", ends=ExitCode.NODE_FAULT),
     Row("parcel pushed", "kind='push', parcel='box', impulse_n_s=[0.0, 0.4]"),
     Row(
         "parcel lifted away",
         "kind='lift', parcel='box'",
         8.2,
-        ends=Exit.FAILURE,
+        ends=ExitCode.FAILURE,
         says="the program was broken off: box is lost: no sensor has shown it for 6 s",
     ),
     Row(
@@ -84,7 +84,7 @@ ROWS = (
         "unknown parcel in the way",
         "",
         2.4,
-        ends=Exit.TIME_LIMIT,
+        ends=ExitCode.TIME_LIMIT,
         says="blocked by 'unknown-1' at its place",
         more=CRATE,
     ),
@@ -123,13 +123,21 @@ async def wants_the_impossible(table: Table) -> None:
 @pytest.mark.parametrize(
     ("main", "ends", "says"),
     [
-        (fails_on_the_way, Exit.FAILURE, "IndexError: tuple index out of range, in fails_on_the_w"),
-        (waits_for_ever, Exit.TIME_LIMIT, "not come to its end: it waits in waits_for_ever (test"),
-        (wants_the_impossible, Exit.TIME_LIMIT, "would hang over the edge or tip"),
+        (
+            fails_on_the_way,
+            ExitCode.FAILURE,
+            "IndexError: tuple index out of range, in fails_on_the_w",
+        ),
+        (
+            waits_for_ever,
+            ExitCode.TIME_LIMIT,
+            "not come to its end: it waits in waits_for_ever (test",
+        ),
+        (wants_the_impossible, ExitCode.TIME_LIMIT, "would hang over the edge or tip"),
     ],
 )
 def test_a_program_that_cannot_go_on_ends_with_a_message_and_all_at_rest(
-    main: Main, ends: Exit, says: str, capsys: pytest.CaptureFixture[str]
+    main: Main, ends: ExitCode, says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = mdms.simulate(load_scenario("array18", TABLE), program=main, limit_s=2.0)
     assert verdict(run) is ends
@@ -148,7 +156,7 @@ def test_a_program_without_its_parcel_says_soon_that_it_waits_for_it(
     said_s = [each.time_s for each in run.incidents if "crate has not been found" in each.text]
     assert len(said_s) == 1
     assert said_s[0] < 3.0
-    assert verdict(run) is Exit.TIME_LIMIT
+    assert verdict(run) is ExitCode.TIME_LIMIT
     says = "it has not begun, for crate cannot be found on the table"
     assert says in capsys.readouterr().err
 
@@ -157,7 +165,7 @@ def moved_without_command_m_s(run: mdms.Run, row: Row) -> float:
     """The greatest speed of the parcel while all wheels are to stand, or nobody commands any."""
     record = run.record
     commanded = (record.reference_m_s != 0.0).any(axis=1)
-    if row.ends is not Exit.OK and row.fault:
+    if row.ends is not ExitCode.OK and row.fault:
         # The last command counts for 50 ms.
         commanded &= record.time_s < ended_s(record)
     last_s = np.maximum.accumulate(np.where(commanded, record.time_s, 0.0))

@@ -19,7 +19,7 @@ from mdms_host.can_link.link import AnyLink, LinkError, drive, open_bus
 from mdms_host.can_link.links import OnEachBus
 from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
 from mdms_host.cli.console import dots, show
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
@@ -35,7 +35,7 @@ from mdms_host.commissioning.status import (
 from mdms_host.commissioning.stop import CUT, StopReport, not_off_text, stop_all
 from mdms_host.commissioning.table_cells import (
     Heard,
-    Missing,
+    MissingCells,
     TableBus,
     TableBuses,
     missing_cells,
@@ -48,7 +48,7 @@ ASK_S = 0.5
 REDRAW_S = 0.2
 
 
-def scan(arguments: Namespace) -> Exit:
+def scan(arguments: Namespace) -> ExitCode:
     """Read the identity of every node, and print them."""
     table, clock = named_table(arguments), MonotonicClock()
     nodes = {bus.name: scan_bus(open_bus(bus.options), clock) for bus in table.buses}
@@ -67,11 +67,11 @@ def scan(arguments: Namespace) -> Exit:
     elif count:
         show(scan_table(nodes))
     if not count:
-        raise CommandError(NO_NODES, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     crowded = max(sum(node.is_cell for node in some) for some in nodes.values())
     warn_of_load(crowded, wire_of(table.options))
     refuse_missing(table.is_split, missing)
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _heard(table: TableBuses, number: int, nodes: Sequence[FoundNode]) -> Heard:
@@ -84,7 +84,7 @@ def _heard(table: TableBuses, number: int, nodes: Sequence[FoundNode]) -> Heard:
     )
 
 
-def status(arguments: Namespace) -> Exit:
+def status(arguments: Namespace) -> ExitCode:
     """Listen and show; on a terminal until Ctrl-C, else once."""
     table = named_table(arguments)
     models = [StatusModel(asks_neighbours=True) for _ in table.buses]
@@ -106,15 +106,15 @@ def status(arguments: Namespace) -> Exit:
         cells = [_row(row, split=table.is_split) for row in rows]
         print(json.dumps({"cells": cells, "link": asdict(link.counts), **figures_of(missing)}))
     if not rows:
-        raise CommandError(NO_NODES, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     crowded = max(len(model.rows(0.0)) for model in models)
     warn_of_load(crowded, wire_of(table.options))
     refuse_missing(table.is_split, missing)
     _refuse_faulty(rows)
-    return Exit.OK
+    return ExitCode.OK
 
 
-def stop(arguments: Namespace) -> Exit:
+def stop(arguments: Namespace) -> ExitCode:
     """Turn everything off and report which cells have confirmed it.
 
     All buses are opened and stopped at once, each by itself: a slow one holds up no other.
@@ -138,7 +138,7 @@ def stop(arguments: Namespace) -> Exit:
         print(json.dumps({**told, **figures_of(missing)}))
     heard = sum(len(end.report.heard) for _, end in stopped)
     if not heard and not failed:
-        raise CommandError(NO_NODES, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     texts = [
         not_off_text(end.report, bus.name if table.is_split else "")
         for bus, end in stopped
@@ -150,9 +150,9 @@ def stop(arguments: Namespace) -> Exit:
         names = ", ".join(f"{bus.name} ({error})" for bus, error in failed)
         texts.insert(0, f"not stopped: {names}; {CUT}")
     if texts:
-        raise CommandError("; ".join(texts), Exit.NO_DEVICE if failed else Exit.NODE_FAULT)
+        raise CommandError("; ".join(texts), ExitCode.NO_DEVICE if failed else ExitCode.NODE_FAULT)
     refuse_missing(table.is_split, missing, f"nobody knows whether they are off; {CUT}")
-    return Exit.OK
+    return ExitCode.OK
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +185,7 @@ def _over(table: TableBuses, stopped: int) -> str:
 
 def _missing_of(
     table: TableBuses, models: Sequence[StatusModel], cells: int | None
-) -> list[Missing]:
+) -> list[MissingCells]:
     return missing_cells(
         [
             Heard(bus, frozenset(row.node_id for row in model.rows(0.0)), model.neighbours)
@@ -203,7 +203,7 @@ def _refuse_faulty(rows: Sequence[CellStatus]) -> None:
     }
     texts = [f"{what}: {_nodes(some)}" for what, some in reasons.items() if some]
     if texts:
-        raise CommandError(f"{'; '.join(texts)}; mdms doctor names the cure", Exit.NODE_FAULT)
+        raise CommandError(f"{'; '.join(texts)}; mdms doctor names the cure", ExitCode.NODE_FAULT)
 
 
 def _nodes(rows: Sequence[CellStatus]) -> str:

@@ -7,7 +7,7 @@ from mdms_array.connection import open_link
 from mdms_array.extras import PAGE, SIMULATION, require
 from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.can_link.link import drive
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.commissioning.network import ForeignStops
 from mdms_host.commissioning.stop import not_off_text, stop_all
 from mdms_host.coordination.other_host import OtherHost, refuse_other_host
@@ -16,7 +16,7 @@ from mdms_model.run.folder import BUS_LOG
 from mdms_protocol.codecs.frame import Frame
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Send the log again, and report the result; or show the run."""
     if arguments.page is not None:
         return _show(arguments)
@@ -30,7 +30,7 @@ def run(arguments: Namespace) -> Exit:
         raise CommandError(
             "--nodes: simulated cells are sent the host's frames, and on a bus of their own; "
             "leave --all, --only cells, -i and -c out",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     require(SIMULATION, "mdms replay --nodes")
     # A log is sent to a bus without the simulator.
@@ -39,12 +39,12 @@ def run(arguments: Namespace) -> Exit:
     return run_cells(arguments)
 
 
-def _show(arguments: Namespace) -> Exit:
+def _show(arguments: Namespace) -> ExitCode:
     """Show the run in a page; nothing is sent to any bus."""
     if arguments.all or vars(arguments).keys() & {"interface", "channel"} or arguments.nodes:
         raise CommandError(
             "--page: a run is shown, and sent to nobody; leave --all, --nodes, -i and -c out",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     require(PAGE, "mdms replay --page")
     # A log is sent to a bus without the objects of a page.
@@ -53,7 +53,7 @@ def _show(arguments: Namespace) -> Exit:
     return show_recorded(arguments)
 
 
-def _send(arguments: Namespace) -> Exit:
+def _send(arguments: Namespace) -> ExitCode:
     """Send the log to a bus, frame by frame, turn all off, and print how many there were."""
     sender = "all" if arguments.all else arguments.only
     frames = list(chosen(read_log(arguments.folder / BUS_LOG), sender))
@@ -78,16 +78,16 @@ def _send(arguments: Namespace) -> Exit:
         )
     if player.ended_by is not None:
         texts = [player.ended_by, *([not_off_text(stopped)] if stopped.not_off else [])]
-        raise CommandError("; ".join(texts), Exit.NODE_FAULT)
+        raise CommandError("; ".join(texts), ExitCode.NODE_FAULT)
     if stopped.not_off:
-        raise CommandError(not_off_text(stopped), Exit.NODE_FAULT)
+        raise CommandError(not_off_text(stopped), ExitCode.NODE_FAULT)
     if not heard and sender == "host":
         raise CommandError(
             "no cell was heard, so nobody has taken the frames; see that the cells are on this "
             "bus, or give --all for a bus that has none",
-            Exit.NO_DEVICE,
+            ExitCode.NO_DEVICE,
         )
-    return Exit.OK if not unsent else Exit.FAILURE
+    return ExitCode.OK if not unsent else ExitCode.FAILURE
 
 
 class _YieldingPlayer(LogPlayer):

@@ -4,27 +4,29 @@ import json
 import socket
 from argparse import Namespace
 
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.report_requests import ANSWER_S, ask, running
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Ask the only command that runs, or the one that was named, and print the folder."""
     if not hasattr(socket, "AF_UNIX"):
         raise CommandError(
             "mdms report asks over a Unix socket, which this system has not; a report is written "
             "after a fault in any case",
-            Exit.FAILURE,
+            ExitCode.FAILURE,
         )
     process = _process(arguments.process)
     folder = None if arguments.out is None else str(arguments.out.absolute())
     answer = ask(process, {"do": "report", "folder": folder}, ANSWER_S)
     if answer is None:
-        raise CommandError(f"process {process} does not answer, or has ended", Exit.FAILURE)
+        raise CommandError(f"process {process} does not answer, or has ended", ExitCode.FAILURE)
     if "error" in answer:
-        raise CommandError(f"process {process} wrote no report: {answer['error']}", Exit.FAILURE)
+        raise CommandError(
+            f"process {process} wrote no report: {answer['error']}", ExitCode.FAILURE
+        )
     print(json.dumps(answer) if arguments.json else answer["report"])
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _process(named: int | None) -> int:
@@ -35,13 +37,13 @@ def _process(named: int | None) -> int:
     if named is not None:
         raise CommandError(
             f"process {named} is no table that writes reports; there are: {listed or 'none'}",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     if not commands:
         raise CommandError(
             "no `mdms run` or `mdms serve` of yours keeps a last minute (--log ring or all)",
-            Exit.FAILURE,
+            ExitCode.FAILURE,
         )
     if len(commands) > 1:
-        raise CommandError(f"several tables run; name one process: {listed}", Exit.USAGE)
+        raise CommandError(f"several tables run; name one process: {listed}", ExitCode.USAGE)
     return next(iter(commands))

@@ -14,7 +14,7 @@ from mdms_array.operation import bus_log_in, check_array, operate_array
 from mdms_array.recording import keep_run, lasting
 from mdms_array.run import Run
 from mdms_array.source import open_program
-from mdms_host.cli.exits import CommandError, Exit, interrupted
+from mdms_host.cli.exits import CommandError, ExitCode, interrupted
 from mdms_host.cli.files import written
 from mdms_host.cli.kept import check_log, keeping, keeps_frames, say_log_ends
 from mdms_host.cli.line import Job, has_line, recipes_of
@@ -84,13 +84,13 @@ def _check_options(arguments: Namespace, attended: bool) -> None:
         raise CommandError(
             "--device-gone again: nobody could start the program again; add --page, --opcua or "
             "--modbus",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     if attended and (arguments.out is not None or arguments.json):
         raise CommandError(
             "--page, --opcua, --modbus: a run that is started and stopped from outside is not "
             "kept; leave --out and --json out",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     if arguments.out is not None:
         require(RECORDING, "mdms run --out")
@@ -98,14 +98,14 @@ def _check_options(arguments: Namespace, attended: bool) -> None:
             check_other_run(arguments.out, None)
 
 
-def _verdict(operation: Operation, ended: Run) -> Exit:
+def _verdict(operation: Operation, ended: Run) -> ExitCode:
     """How the command ends. Raises what ended the run, if it has not ended well."""
     if operation.interrupt is not None:
         raise operation.interrupt
     if operation.ending in NO_DEVICE:
-        raise CommandError(ended.reason, Exit.NO_DEVICE)
+        raise CommandError(ended.reason, ExitCode.NO_DEVICE)
     ended.raise_for_status()
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _operate(

@@ -4,9 +4,9 @@ from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.table_cells import Missing, TableBuses, table_of
+from mdms_host.commissioning.table_cells import MissingCells, TableBuses, table_of
 
 
 def named_table(arguments: Namespace) -> TableBuses:
@@ -21,18 +21,18 @@ def named_table(arguments: Namespace) -> TableBuses:
         raise CommandError(
             f"--node: each bus has node ids of its own, and there are {len(table.buses)}: "
             f"{', '.join(table.channels)}; name one of them with -c",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     return table
 
 
-def figures_of(missing: Sequence[Missing]) -> dict[str, object]:
+def figures_of(missing: Sequence[MissingCells]) -> dict[str, object]:
     """The missing cells for JSON."""
     return {"missing": [asdict(each) for each in missing]}
 
 
 def refuse_missing(
-    split: bool, missing: Sequence[Missing], consequence: str = "mdms doctor names the cure"
+    split: bool, missing: Sequence[MissingCells], consequence: str = "mdms doctor names the cure"
 ) -> None:
     """Raise `CommandError` where cells are missing for sure, and warn where they may be.
 
@@ -43,4 +43,4 @@ def refuse_missing(
             say(f"mdms: {each.text(with_bus=split)}")
     sure = [each.text(with_bus=split) for each in missing if each.is_sure]
     if sure:
-        raise CommandError(f"{'; '.join(sure)}; {consequence}", Exit.NODE_FAULT)
+        raise CommandError(f"{'; '.join(sure)}; {consequence}", ExitCode.NODE_FAULT)

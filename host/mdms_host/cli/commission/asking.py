@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.configure.cells import open_table, present_nodes
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell
@@ -27,7 +27,7 @@ from mdms_protocol import indices
 _MS_PER_S = 1000
 
 
-def identify(arguments: Namespace) -> Exit:
+def identify(arguments: Namespace) -> ExitCode:
     """Have the cells blink; they end it by themselves."""
     with open_table(arguments) as opened:
         for bus, commissioning in opened:
@@ -39,7 +39,7 @@ def identify(arguments: Namespace) -> Exit:
                 f"{where}node {ranges(node_ids)}: both LEDs blink together for "
                 f"{arguments.seconds:g} s"
             )
-    return Exit.OK
+    return ExitCode.OK
 
 
 def blink(commissioning: Commissioning, node_id: int, seconds: float) -> None:
@@ -136,7 +136,7 @@ def ask_directions(
         answer = _line(question).lower()
         if answer in QUIT:
             raise CommandError(
-                "ended; the places are kept, and the same command goes on", Exit.FAILURE
+                "ended; the places are kept, and the same command goes on", ExitCode.FAILURE
             )
         if answer == "r":
             push()
@@ -179,7 +179,7 @@ def confirmed(arguments: Namespace, question: str, default: bool | None = None) 
     if arguments.yes:
         return True
     if not sys.stdin.isatty():
-        raise CommandError("nobody can be asked here; say --yes", Exit.USAGE)
+        raise CommandError("nobody can be asked here; say --yes", ExitCode.USAGE)
     while True:
         answer = _line(f"{question} {_CHOICES[default]} ").lower()
         if not answer and default is not None:
@@ -198,7 +198,7 @@ def pressed_keys(without: str) -> Iterator[Callable[[], str]]:
     Raises `CommandError` with the text `without` where there is no terminal.
     """
     if not sys.stdin.isatty() or os.name != "posix":
-        raise CommandError(without, Exit.USAGE)
+        raise CommandError(without, ExitCode.USAGE)
     import termios  # noqa: PLC0415 - of POSIX alone
     import tty  # noqa: PLC0415
 
@@ -233,7 +233,7 @@ class AtTerminal:
         """Whether Enter was pressed. Raises `CommandError` for q."""
         keys = self._pressed()
         if any(key in LEAVE for key in keys):
-            raise CommandError("the test was broken off", Exit.FAILURE)
+            raise CommandError("the test was broken off", ExitCode.FAILURE)
         return "\n" in keys or "\r" in keys
 
 
@@ -267,7 +267,7 @@ def _ask(
         blink(commissioning, node_id, 0.0)
         if answer.lower() in QUIT:
             raise CommandError(
-                f"{len(spots)} cells have their places; the same command goes on", Exit.FAILURE
+                f"{len(spots)} cells have their places; the same command goes on", ExitCode.FAILURE
             )
         if answer.lower() in UNDO:
             return None
@@ -300,5 +300,5 @@ def _line(question: str) -> str:
     print(question, end="", file=sys.stderr, flush=True)
     line = sys.stdin.readline()
     if not line:
-        raise CommandError("the input has ended; the same command goes on", Exit.FAILURE)
+        raise CommandError("the input has ended; the same command goes on", ExitCode.FAILURE)
     return line.strip()

@@ -14,7 +14,7 @@ from pathlib import Path
 from mdms_host.cli.commission.asking import ask_directions, ask_places, confirmed
 from mdms_host.cli.commission.plate import watch_plate
 from mdms_host.cli.configure.cells import open_commissioning
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.files import check_own, replacing
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
@@ -33,7 +33,7 @@ from mdms_host.commissioning.array_file import (
 from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.node_ids import Assignment, FoundCells, carry_out, find_cells
 from mdms_host.commissioning.sightings import Spot
-from mdms_host.commissioning.wheel_turn import StoppedError, nudge, refuse_busy, refuse_steering
+from mdms_host.commissioning.wheel_turn import TurnStoppedError, nudge, refuse_busy, refuse_steering
 from mdms_host.updating.bundles import key_beside, key_id, make_key, read_key
 from mdms_host.updating.candidates import give_key, read_candidate
 from mdms_protocol.dictionary import AXES
@@ -93,7 +93,7 @@ class _Job:
             print(text, flush=True)
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Find the cells, place them, give ids and settings, store, verify, and write the file."""
     listed = None if arguments.file is None else read_array(arguments.file)
     out: Path | None = arguments.out or (None if listed else Path("array.toml"))
@@ -107,25 +107,25 @@ def run(arguments: Namespace) -> Exit:
         cells = _checked(job, roll, file, whole=listed is not None)
         count = len(cells)
         if not confirmed(arguments, f"Write ids, places and settings to {count} cells?"):
-            raise CommandError("nothing was written", Exit.FAILURE)
+            raise CommandError("nothing was written", ExitCode.FAILURE)
         _give_ids(job, find_cells(commissioning), {cell.serial: cell.node_id for cell in cells})
         cells = _nudged(job, cells, file.table.columns if _asks(arguments) else None)
         done = _write(job, cells)
         if key is not None:
             job.failed.update(give_keys(commissioning, cells, key, job.report))
         if job.failed:
-            raise CommandError(_failure(job, count), Exit.NODE_FAULT)
+            raise CommandError(_failure(job, count), ExitCode.NODE_FAULT)
         if out is not None:
             named = steps.settings_beside_defaults(commissioning, cells)
             _write_file(out, replace(file, cells=_merged(file.cells, named)), arguments.force)
     _conclude(job, done, out)
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _call_roll(commissioning: Commissioning) -> FoundCells:
     roll = find_cells(commissioning)
     if not roll.serials:
-        raise CommandError(NO_NODES, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     refuse_busy(commissioning, [*roll.present])
     for serial, node_id in roll.hidden.items():
         say(f"mdms: {serial:08X} has node id {node_id}, as another cell has; it gets its own")
@@ -142,7 +142,7 @@ def _placed(job: _Job, roll: FoundCells) -> ArrayFile:
     arguments = job.arguments
     columns, rows = arguments.columns, arguments.rows
     if (columns is None or rows is None) and not arguments.plate:
-        raise CommandError("name the grid: --columns and --rows", Exit.USAGE)
+        raise CommandError("name the grid: --columns and --rows", ExitCode.USAGE)
     if columns and rows:
         steps.refuse_wrong_count(roll, columns * rows)
     if arguments.list is not None:
@@ -152,7 +152,7 @@ def _placed(job: _Job, roll: FoundCells) -> ArrayFile:
     else:
         if _asks(arguments) and not sys.stdin.isatty():
             raise CommandError(
-                "nobody can be asked here; give --from, --list, --codes or --plate", Exit.USAGE
+                "nobody can be asked here; give --from, --list, --codes or --plate", ExitCode.USAGE
             )
         roll = _give_ids(job, roll, steps.provisional_ids(roll))
         if arguments.plate:
@@ -170,7 +170,7 @@ def _spots_listed(roll: FoundCells, path: Path, columns: int) -> dict[int, Spot]
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise CommandError(
-            f"{path}: expected a serial number a line: {reason}", Exit.USAGE
+            f"{path}: expected a serial number a line: {reason}", ExitCode.USAGE
         ) from None
     if len({*serials}) != len(serials) or {*serials} != roll.serials:
         differing = sorted({*serials} ^ roll.serials) or serials
@@ -178,7 +178,7 @@ def _spots_listed(roll: FoundCells, path: Path, columns: int) -> dict[int, Spot]
             f"{path}: lists {len(serials)} serial numbers, {len(roll.serials)} cells are on the "
             f"bus, and these are not on both sides, or there twice: "
             + ", ".join(f"{serial:08X}" for serial in differing),
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     return {
         serial: (place % columns + 1, place // columns + 1) for place, serial in enumerate(serials)
@@ -189,12 +189,12 @@ def _spots_coded(job: _Job, roll: FoundCells, columns: int) -> dict[int, Spot]:
     """The places that the table's connectors tell; the cells have their node ids again then."""
     count = len(roll.serials)
     if not confirmed(job.arguments, f"Give {count} cells other node ids, to read their places?"):
-        raise CommandError("nothing was written", Exit.FAILURE)
+        raise CommandError("nothing was written", ExitCode.FAILURE)
     try:
         renamed = _give_ids(job, roll, steps.uncoded_ids(roll))
         if len(renamed.present) != count:
             found = len(renamed.present)
-            raise CommandError(f"{found} of {count} cells answer: try again", Exit.NODE_FAULT)
+            raise CommandError(f"{found} of {count} cells answer: try again", ExitCode.NODE_FAULT)
         return steps.coded_spots(job.commissioning, renamed, columns)
     finally:
         _give_ids(job, find_cells(job.commissioning), roll.node_ids)
@@ -293,7 +293,7 @@ def _push(job: _Job, cells: Sequence[FiledCell], axis: int, faults: dict[int, li
         try:
             refuse_steering(job.commissioning, cell.node_id)
             direction = nudge(job.commissioning, cell.node_id, axis)
-        except StoppedError:
+        except TurnStoppedError:
             raise
         except CommissioningError as error:
             job.failed[f"{cell.serial:08X}"] = str(error)
@@ -310,7 +310,7 @@ def _may_nudge(job: _Job, asking: bool) -> bool:
     return confirmed(job.arguments, question, default=False)
 
 
-def _write(job: _Job, cells: list[FiledCell]) -> list[steps.Done]:
+def _write(job: _Job, cells: list[FiledCell]) -> list[steps.Commissioned]:
     """Write and store the settings of all cells; one that fails does not keep the others."""
     done = []
     for cell in cells:
@@ -345,7 +345,7 @@ def _write_file(out: Path, file: ArrayFile, force: bool) -> None:
         partial.write_text(array_document(file), encoding="utf-8")
 
 
-def _conclude(job: _Job, done: list[steps.Done], out: Path | None) -> None:
+def _conclude(job: _Job, done: list[steps.Commissioned], out: Path | None) -> None:
     if job.arguments.json:
         rows = [
             {"node": each.node_id, "changed": each.changed, "stored": each.stored} for each in done

@@ -12,7 +12,7 @@ from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
 from mdms_host.cli.configure.cells import open_commissioning, present_nodes
 from mdms_host.cli.console import progress
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
@@ -26,7 +26,7 @@ from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.status import NEIGHBOURS
 from mdms_host.commissioning.table_cells import (
     Heard,
-    Missing,
+    MissingCells,
     TableBus,
     TableBuses,
     how_known,
@@ -37,7 +37,7 @@ from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Examine the bus and its cells, and print the findings; exit code 5 if any is serious."""
     if arguments.stop:
         return _stop(arguments)
@@ -63,7 +63,7 @@ def run(arguments: Namespace) -> Exit:
         say(f"how many cells there are to be: {source}")
         if not arguments.turn:
             say("wheels were not turned, so motors and encoders are not checked (--turn)")
-    return Exit.NODE_FAULT if any(each.row.serious for each in findings) else Exit.OK
+    return ExitCode.NODE_FAULT if any(each.row.serious for each in findings) else ExitCode.OK
 
 
 def _examine(
@@ -91,7 +91,7 @@ def _heard(bus: TableBus, examined: Examination) -> Heard:
     return Heard(bus, frozenset(there), neighbours)
 
 
-def _absent(missing: Missing) -> Finding:
+def _absent(missing: MissingCells) -> Finding:
     kind = "missing" if missing.is_sure else "gap"
     return Finding(kind, missing.source, missing.node_ids, missing.bus or None)
 
@@ -158,7 +158,7 @@ def _row(finding: Finding) -> dict[str, object]:
     return {**asdict(finding), "nodes": list(finding.nodes), **asdict(finding.row)}
 
 
-def _stop(arguments: Namespace) -> Exit:
+def _stop(arguments: Namespace) -> ExitCode:
     """Test the emergency stop with a person, and print the findings; exit code 1 for anything."""
     form, wanted = SHORT, nodes_of(arguments.nodes)
     if arguments.array is not None:
@@ -184,7 +184,7 @@ def _stop(arguments: Namespace) -> Exit:
             f"{len(node_ids)} cells: the last lost its supply {max(test.fell_s.values()):.2f} s "
             "after the first, and all stayed off after the release"
         )
-    return Exit.FAILURE if findings else Exit.OK
+    return ExitCode.FAILURE if findings else ExitCode.OK
 
 
 def _print(cells: int, findings: Sequence[Finding]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from mdms_host.cli.commission.asking import LEAVE, pressed_keys
 from mdms_host.cli.configure.cells import open_commissioning, present_nodes
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.cell_settings import check_identity
@@ -31,7 +31,7 @@ _STANDS = 0.1
 _KEYS = {"+": 1, "f": 1, "-": -1, "b": -1}
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Turn the wheel, and say how far it went. Raises `CommandError` where it stands."""
     node_id, axis = arguments.node, arguments.axis
     table = table_of(arguments)
@@ -39,7 +39,7 @@ def run(arguments: Namespace) -> Exit:
         raise CommandError(
             f"--node: each bus has node ids of its own, and there are {len(table.buses)}: "
             f"{', '.join(table.channels)}; name one of them with -c",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     with open_commissioning(table.options) as commissioning:
         present_nodes(commissioning, [node_id])
@@ -63,8 +63,8 @@ def run(arguments: Namespace) -> Exit:
         way_m = abs(arguments.speed) * arguments.seconds
         if abs(turn.distance_m) < _STANDS * way_m:
             stands = wiring_fault(axis, Direction.STANDS)
-            raise CommandError(f"node {node_id}, {stands}", Exit.NODE_FAULT)
-    return Exit.OK
+            raise CommandError(f"node {node_id}, {stands}", ExitCode.NODE_FAULT)
+    return ExitCode.OK
 
 
 class ByKeys:

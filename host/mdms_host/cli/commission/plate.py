@@ -4,7 +4,7 @@ from argparse import Namespace
 from math import inf
 
 from mdms_host.cli.commission.asking import blink
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.commissioner import start
@@ -70,7 +70,7 @@ def watch_plate(
             raise CommandError(
                 "the table has place codes, and cells start in their own places only: take --codes "
                 "in place of --plate",
-                Exit.FAILURE,
+                ExitCode.FAILURE,
             )
         spots = _watch(commissioning, keys, sightings, arguments)
     finally:
@@ -89,7 +89,7 @@ def _refuse_covered(commissioning: Commissioning, keys: dict[int, int]) -> None:
         raise CommandError(
             f"node {nodes} sees something already: clear the table first; a sensor that is stuck "
             "is found by mdms doctor",
-            Exit.FAILURE,
+            ExitCode.FAILURE,
         )
 
 
@@ -121,10 +121,10 @@ def _watch(
     try:
         sightings.grid()
     except SightingError as error:
-        raise CommandError(str(error), Exit.FAILURE) from None
+        raise CommandError(str(error), ExitCode.FAILURE) from None
     raise CommandError(
         f"{len(sightings.seen)} of {len(keys)} cells were seen in time, or they fill no grid",
-        Exit.TIME_LIMIT,
+        ExitCode.TIME_LIMIT,
     )
 
 
@@ -168,10 +168,10 @@ def check_corner(corner: int | None, spots: dict[int, Spot], grid: Spot) -> None
     if corner is None or spots.get(corner) == (1, 1):
         return
     if corner not in spots:
-        raise CommandError(f"--corner: {corner:08X} is not on the bus", Exit.USAGE)
+        raise CommandError(f"--corner: {corner:08X} is not on the bus", ExitCode.USAGE)
     column, row = spots[corner]
     raise CommandError(
         f"{corner:08X} was marked as the corner, and lies at column {column}, row {row} of "
         f"{grid[0]} x {grid[1]}: cells are mounted turned against the table's axes",
-        Exit.FAILURE,
+        ExitCode.FAILURE,
     )

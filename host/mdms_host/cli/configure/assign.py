@@ -5,7 +5,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from mdms_host.cli.configure.cells import open_commissioning, refuse_other_host
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import filed_cells
@@ -21,7 +21,7 @@ from mdms_host.commissioning.node_ids import (
 )
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Find blank cells, print which gets which node id, and give it."""
     wanted = None if arguments.file is None else _node_ids(arguments)
     if wanted is not None:
@@ -45,7 +45,7 @@ def run(arguments: Namespace) -> Exit:
     elif not arguments.dry_run:
         keep = "keep them" if not passing else f"{len(moves) - len(passing)} of them keep it"
         print(f"{len(moves)} cells have got their node ids, and {keep}")
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _node_ids(arguments: Namespace) -> dict[int, int]:
@@ -58,7 +58,7 @@ def _refuse_host_node(wanted: dict[int, int], file: Path) -> None:
     try:
         refuse_host_node(wanted)
     except NodeIdError as error:
-        raise CommandError(f"{file}: {error}", Exit.USAGE) from None
+        raise CommandError(f"{file}: {error}", ExitCode.USAGE) from None
 
 
 def _plan(
@@ -66,7 +66,7 @@ def _plan(
 ) -> list[Assignment]:
     found, blank = commissioning.find(), commissioning.lss.find_blank()
     if not found and not blank:
-        raise CommandError(NO_NODES, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     if wanted is None:
         return assign_in_order(blank, found, first)
     return assign_by_serial(wanted, blank, identify_cells(commissioning, found), found)

@@ -9,7 +9,7 @@ from mdms_host.can_link.link import open_bus
 from mdms_host.cli.array.table import named_table, refuse_missing
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.console import progress
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
@@ -99,7 +99,7 @@ def read_cells(
                 say(f"mdms: {error}; left alone")
             share(done / len(node_ids))
     if not cells:
-        raise CommandError("there is no MDMS cell on the bus", Exit.NODE_FAULT)
+        raise CommandError("there is no MDMS cell on the bus", ExitCode.NODE_FAULT)
     return cells
 
 
@@ -176,7 +176,7 @@ def agreed(arguments: Namespace, question: str) -> bool:
     if arguments.yes:
         return True
     if not sys.stdin.isatty():
-        raise CommandError("nobody can be asked here; say --yes, or --dry-run", Exit.USAGE)
+        raise CommandError("nobody can be asked here; say --yes, or --dry-run", ExitCode.USAGE)
     print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
@@ -187,10 +187,10 @@ def present_nodes(commissioning: Commissioning, wanted: list[int] | None) -> lis
     if wanted is None:
         if not found:
             blank = commissioning.lss.any_blank()
-            raise CommandError(BLANK if blank else NO_NODES, Exit.NO_DEVICE)
+            raise CommandError(BLANK if blank else NO_NODES, ExitCode.NO_DEVICE)
         return found
     absent = sorted(set(wanted) - set(found))
     if absent:
         there = f"on the bus: {ranges(found)}" if found else NO_NODES
-        raise CommandError(f"node {ranges(absent)} does not answer; {there}", Exit.NO_DEVICE)
+        raise CommandError(f"node {ranges(absent)} does not answer; {there}", ExitCode.NO_DEVICE)
     return wanted

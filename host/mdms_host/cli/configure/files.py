@@ -19,7 +19,7 @@ from mdms_host.cli.configure.cells import (
 )
 from mdms_host.cli.configure.settings import check_margins, to_read
 from mdms_host.cli.console import progress
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.files import replacing
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
@@ -32,7 +32,7 @@ from mdms_host.commissioning.table_cells import TableBus
 STDOUT = Path("-")
 
 
-def dump(arguments: Namespace) -> Exit:
+def dump(arguments: Namespace) -> ExitCode:
     """Read all settings and write the file, whole or not at all."""
     with open_table(arguments) as opened:
         found = [
@@ -43,7 +43,7 @@ def dump(arguments: Namespace) -> Exit:
     text = array_text({bus.name: some for bus, some in found})
     if arguments.file == STDOUT:
         print(text, end="")
-        return Exit.OK
+        return ExitCode.OK
     # The first line names the writer of the file.
     mark = text.partition("\n")[0].encode()
     with replacing(arguments.file, mark, arguments.force) as partial:
@@ -52,10 +52,10 @@ def dump(arguments: Namespace) -> Exit:
         print(json.dumps({"file": str(arguments.file), "cells": len(cells)}))
     else:
         print(f"{len(cells)} cells, {len(PARAMETERS)} settings each: {arguments.file}")
-    return Exit.OK
+    return ExitCode.OK
 
 
-def load(arguments: Namespace) -> Exit:
+def load(arguments: Namespace) -> ExitCode:
     """Show what differs, and write it when that is agreed."""
     options = Namespace(**vars(arguments) | {"array": arguments.file})
     buses = named_table(options).buses
@@ -63,7 +63,7 @@ def load(arguments: Namespace) -> Exit:
     return max(results)
 
 
-def _load(arguments: Namespace, bus: TableBus, where: str) -> Exit:
+def _load(arguments: Namespace, bus: TableBus, where: str) -> ExitCode:
     """The same for the cells of one bus."""
     filed = _filed(arguments, bus.number)
     with open_commissioning(bus.options) as commissioning:
@@ -77,15 +77,15 @@ def _load(arguments: Namespace, bus: TableBus, where: str) -> Exit:
         show_changes(changes, where)
         if arguments.dry_run or not (changes or arguments.save):
             print(f"{where}{len(changes)} settings differ")
-            return Exit.OK
+            return ExitCode.OK
         refuse_other_host(commissioning)
         if not agreed(arguments, f"{where}Write {len(changes)} settings?"):
-            raise CommandError("nothing was written", Exit.FAILURE)
+            raise CommandError("nothing was written", ExitCode.FAILURE)
         node_ids = [cell.node_id for cell in cells]
         write_cells(commissioning, changes, node_ids, save=arguments.save)
     stored = f"; stored on node {ranges(node_ids)}" if arguments.save else ""
     print(f"{where}{len(changes)} settings written and verified{stored}")
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _filed(arguments: Namespace, bus: int) -> Sequence[FiledCell]:
@@ -96,7 +96,7 @@ def _filed(arguments: Namespace, bus: int) -> Sequence[FiledCell]:
         return filed
     absent = set(wanted) - {cell.node_id for cell in filed}
     if absent:
-        raise CommandError(f"{arguments.file} has no node {ranges(absent)}", Exit.USAGE)
+        raise CommandError(f"{arguments.file} has no node {ranges(absent)}", ExitCode.USAGE)
     return [cell for cell in filed if cell.node_id in wanted]
 
 
@@ -104,14 +104,15 @@ def _cells_of(commissioning: Commissioning, filed: Sequence[FiledCell]) -> list[
     """The cells with the serial numbers of the file, whatever their node ids are now."""
     found = commissioning.find()
     if not found:
-        raise CommandError(NO_NODES, Exit.NO_DEVICE)
+        raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     cells = identify_cells(commissioning, found)
     nodes = {identity.serial: node_id for node_id, identity in cells.items()}
     absent = [cell for cell in filed if cell.serial not in nodes]
     if absent:
         names = ", ".join(f"{cell.serial:08X} (node {cell.node_id})" for cell in absent)
         raise CommandError(
-            f"not on the bus: {names}; nothing was written, --node names the others", Exit.NO_DEVICE
+            f"not on the bus: {names}; nothing was written, --node names the others",
+            ExitCode.NO_DEVICE,
         )
     settings = []
     with progress("reading") as share:

@@ -23,7 +23,7 @@ from mdms_host.cli.configure.cells import (
     write_cells,
 )
 from mdms_host.cli.console import show
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings, Change
 from mdms_host.commissioning.network import Commissioning, ranges
@@ -41,7 +41,7 @@ from mdms_model.scenario.file import load_scenario
 LEGEND = "* not the default   ! cells differ"
 
 
-def show_settings(arguments: Namespace) -> Exit:
+def show_settings(arguments: Namespace) -> ExitCode:
     """Read the settings and print them."""
     parameters = _parameters(arguments)
     with open_table(arguments) as opened:
@@ -56,7 +56,7 @@ def show_settings(arguments: Namespace) -> Exit:
             show(_table(parameters, cells, bus.name if len(found) > 1 else None))
         say(LEGEND)
     refuse_absent(arguments, found)
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _parameters(arguments: Namespace) -> list[Parameter]:
@@ -150,7 +150,7 @@ LOOPS = tuple(
 )
 
 
-def set_settings(arguments: Namespace) -> Exit:
+def set_settings(arguments: Namespace) -> ExitCode:
     """Change settings."""
     wanted = parse_assignments(arguments.assignments)
     figures: dict[str, dict[str, object]] = {}
@@ -175,7 +175,7 @@ def set_settings(arguments: Namespace) -> Exit:
     if arguments.json:
         print(json.dumps(of_buses(figures)))
     refuse_absent(arguments, found, "the others have the new settings")
-    return Exit.OK
+    return ExitCode.OK
 
 
 def check_margins(
@@ -226,7 +226,7 @@ def _check_loops(scenario: str, loops: set[tuple[int, ...]]) -> None:
             raise CommandError(
                 f"{error} (motor of {scenario}, observer lag {lag.text(numbers[1])}, "
                 f"acceleration per volt {feed.text(numbers[2])}); name your motors with --scenario",
-                Exit.USAGE,
+                ExitCode.USAGE,
             ) from None
 
 
@@ -254,7 +254,7 @@ def _verdict(changes: Sequence[Change], node_ids: Sequence[int], *, saved: bool)
     return f"{done}; stored on node {ranges(node_ids)}" if saved else done
 
 
-def restore_defaults(arguments: Namespace) -> Exit:
+def restore_defaults(arguments: Namespace) -> ExitCode:
     """Show all settings off their defaults; when that is agreed, restore, restart, and verify."""
     every = (*PARAMETERS, *WIRING)
     with open_table(arguments) as opened:
@@ -265,7 +265,7 @@ def restore_defaults(arguments: Namespace) -> Exit:
         for (bus, commissioning), (_, cells) in zip(opened, found, strict=True):
             _restore(commissioning, arguments, cells, f"{bus.name}: " if len(opened) > 1 else "")
     refuse_absent(arguments, found, "the others were looked after")
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _restore(
@@ -286,12 +286,12 @@ def _restore(
     refuse_other_host(commissioning)
     question = f"{where}Restore the defaults of node {ranges(node_ids)}, and restart?"
     if not agreed(arguments, question):
-        raise CommandError("nothing was changed", Exit.FAILURE)
+        raise CommandError("nothing was changed", ExitCode.FAILURE)
     for node_id in node_ids:
         commissioning.restore_defaults(node_id)
     for change in changes:
         number = commissioning.read(change.node_id, *change.parameter.place)
         if number != change.after:
             what = f"{where}node {change.node_id}, {change.parameter.name}"
-            raise CommandError(f"{what} is not at its default", Exit.NODE_FAULT)
+            raise CommandError(f"{what} is not at its default", ExitCode.NODE_FAULT)
     print(f"{where}defaults restored and verified on node {ranges(node_ids)}")

@@ -19,7 +19,7 @@ from mdms_array.experiments.journal import CSV, frame_of, write_csv, writing
 from mdms_array.experiments.summary import cells_of, summarised
 from mdms_array.experiments.sweep import Design, Progress, SweepResult, run_again, run_design
 from mdms_host.cli.console import show
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_model.errors import InputError
 
@@ -29,7 +29,7 @@ SUMMARY = "summary.csv"
 PICTURE = "picture.png"
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Do the missing runs, write the tables and pictures, and print a summary."""
     if arguments.again is not None:
         _refuse_beside_again(arguments)
@@ -48,7 +48,7 @@ def run(arguments: Namespace) -> Exit:
         print(f"  {len(result.rows)} runs, {result.failed} failed: {folder / CSV}")
         print(*(f"  picture: {path}" for path in pictures), sep="\n")
     tell_failures(result.rows)
-    return Exit.FAILURE if result.failed == len(result.rows) else Exit.OK
+    return ExitCode.FAILURE if result.failed == len(result.rows) else ExitCode.OK
 
 
 def tell_failures(rows: Iterable[Mapping[str, Any]]) -> None:
@@ -97,7 +97,7 @@ def workers_of(arguments: Namespace) -> Iterator[Workers]:
             yield workers
         return
     if arguments.workers is not None:
-        raise CommandError("--workers: the cluster has its own; leave one out", Exit.USAGE)
+        raise CommandError("--workers: the cluster has its own; leave one out", ExitCode.USAGE)
     with cluster(arguments.cluster) as executor:
         yield Workers(executor)
 
@@ -188,11 +188,11 @@ def _refuse_beside_again(arguments: Namespace) -> None:
         if value is not None and value is not False:
             raise CommandError(
                 f"--{name}: --again repeats one run here, with its record; leave one out",
-                Exit.USAGE,
+                ExitCode.USAGE,
             )
 
 
-def _again(design: Design, folder: Path, row: int, *, as_json: bool) -> Exit:
+def _again(design: Design, folder: Path, row: int, *, as_json: bool) -> ExitCode:
     out = folder / f"again-{row}"
     columns = run_again(design, folder, row, out)
     if as_json:
@@ -202,4 +202,4 @@ def _again(design: Design, folder: Path, row: int, *, as_json: bool) -> Exit:
     else:
         digest = columns["log_sha256"] or columns["record_sha256"]
         print(f"row {row} comes out the same, {digest[:12]}: {out}")
-    return Exit.OK if columns["failure"] is None else Exit.FAILURE
+    return ExitCode.OK if columns["failure"] is None else ExitCode.FAILURE

@@ -13,14 +13,14 @@ from mdms_array.experiments.settings import TRUTH, numbered
 from mdms_array.experiments.sweep import Design, SweepResult
 from mdms_array.experiments.tuning import Trial, Tuned, TuningProblem, tune
 from mdms_array.extras import TUNE, require
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.experiments.sweep import running, tell_failures
 from mdms_sim.plots.canvas import save
 
 PICTURE = "tuning.png"
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Tune, draw the history, and print the best values beside those of the scenario."""
     require(TUNE, "mdms tune")
     task = read_tuning(arguments.file)
@@ -41,7 +41,7 @@ def run(arguments: Namespace) -> Exit:
     else:
         print(*_report(task, tuned), f"  picture: {folder / PICTURE}", sep="\n")
     tell_failures(rows)
-    return Exit.OK if tuned.best.is_within else Exit.FAILURE
+    return ExitCode.OK if tuned.best.is_within else ExitCode.FAILURE
 
 
 def _figures(task: TuningProblem, tuned: Tuned, folder: Path) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from mdms_host.cli.console import bars, show
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.flash import flash_bus
 from mdms_host.cli.options import add_json
 from mdms_host.cli.streams import say
@@ -38,7 +38,7 @@ class FlashOutcome:
     duration_s: float = 0.0
     dry: bool = False
     problem: str | None = None
-    code: Exit = Exit.OK
+    code: ExitCode = ExitCode.OK
 
     @property
     def standing(self) -> str:
@@ -148,10 +148,10 @@ def _compared(version: str) -> str:
     return f"{'older' if theirs < ours else 'newer'} than {VERSION} here"
 
 
-def _code(error: BoardError) -> Exit:
+def _code(error: BoardError) -> ExitCode:
     if isinstance(error, NoBoardError):
-        return Exit.NO_DEVICE
-    return Exit.NODE_FAULT if isinstance(error, VersionError) else Exit.FAILURE
+        return ExitCode.NO_DEVICE
+    return ExitCode.NODE_FAULT if isinstance(error, VersionError) else ExitCode.FAILURE
 
 
 JOBS = 8
@@ -199,7 +199,7 @@ def add_options(parser: ArgumentParser) -> None:
     flash_bus.add_options(parser)
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Flash the boards at once, with a line for each as it is done."""
     if arguments.bus:
         return flash_bus.run(arguments)
@@ -210,13 +210,13 @@ def run(arguments: Namespace) -> Exit:
         print(json.dumps({"boards": [outcome.row() for outcome in outcomes]}))
     elif arguments.list:
         _show(outcomes)
-    failed = [outcome for outcome in outcomes if outcome.code is not Exit.OK]
+    failed = [outcome for outcome in outcomes if outcome.code is not ExitCode.OK]
     if failed and len(outcomes) > 1:
         names = ", ".join(outcome.port.device for outcome in failed)
         raise CommandError(
             f"{len(failed)} of {len(outcomes)} boards failed: {names}", failed[0].code
         )
-    return failed[0].code if failed else Exit.OK
+    return failed[0].code if failed else ExitCode.OK
 
 
 def _chosen(arguments: Namespace) -> "list[BoardPort]":
@@ -228,14 +228,14 @@ def _chosen(arguments: Namespace) -> "list[BoardPort]":
         try:
             return list(dict.fromkeys(named_port(name, ports) for name in arguments.ports))
         except NoPortError as error:
-            raise CommandError(str(error), Exit.NO_DEVICE) from None
+            raise CommandError(str(error), ExitCode.NO_DEVICE) from None
     found = board_ports(ports)
     if not found:
-        raise CommandError(NOBODY, Exit.NO_DEVICE)
+        raise CommandError(NOBODY, ExitCode.NO_DEVICE)
     if len(found) > 1 and not (arguments.all or arguments.list):
         names = ", ".join(port.device for port in found)
         raise CommandError(
-            f"{len(found)} boards: {names}; name them with --port, or --all", Exit.USAGE
+            f"{len(found)} boards: {names}; name them with --port, or --all", ExitCode.USAGE
         )
     return found
 
@@ -316,7 +316,7 @@ def _telling_of_missing_packages() -> Iterator[None]:
     try:
         yield
     except (MpremoteMissingError, FirmwareError) as error:
-        raise CommandError(str(error), Exit.FAILURE) from None
+        raise CommandError(str(error), ExitCode.FAILURE) from None
 
 
 def _jobs(text: str) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdms_host.cli.cell_options import add_nodes, nodes_of
 from mdms_host.cli.console import bars, progress, show
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
 
@@ -50,7 +50,7 @@ def refuse_options(arguments: Namespace) -> None:
     for name in ("array", "key", "bundle", "save", "allow_older", "nodes"):
         if getattr(arguments, name):
             option = "--node" if name == "nodes" else f"--{name.replace('_', '-')}"
-            raise CommandError(f"{option} goes with --bus", Exit.USAGE)
+            raise CommandError(f"{option} goes with --bus", ExitCode.USAGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ class Row:
         return self.bundle.identification == self.cell.identification
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Ask the cells, sign bundles for them, send, start and confirm; a line for each.
 
     The buses of a table are served one after another. Raises `CommandError` for missing cells.
@@ -82,7 +82,7 @@ def run(arguments: Namespace) -> Exit:
         raise CommandError(
             f"--save: bundles are of one bus, and there are {len(table.buses)}: "
             f"{', '.join(table.channels)}; name one of them with -c",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     found: dict[str, dict[str, Any]] = {}
     heard: list[Heard] = []
@@ -98,7 +98,7 @@ def run(arguments: Namespace) -> Exit:
         print(json.dumps({**told, **figures_of(missing)}))
     refuse_missing(table.is_split, missing)
     cells = [cell for figures in found.values() for cell in figures["cells"]]
-    return Exit.NODE_FAULT if any(cell.get("problem") for cell in cells) else Exit.OK
+    return ExitCode.NODE_FAULT if any(cell.get("problem") for cell in cells) else ExitCode.OK
 
 
 def _flash_one_bus(arguments: Namespace) -> "tuple[dict[str, Any], frozenset[int]]":
@@ -115,7 +115,7 @@ def _flash_one_bus(arguments: Namespace) -> "tuple[dict[str, Any], frozenset[int
         with progress("asking") as share:
             cells = read_candidates(commissioning, node_ids, share)
         if not cells:
-            raise CommandError("there is no MDMS cell on the bus", Exit.NODE_FAULT)
+            raise CommandError("there is no MDMS cell on the bus", ExitCode.NODE_FAULT)
         present = frozenset(node_ids)
         if arguments.list:
             return _list(arguments, cells), present
@@ -158,7 +158,7 @@ def _bundles(arguments: Namespace, cells: "Sequence[Candidate]") -> "dict[int, B
         try:
             packed = given.data[HEAD_SIZE:] if given else bundles.packed_firmware(bytecode)
         except FirmwareError as error:
-            raise CommandError(str(error), Exit.FAILURE) from None
+            raise CommandError(str(error), ExitCode.FAILURE) from None
         made[bytecode] = bundles.sign(
             packed,
             key,
@@ -178,7 +178,7 @@ def _save(path: Path, bundles: "Sequence[Bundle]", *, force: bool) -> None:
         raise CommandError(
             f"these cells take {len(bundles)} bundles, and --save keeps one; name cells of one "
             "kind with --node",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     with replacing(path, MAGIC, force) as partial:
         partial.write_bytes(bundles[0].data)

@@ -13,7 +13,7 @@ from mdms_array.checks import chosen_parcel
 from mdms_array.host import references_m_s
 from mdms_array.simulation import compiling_watched
 from mdms_host.cli.console import progress, working
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.files import replacing
 from mdms_host.cli.streams import say
 from mdms_model.arrays import Floats
@@ -25,7 +25,7 @@ from mdms_model.squeeze import SqueezePlan, alike_turns, plan_squeezes, squeeze_
 from mdms_sim.physics.analysis.field_map import FieldMap, Law, map_field
 from mdms_sim.physics.analysis.squeeze_trials import (
     WITHIN_DEG,
-    Ending,
+    StepEnding,
     Trials,
     final_error_rad,
     random_poses,
@@ -38,7 +38,7 @@ from mdms_sim.plots.field_map import draw_field_map
 from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
 
 
-def draw_map(arguments: Namespace) -> Exit:
+def draw_map(arguments: Namespace) -> ExitCode:
     """Draw the map and print its equilibria and the path of the picture."""
     scenario = _with_field(load_scenario(arguments.scenario, arguments.overrides))
     parcel = chosen_parcel(scenario, arguments.parcel)
@@ -54,7 +54,7 @@ def draw_map(arguments: Namespace) -> Exit:
         print(json.dumps(figures | {"picture": str(path)}))
     else:
         print(*_map_report(figures), f"  picture: {path}", sep="\n")
-    return Exit.OK
+    return ExitCode.OK
 
 
 #: The field that is drawn of a scenario that has none.
@@ -122,7 +122,7 @@ ALONE = (
 HALF_TURN_DEG = 179.9
 
 
-def plan_squeeze(arguments: Namespace) -> Exit:
+def plan_squeeze(arguments: Namespace) -> ExitCode:
     """Plan, try the plan on the array, and print and draw the result."""
     scenario = load_scenario(arguments.scenario, [*arguments.overrides, *ALONE])
     if arguments.out is not None:
@@ -148,9 +148,9 @@ def plan_squeeze(arguments: Namespace) -> Exit:
             f"in none of {tried['count']} trials the parcel came within {widest_deg} degrees of "
             f"its yaw, and {tried['count'] - tried['ended']} tipped or left the table; this table "
             "cannot turn it so: take another parcel or a finer table",
-            Exit.FAILURE,
+            ExitCode.FAILURE,
         )
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _parcel(scenario: Scenario, arguments: Namespace) -> Parcel:
@@ -166,7 +166,7 @@ def _parcel(scenario: Scenario, arguments: Namespace) -> Parcel:
         raise CommandError(
             f"parcel {parcel.name!r} is a disc, which no field turns; give a polygon with "
             "--corners, or another parcel with --parcel",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     return parcel
 
@@ -185,7 +185,7 @@ def _polygon(parcel: Parcel, corners_m: Floats) -> Parcel:
     try:
         outline_of(plate)
     except ScenarioError as error:
-        raise CommandError(f"--corners: {error}", Exit.USAGE) from None
+        raise CommandError(f"--corners: {error}", ExitCode.USAGE) from None
     area_m2, moment_m3 = area_and_moment(corners_m)
     x_m, y_m = (moment_m3 / area_m2).tolist()
     return replace(plate, centre_of_mass_m=(x_m, y_m), inertia_kg_m2=None)
@@ -196,7 +196,7 @@ def _try(scenario: Scenario, parcel: Parcel, plan: SqueezePlan, arguments: Names
         raise CommandError(
             f"motion.speed_m_s is {scenario.motion.speed_m_s:g}, and nothing would move; give it a "
             "number above 0, as in --set motion.speed_m_s=0.05, or plan alone with --poses 0",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     seed = scenario.run.seed if arguments.seed is None else arguments.seed
     poses = random_poses(scenario, parcel, arguments.poses, seed)
@@ -204,7 +204,7 @@ def _try(scenario: Scenario, parcel: Parcel, plan: SqueezePlan, arguments: Names
         raise CommandError(
             f"parcel {parcel.name!r} tips wherever it lies on this array; give a larger one, or "
             "plan alone with --poses 0",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     plan_squeeze = replace(scenario.run, step_s=STEP_S)
     alone = replace(scenario, parcel=(parcel,), run=plan_squeeze)
@@ -246,7 +246,7 @@ def _tried(plan: SqueezePlan, trials: Trials | None) -> dict[str, Any]:
         return {"trials": None}
     error_rad = final_error_rad(plan, trials)
     steps = [
-        {ending.name.lower(): outcome.count(ending) for ending in Ending}
+        {ending.name.lower(): outcome.count(ending) for ending in StepEnding}
         | {"within": _within(outcome.error_rad)}
         for outcome in step_outcomes(plan, trials)
     ]
@@ -302,7 +302,7 @@ def _trial_lines(trials: dict[str, Any]) -> list[str]:
     for number, step in enumerate(trials["steps"], start=1):
         endings = [
             f"{step[ending.name.lower()]} {ending.value}"
-            for ending in Ending
+            for ending in StepEnding
             if step[ending.name.lower()]
         ]
         lines.append(f"    step {number}, beside the field without gaps: {', '.join(endings)}")

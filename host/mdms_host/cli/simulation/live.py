@@ -11,7 +11,7 @@ from mdms_array.host import (
     parcels_of,
 )
 from mdms_array.simulation import host_report_of
-from mdms_host.cli.exits import Exit, interrupted
+from mdms_host.cli.exits import ExitCode, interrupted
 from mdms_host.cli.kept import Kept
 from mdms_host.cli.line import Job
 from mdms_host.cli.live_array import Watched, attendants
@@ -97,7 +97,7 @@ def attended(
         raise attend.failure
 
 
-def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> Exit:
+def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> ExitCode:
     """Run a scenario's program in real time with its page, until Ctrl-C."""
     slot = slot_of(scenario, main)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
@@ -121,4 +121,4 @@ def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> 
                 page.attend()
                 table.advance()
                 sleep(table.wait_s())
-    return Exit.OK
+    return ExitCode.OK

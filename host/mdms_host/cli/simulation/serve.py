@@ -17,7 +17,7 @@ from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
 from mdms_host.can_link.bus_log import is_from_host, open_log
-from mdms_host.cli.exits import ENDS, CommandError, Exit, interrupted
+from mdms_host.cli.exits import ENDS, CommandError, ExitCode, interrupted
 from mdms_host.cli.files import writing, written
 from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames, say_log_ends
 from mdms_host.cli.line import Job, has_line, recipes_of
@@ -44,7 +44,7 @@ STORED_CELLS = "cells.json"
 KEEP_NS = NS_PER_S
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Serve until Ctrl-C or SIGTERM; keep a run folder if asked to.
 
     A parcel that tips is taken off the table.
@@ -77,7 +77,7 @@ def run(arguments: Namespace) -> Exit:
         if stored is not None:
             with writing(stored.path):
                 stored.keep()
-    return Exit.OK
+    return ExitCode.OK
 
 
 def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
@@ -91,7 +91,7 @@ def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
     try:
         return KeptFlash(path, scenario.array.columns * scenario.array.rows)
     except OSError as error:
-        raise CommandError(f"{path}: cannot be read: {error.strerror}", Exit.USAGE) from None
+        raise CommandError(f"{path}: cannot be read: {error.strerror}", ExitCode.USAGE) from None
 
 
 class _Watch:

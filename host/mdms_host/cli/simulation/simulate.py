@@ -26,7 +26,7 @@ from mdms_array.simulation import run_and_keep, run_scenario, timed
 from mdms_array.source import open_program
 from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.cli.console import progress, working
-from mdms_host.cli.exits import CommandError, Exit, exit_of
+from mdms_host.cli.exits import CommandError, ExitCode, exit_of
 from mdms_host.cli.files import writing
 from mdms_host.cli.options import DEMO_FOLDER
 from mdms_host.cli.streams import kept_for_json, say
@@ -38,7 +38,7 @@ from mdms_sim.bus.wire import frame_bits
 from mdms_sim.simulation import simulate
 
 
-def run(arguments: Namespace) -> Exit:
+def run(arguments: Namespace) -> ExitCode:
     """Simulate, print the figures, and write the run folder if one is wanted."""
     overrides = list(arguments.overrides)
     for name in ("seed", "fidelity"):
@@ -50,7 +50,7 @@ def run(arguments: Namespace) -> Exit:
         scenario, main = open_program(arguments.scenario, overrides)
     if arguments.bus_format != "log" and not (arguments.out and _has_bus(scenario)):
         raise CommandError(
-            "--bus-format: only a run of the firmware with --out has a bus log", Exit.USAGE
+            "--bus-format: only a run of the firmware with --out has a bus log", ExitCode.USAGE
         )
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, _repeated(scenario, main))
@@ -132,7 +132,7 @@ def _has_bus(scenario: Scenario) -> bool:
     return scenario.run.fidelity == "firmware"
 
 
-def verdict(run: Run) -> Exit:
+def verdict(run: Run) -> ExitCode:
     """Report what went wrong, if anything did; how the command ends."""
     for incident in run.incidents:
         say(f"{incident.time_s:8.3f} s  {incident.text}")
@@ -144,8 +144,8 @@ def verdict(run: Run) -> Exit:
         # Violations have been said already; there may be a reason beside them.
         if run.reason:
             say(f"mdms: {run.reason}")
-        return exit_of(error) or Exit.FAILURE
-    return Exit.OK
+        return exit_of(error) or ExitCode.FAILURE
+    return ExitCode.OK
 
 
 NS_PER_S = 1_000_000_000
@@ -155,7 +155,7 @@ US_PER_S = 1_000_000
 PLAYERS = 2
 
 
-def run_cells(arguments: Namespace) -> Exit:
+def run_cells(arguments: Namespace) -> ExitCode:
     """Run a folder's scenario with its recorded host, and print the figures of the run."""
     log = list(read_log(arguments.folder / BUS_LOG))
     frames = list(chosen(log, "host"))
@@ -166,7 +166,7 @@ def run_cells(arguments: Namespace) -> Exit:
         raise CommandError(
             f"{arguments.folder}: its cells had other node ids than their numbers, which simulated "
             "cells have; replay it to a bus: -i and -c",
-            Exit.USAGE,
+            ExitCode.USAGE,
         )
     bar = progress(scenario.title, scenario.run.duration_s)
     with TemporaryDirectory(prefix="mdms-") as temporary, bar as advance:
@@ -176,7 +176,7 @@ def run_cells(arguments: Namespace) -> Exit:
     figures = {**ended.figures, "answers": asdict(answers)}
     print(json.dumps(figures) if arguments.json else "\n".join([*report(figures), answers.text]))
     code = verdict(ended)
-    return code if answers.same else max(code, Exit.FAILURE)
+    return code if answers.same else max(code, ExitCode.FAILURE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +257,7 @@ def ready_s(end_s: float, frame: Frame, bitrate: int) -> float:
     return max(0.0, (end_bits - frame_bits(frame) - 0.5) * bit_ns / NS_PER_S)
 
 
-def demo(arguments: Namespace) -> Exit:
+def demo(arguments: Namespace) -> ExitCode:
     """Run the prototype's array with its real firmware and report how it went; or with its page."""
     with kept_for_json(arguments.json):
         scenario, main = open_program(arguments.scenario, ["run.fidelity=firmware"])

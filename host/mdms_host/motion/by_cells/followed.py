@@ -9,7 +9,7 @@ from math import hypot, inf, radians, sqrt
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.goal import PUT_M, Goal, Limits, next_move
+from mdms_host.motion.goal import PUT_M, GoalPose, Limits, next_move
 from mdms_host.motion.outcome import REACHED_M, REACHED_RAD, Standstill, miss_of
 from mdms_model.arrays import Floats
 
@@ -28,7 +28,7 @@ class Followed:
     when the cells have gone on to the next leg.
     """
 
-    def __init__(self, goal: Goal, limits: Limits, reach_m: float) -> None:
+    def __init__(self, goal: GoalPose, limits: Limits, reach_m: float) -> None:
         self.goal = goal
         self.place = goal
         self.left_m = inf
@@ -49,7 +49,7 @@ class Followed:
         self.reported = self.there = self.arrived = False
         self._standstill.clear()
 
-    def lead(self, place: Goal) -> None:
+    def lead(self, place: GoalPose) -> None:
         """The cells are to take it there now."""
         if place != self.place:
             self.place = place
@@ -87,8 +87,8 @@ class LastLeg:
     A belief has only those moves that would make it surer (`feel`) for which there is room.
     """
 
-    def __init__(self, goal: Goal, footholds: Footholds) -> None:
-        self.places: tuple[Goal, ...] = (goal,)
+    def __init__(self, goal: GoalPose, footholds: Footholds) -> None:
+        self.places: tuple[GoalPose, ...] = (goal,)
         self._goal = goal
         self._footholds = footholds
         self._moves = 0
@@ -127,5 +127,5 @@ class LastLeg:
     def _move(self, belief: Belief, move: Floats) -> None:
         goal, yaw_rad = self._goal, float(belief.pose[2])
         x_m, y_m, turn_rad = move.tolist()
-        self.places = (Goal(goal.x_m + x_m, goal.y_m + y_m, yaw_rad + turn_rad), goal)
+        self.places = (GoalPose(goal.x_m + x_m, goal.y_m + y_m, yaw_rad + turn_rad), goal)
         self._moves += 1

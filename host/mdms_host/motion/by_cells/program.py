@@ -18,7 +18,7 @@ from mdms_host.motion.by_cells.reports import Observed, Reports
 from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn, Precedences, Sending, Way
 from mdms_host.motion.contact import has_room
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.safe_goals import Places
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
@@ -81,7 +81,7 @@ class CellsProgram:
         ]
 
     def lead(
-        self, name: str, goal: Goal, legs: Sequence[Goal] = (), *, last: bool = False
+        self, name: str, goal: GoalPose, legs: Sequence[GoalPose] = (), *, last: bool = False
     ) -> Followed:
         """Have a parcel steered to this goal from now on; returns the follower of the parcel to it.
 
@@ -260,7 +260,7 @@ class CellsProgram:
 
     # Parcels on their way
 
-    def _last_leg_to(self, name: str, goal: Goal) -> LastLeg:
+    def _last_leg_to(self, name: str, goal: GoalPose) -> LastLeg:
         centre_m = self._centres_of_mass_m.get(name, (0.0, 0.0))
         return LastLeg(goal, Footholds(self._layout, self._footprints[name], centre_m))
 

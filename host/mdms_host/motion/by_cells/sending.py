@@ -13,7 +13,7 @@ from typing import NamedTuple
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.reports import Lasting, Reports, cells_text
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.goal import GoalPose, Limits
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages, precedence
@@ -55,7 +55,7 @@ class CellsMotion:
     limits: Limits = field(default_factory=Limits)
     go_on: bool = False
 
-    def flags(self, goal: Goal | None) -> int:
+    def flags(self, goal: GoalPose | None) -> int:
         """The flags of a parcel on its way to a goal."""
         any_yaw = goal is not None and goal.yaw_rad is None
         return (wire.GO_ON if self.go_on else 0) | (wire.ANY_YAW if any_yaw else 0)
@@ -68,7 +68,7 @@ def place_page(identity: int, sequence: int, pose: Floats) -> messages.Place:
 
 
 def goal_page(
-    identity: int, sequence: int, goal: Goal, leg: int = 0, legs: int = 0
+    identity: int, sequence: int, goal: GoalPose, leg: int = 0, legs: int = 0
 ) -> messages.Goal:
     """Where a parcel is to go, or where a leg of its way ends; `leg` and `legs` as in `frames`."""
     steps = _steps(goal.x_m, goal.y_m, goal.yaw_rad or 0.0)
@@ -89,11 +89,11 @@ class Way:
     pages of it; otherwise these count no more.
     """
 
-    places: tuple[Goal, ...]
+    places: tuple[GoalPose, ...]
     joins: bool = False
 
     @property
-    def goal(self) -> Goal:
+    def goal(self) -> GoalPose:
         """Where the parcel goes now."""
         return self.places[0]
 
@@ -124,7 +124,7 @@ class Way:
         return goal_page(identity, sequence, self.places[leg], number, self.legs)
 
 
-def _numbers(goal: Goal) -> Page:
+def _numbers(goal: GoalPose) -> Page:
     """The numbers that cells get of a place."""
     return goal_page(1, 1, goal)
 

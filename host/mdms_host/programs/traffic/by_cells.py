@@ -14,7 +14,7 @@ from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Order
@@ -46,7 +46,7 @@ _STILL_S = 0.25
 
 #: Has the cells take a parcel to a goal, and, should the host be gone by then, along the legs that
 #: follow; whether the goal is the last; returns the follower to the goal.
-Send = Callable[[Goal, Sequence[Goal], bool], Followed]
+Send = Callable[[GoalPose, Sequence[GoalPose], bool], Followed]
 
 
 class Legs:
@@ -189,21 +189,21 @@ class Legs:
         clear = not (self.stopping or self.off_path or self.obstructed)
         return self._goes_on and clear and sent_m < self._path.length_m - _SAME_M
 
-    def _legs_after(self, sent_m: float) -> Iterator[Goal]:
+    def _legs_after(self, sent_m: float) -> Iterator[GoalPose]:
         """The corners behind a goal, and the end."""
         return (self._goal_at(end_m) for end_m in self._path.legs_m if end_m > sent_m + _SAME_M)
 
-    def _goal_here(self, belief: Belief) -> Goal:
+    def _goal_here(self, belief: Belief) -> GoalPose:
         """A goal at which it stops from any place: cells bring it back to where it is now."""
         x_m, y_m, yaw_rad = belief.pose.tolist()
-        return Goal(x_m, y_m, None if self._is_round else yaw_rad)
+        return GoalPose(x_m, y_m, None if self._is_round else yaw_rad)
 
-    def _goal_at(self, to_m: float) -> Goal:
+    def _goal_at(self, to_m: float) -> GoalPose:
         goal = self.order.goal
-        if to_m >= self._path.length_m and isinstance(goal, Goal):
+        if to_m >= self._path.length_m and isinstance(goal, GoalPose):
             return goal
         x_m, y_m, yaw_rad = self._path.pose_at(to_m).tolist()
-        return Goal(x_m, y_m, None if self._is_round else yaw_rad)
+        return GoalPose(x_m, y_m, None if self._is_round else yaw_rad)
 
 
 #: A parcel that comes over the same cell again comes twice, if it is planned to be away for longer
@@ -356,7 +356,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
         self._cells.set_orders(orders_over_cells(reservations, self._tiles, come_m, until_m))
 
     def _set_out(self, order: Order, route: Route) -> Legs:
-        def send(goal: Goal, legs: Sequence[Goal], last: bool) -> Followed:
+        def send(goal: GoalPose, legs: Sequence[GoalPose], last: bool) -> Followed:
             return self._cells.lead(order.parcel, goal, legs, last=last)
 
         return Legs(order, route, self._loads[order.parcel], send, self._cells.motion)

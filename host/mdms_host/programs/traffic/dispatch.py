@@ -11,7 +11,7 @@ from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.world_state import Timetable, WorldState, shape_of
 from mdms_host.routes.blocked import Blocked
-from mdms_host.routes.planner import Plan, Planner
+from mdms_host.routes.planner import Planner, RoutePlan
 from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.route import Route
 from mdms_host.routes.support import Shape
@@ -188,7 +188,7 @@ class Dispatch:
         lost: Bools,
         *,
         beside: Mapping[str, Mapping[str, Floats]],
-    ) -> Plan:
+    ) -> RoutePlan:
         """A plan around the tiles of lost cells; see above.
 
         Where two stand on the same tile neither has a way, nor has a parcel whose goal is on a tile
@@ -265,7 +265,7 @@ class Dispatch:
         kept: dict[str, Route],
         never: Bools,
         lost: Bools,
-    ) -> Plan:
+    ) -> RoutePlan:
         plan = self._planner.plan(tasks, now_s, closed=never | lost, kept=kept)
         if plan.blocked and self._rules.over_lost and lost.any():
             over = self._planner.plan(tasks, now_s, closed=never, kept=kept)

@@ -16,7 +16,7 @@ from typing import Generic, TypeVar
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch, NoWay, WayRules
@@ -24,7 +24,7 @@ from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Riding, due_in_s_of, reserved_by, ways_of
 from mdms_host.programs.traffic.world_state import Timetable, WorldState
 from mdms_host.routes.grid import RIM_M, Tiles
-from mdms_host.routes.planner import Margins, Plan, Planner, SearchSettings
+from mdms_host.routes.planner import Margins, Planner, RoutePlan, SearchSettings
 from mdms_host.routes.route import Pace, Route
 from mdms_model.arrays import Floats
 
@@ -78,7 +78,7 @@ _GOT_ON_M = 0.05
 class OrderedGoal:
     """A parcel that was ordered to a place: where to, and whether it is there."""
 
-    goal: Goal
+    goal: GoalPose
     arrived: bool = False
 
 
@@ -152,7 +152,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._again_s = self._now_s
         # Why it had no way was of the order before.
         self._dispatch.blocked.pop(order.parcel, None)
-        if isinstance(order.goal, Goal):
+        if isinstance(order.goal, GoalPose):
             self.steered[order.parcel] = OrderedGoal(order.goal)
         else:
             # A parcel that is to leave is away from its last goal because it was asked to be.
@@ -221,7 +221,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         """Parcels that may be moved in the next step to make their places sure."""
 
     @property
-    def plan(self) -> Plan | None:
+    def plan(self) -> RoutePlan | None:
         """The plan that is in effect, for records and pictures."""
         return self._timetable.plan
 
@@ -315,7 +315,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
             stood = self._stood[name] = _Stood(order, place.copy(), 0, 0.0)
         stood.times, stood.last_s = stood.times + 1, self._now_s
         text, goal = f"{name} does not get on", order.goal
-        if isinstance(goal, Goal):
+        if isinstance(goal, GoalPose):
             left_m = hypot(goal.x_m - place[0], goal.y_m - place[1])
             text += f", {1e3 * left_m:.0f} mm from its goal"
         if stood.times == _TRIES:

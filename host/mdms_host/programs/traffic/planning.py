@@ -4,7 +4,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol
 
-from mdms_host.routes.planner import Plan
+from mdms_host.routes.planner import RoutePlan
 
 #: A plan takes effect so many cycles after it was asked for, or when it is ready if that is later.
 DELAY_CYCLES = 3
@@ -23,11 +23,11 @@ class PlanExecutor(Protocol):
         """Whether a plan has been asked for that has not been taken yet."""
         ...
 
-    def ask(self, work: Callable[[], Plan]) -> None:
+    def ask(self, work: Callable[[], RoutePlan]) -> None:
         """Have a plan made."""
         ...
 
-    def take(self) -> Plan | None:
+    def take(self) -> RoutePlan | None:
         """The plan that was asked for, once it is ready; called once a cycle."""
         ...
 
@@ -38,7 +38,7 @@ class VirtualExecutor:
     real_time = False
 
     def __init__(self) -> None:
-        self._plan: Plan | None = None
+        self._plan: RoutePlan | None = None
         self._cycles = 0
 
     @property
@@ -46,11 +46,11 @@ class VirtualExecutor:
         """See `PlanExecutor`."""
         return self._plan is not None
 
-    def ask(self, work: Callable[[], Plan]) -> None:
+    def ask(self, work: Callable[[], RoutePlan]) -> None:
         """See `PlanExecutor`."""
         self._plan, self._cycles = work(), 0
 
-    def take(self) -> Plan | None:
+    def take(self) -> RoutePlan | None:
         """See `PlanExecutor`."""
         if self._plan is None:
             return None
@@ -68,7 +68,7 @@ class ThreadExecutor:
 
     def __init__(self) -> None:
         self._executor = ThreadPoolExecutor(1, "planning")
-        self._future: Future[Plan] | None = None
+        self._future: Future[RoutePlan] | None = None
         self._cycles = 0
 
     @property
@@ -76,11 +76,11 @@ class ThreadExecutor:
         """See `PlanExecutor`."""
         return self._future is not None
 
-    def ask(self, work: Callable[[], Plan]) -> None:
+    def ask(self, work: Callable[[], RoutePlan]) -> None:
         """See `PlanExecutor`."""
         self._future, self._cycles = self._executor.submit(work), 0
 
-    def take(self) -> Plan | None:
+    def take(self) -> RoutePlan | None:
         """See `PlanExecutor`; raises the planner's error."""
         if self._future is None:
             return None

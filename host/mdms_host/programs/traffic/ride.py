@@ -11,7 +11,7 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
-from mdms_host.motion.goal import Goal, GoalController
+from mdms_host.motion.goal import GoalController, GoalPose
 from mdms_host.motion.outcome import Standstill
 from mdms_host.motion.trajectory.follower import Carried, Follower
 from mdms_host.motion.trajectory.grip import Grip
@@ -271,7 +271,7 @@ class Ride:
 
     def _come(self) -> None:
         goal = self.order.goal
-        if isinstance(goal, Goal):
+        if isinstance(goal, GoalPose):
             self.controller = GoalController(goal, self._traction, self._load.mass)
             self.controller.grip = self.follower.grip
             self.controller.moves = self.order.moves

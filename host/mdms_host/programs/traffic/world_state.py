@@ -11,7 +11,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.contact import has_room
 from mdms_host.programs.traffic.ride import Load
-from mdms_host.routes.planner import Plan
+from mdms_host.routes.planner import RoutePlan
 from mdms_host.routes.route import Route
 from mdms_host.routes.support import Shape
 from mdms_model.arrays import Floats, Ints
@@ -27,7 +27,7 @@ class Timetable:
     """
 
     def __init__(self) -> None:
-        self.plan: Plan | None = None
+        self.plan: RoutePlan | None = None
         self.progress_m: dict[str, float] = {}
         #: Parcels that left since the plan was asked for, and since the next one was: another
         #: parcel may have come under the same name.
@@ -41,7 +41,7 @@ class Timetable:
         """The next plan has been asked for, with all that are there now."""
         self._gone_since.clear()
 
-    def begin(self, plan: Plan) -> None:
+    def begin(self, plan: RoutePlan) -> None:
         """Have a plan take effect, which was asked for last."""
         self.plan, self.progress_m = plan, {}
         self._gone, self._held_by = set(self._gone_since), None

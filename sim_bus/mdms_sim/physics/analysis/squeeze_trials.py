@@ -124,7 +124,7 @@ WITHIN_DEG = (2, 5, 10, 20)
 AS_PREDICTED_RAD = np.radians(5.0)
 
 
-class Ending(Enum):
+class StepEnding(Enum):
     """How a step went."""
 
     AS_PREDICTED = "as predicted"
@@ -139,10 +139,10 @@ class Ending(Enum):
 class StepOutcome:
     """Endings (N,) of one step's trials, and how far from the prediction [rad], NaN for none."""
 
-    ending: tuple[Ending, ...]
+    ending: tuple[StepEnding, ...]
     error_rad: Floats
 
-    def count(self, ending: Ending) -> int:
+    def count(self, ending: StepEnding) -> int:
         """How many ended so."""
         return self.ending.count(ending)
 
@@ -168,14 +168,14 @@ def _outcome(plan: SqueezePlan, trials: Trials, step: int) -> StepOutcome:
     predicted = np.full(len(before), np.nan)
     predicted[begun] = [plan.predict(yaw, step) for yaw in before[begun].tolist()]
     error = after - predicted
-    endings = np.full(len(before), Ending.NONE, dtype=object)
-    endings[begun] = Ending.TIPPED
-    endings[ended & trials.rests[:, step]] = Ending.STUCK
-    endings[ended & ~trials.rests[:, step]] = Ending.MOVING
-    endings[ended & _against(predicted - before, after - before)] = Ending.WRONG_WAY
+    endings = np.full(len(before), StepEnding.NONE, dtype=object)
+    endings[begun] = StepEnding.TIPPED
+    endings[ended & trials.rests[:, step]] = StepEnding.STUCK
+    endings[ended & ~trials.rests[:, step]] = StepEnding.MOVING
+    endings[ended & _against(predicted - before, after - before)] = StepEnding.WRONG_WAY
     period = plan.function.period_rad
     near = ended & (np.abs(_apart(np.where(ended, error, 0.0), period)) <= AS_PREDICTED_RAD)
-    endings[near] = Ending.AS_PREDICTED
+    endings[near] = StepEnding.AS_PREDICTED
     return StepOutcome(tuple(endings), _apart(error, period))
 
 

@@ -24,7 +24,7 @@ from mdms_model.compiled import (
 from mdms_model.errors import InputError
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.control_step import SensorPlaces, presence_bits
-from mdms_sim.physics.plane.records import Model, Scene, Scratch, State, read_poses
+from mdms_sim.physics.plane.records import Model, Scene, Scratch, StepState, read_poses
 from mdms_sim.physics.plane.step import step_ideal, step_voltage
 from mdms_sim.physics.plane.world import World
 
@@ -32,7 +32,7 @@ from mdms_sim.physics.plane.world import World
 SHARES = 8
 
 
-class Tables(NamedTuple):
+class SceneBatch(NamedTuple):
     """The arrays of a `Scene` for N tables, each with N in front of its shape.
 
     It has plain arrays and numbers only: a loop on several threads takes no tuple in a tuple.
@@ -67,7 +67,7 @@ class Tables(NamedTuple):
     line: Floats
 
 
-class Moves(NamedTuple):
+class BatchCall(NamedTuple):
     """The work of one call and its results, for N tables."""
 
     steps: int
@@ -87,7 +87,7 @@ class Moves(NamedTuple):
 
 
 @compiled
-def scene_of(tables: Tables, k: int) -> Scene:
+def scene_of(tables: SceneBatch, k: int) -> Scene:
     """The arrays of table k."""
     grid = Grid(tables.columns, tables.rows, tables.pitch_m, tables.wheel_reach_m)
     return Scene(
@@ -99,7 +99,7 @@ def scene_of(tables: Tables, k: int) -> Scene:
             tables.edges[k],
             tables.gravity_m_s2[k],
         ),
-        State(
+        StepState(
             tables.wheel_states[k],
             tables.parcel_states[k],
             tables.order[k],
@@ -122,7 +122,7 @@ def scene_of(tables: Tables, k: int) -> Scene:
 
 
 @inlined
-def go_on(tables: Tables, k: int, moves: Moves) -> None:
+def go_on(tables: SceneBatch, k: int, moves: BatchCall) -> None:
     """Move table k on until its steps are done, or until a step has something to report."""
     scene, drive, step_s = scene_of(borrowed(tables), k), moves.drive[k], moves.step_s
     done, report = moves.done[k], 0
@@ -138,7 +138,7 @@ def go_on(tables: Tables, k: int, moves: Moves) -> None:
 
 
 @compiled
-def sense(tables: Tables, k: int, presence: Bits) -> None:
+def sense(tables: SceneBatch, k: int, presence: Bits) -> None:
     """Read all presence sensors of table k."""
     places = SensorPlaces(
         Grid(tables.columns, tables.rows, tables.pitch_m, tables.sensor_reach_m),
@@ -149,7 +149,7 @@ def sense(tables: Tables, k: int, presence: Bits) -> None:
 
 
 @compiled
-def move_in_turn(tables: Tables, moves: Moves) -> None:
+def move_in_turn(tables: SceneBatch, moves: BatchCall) -> None:
     """Move one table after the other."""
     for k in range(moves.done.size):
         if moves.done[k] < moves.steps:
@@ -157,7 +157,7 @@ def move_in_turn(tables: Tables, moves: Moves) -> None:
 
 
 @compiled_parallel
-def move_on_threads(tables: Tables, moves: Moves) -> None:
+def move_on_threads(tables: SceneBatch, moves: BatchCall) -> None:
     """Move the tables on several threads; each has a share of them."""
     for k in prange(moves.done.size):
         if moves.done[k] < moves.steps:
@@ -165,7 +165,7 @@ def move_on_threads(tables: Tables, moves: Moves) -> None:
 
 
 @compiled
-def read_all_poses(tables: Tables, pose: Floats, twist: Floats) -> None:
+def read_all_poses(tables: SceneBatch, pose: Floats, twist: Floats) -> None:
     """Poses and twists (N, P, 3) of the parcels' origins."""
     for k in range(pose.shape[0]):
         read_poses(tables.parcels[k], tables.parcel_states[k], pose[k], twist[k])
@@ -196,7 +196,7 @@ class Batch:
         tables, wheels = len(self.worlds), len(self.worlds[0].wheels.cell)
         done, report = np.zeros((2, tables), np.int64)
         presence = np.zeros((tables, len(self.tables.first) - 1), np.uint8)
-        self._moves = Moves(0, 0, 0.0, True, np.zeros((tables, wheels)), done, report, presence)
+        self._moves = BatchCall(0, 0, 0.0, True, np.zeros((tables, wheels)), done, report, presence)
         self._move = self._compiled(move_in_turn if threads == 1 else move_on_threads)
         self._sense = for_types_of(sense, self.tables, 0, presence)
         self._pose, self._twist = np.zeros((2, tables, len(scenarios[0].parcel), 3))
@@ -270,7 +270,7 @@ class Batch:
                 return
             before = done
 
-    def _run(self, moves: Moves) -> None:
+    def _run(self, moves: BatchCall) -> None:
         if self.threads == 1:
             self._move(self.tables, moves)
         else:
@@ -310,7 +310,7 @@ class Batch:
         return np.asarray(self._tipped.any(axis=1))
 
 
-def _room(world: World, tables: int, edges: int) -> Tables:
+def _room(world: World, tables: int, edges: int) -> SceneBatch:
     """Empty arrays for so many tables like this one."""
     scene, cell = world.scene, world.scenario.cell
     grid = scene.model.grid
@@ -319,7 +319,7 @@ def _room(world: World, tables: int, edges: int) -> Tables:
         stacked = np.zeros((tables, *array.shape), array.dtype)
         return stacked.view(np.recarray) if array.dtype.names else stacked
 
-    return Tables(
+    return SceneBatch(
         grid.columns,
         grid.rows,
         grid.pitch_m,

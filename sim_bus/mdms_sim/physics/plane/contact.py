@@ -20,7 +20,7 @@ SHORTEST_STEP = 1e-9
 NEWTON_STEPS = 100
 
 
-class Pushes(NamedTuple):
+class WheelPushes(NamedTuple):
     """How n wheels push one parcel."""
 
     jacobian: Floats
@@ -32,7 +32,9 @@ class Pushes(NamedTuple):
 
 
 @inlined
-def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float, float, float, int]:
+def settle(
+    twist: Vector, inertia_per_s: Vector, pushes: WheelPushes
+) -> tuple[float, float, float, int]:
     """The new twist about the centre of mass from the old one, and the Newton steps it took.
 
     More than NEWTON_STEPS: it stopped there, short of the minimum.
@@ -61,7 +63,7 @@ def settle(twist: Vector, inertia_per_s: Vector, pushes: Pushes) -> tuple[float,
 
 @inlined
 def objective(
-    at: Vector, twist: Vector, inertia_per_s: Vector, pushes: Pushes
+    at: Vector, twist: Vector, inertia_per_s: Vector, pushes: WheelPushes
 ) -> tuple[float, Vector, Symmetric, bool]:
     """Value, gradient and generalised Hessian; True when no wheel changed its piece."""
     jacobian, line, piece = pushes
@@ -141,12 +143,12 @@ def inertia_per_s(scene: Scene, p: int, step_s: float) -> Vector:
 
 
 @compiled
-def pushes_on(scene: Scene, p: int) -> Pushes:
+def pushes_on(scene: Scene, p: int) -> WheelPushes:
     """The lines of one parcel's supports."""
     share = scene.scratch.parcels[p]
     first, end = 2 * share.first, 2 * share.first + share.lines
     jacobian, line = scene.scratch.jacobian[first:end], scene.scratch.line[first:end]
-    return Pushes(jacobian, line, scene.state.piece[first:end])
+    return WheelPushes(jacobian, line, scene.state.piece[first:end])
 
 
 NONE, ROLLING = int(Contact.NONE), int(Contact.ROLLING)

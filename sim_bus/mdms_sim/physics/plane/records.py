@@ -146,7 +146,7 @@ class Model(NamedTuple):
     gravity_m_s2: float
 
 
-class State(NamedTuple):
+class StepState(NamedTuple):
     """The start of a step."""
 
     wheels: Records
@@ -185,7 +185,7 @@ class Scene(NamedTuple):
     """All that a step reads and writes."""
 
     model: Model
-    state: State
+    state: StepState
     scratch: Scratch
 
 
@@ -194,7 +194,7 @@ def build_scene(scenario: Scenario) -> Scene:
     cells, first = true_cells(scenario), build_wheels(scenario).first
     model = _model(scenario, cells)
     wheels, parcels = len(model.wheels), len(model.parcels)
-    state = State(
+    state = StepState(
         wheels=_records(wheels, WHEEL_STATE),
         parcels=_at_start(scenario.parcel, in_stock(scenario)),
         order=np.arange(parcels),

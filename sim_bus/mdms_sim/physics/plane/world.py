@@ -47,7 +47,7 @@ SOLVER_LIMITS = {
 
 
 @dataclass(frozen=True, slots=True)
-class WorldState:
+class WorldSnapshot:
     """A world at one instant, apart from it; see `World.state`."""
 
     time_s: float
@@ -90,9 +90,9 @@ class World:
 
     # To come back to -----------------------------------------------------------------------------
 
-    def state(self) -> WorldState:
+    def state(self) -> WorldSnapshot:
         """All that the future depends on, to be given to `restore`, as often as wanted."""
-        return WorldState(
+        return WorldSnapshot(
             self.time_s,
             tuple(self.events),
             self._limits,
@@ -101,7 +101,7 @@ class World:
             self.streams.state(),
         )
 
-    def restore(self, state: WorldState) -> None:
+    def restore(self, state: WorldSnapshot) -> None:
         """Go back: the same steps and readings as then give the same bytes.
 
         The arrays stay at their places, so that the owner of a part of the world still has it.

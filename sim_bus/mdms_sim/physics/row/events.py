@@ -41,7 +41,7 @@ class RowParcel(NamedTuple):
     com_m: float
 
 
-class Footing(NamedTuple):
+class CarryingWheels(NamedTuple):
     """The wheels `first` to `last` that carry in stretch `k`: their loads and their modes.
 
     Wheel i carries load[0, i] + load[1, i] x [N], x the parcel's place (eq 1).
@@ -61,7 +61,7 @@ def carried(row: RowParcel, k: int) -> bool:
 
 
 @compiled
-def footing(row: RowParcel, k: int, x_m: float, speed: float) -> Footing:
+def footing(row: RowParcel, k: int, x_m: float, speed: float) -> CarryingWheels:
     """The carrying wheels in stretch `k`; each wheel rolls where friction can hold it (eq 12)."""
     wheels = len(row.wheel_x_m)
     load, mode = np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8)
@@ -74,18 +74,18 @@ def footing(row: RowParcel, k: int, x_m: float, speed: float) -> Footing:
         hold_n = row.friction[i] * (load[0, i] + slope * x_m)
         rolling_n = row.push_n[i] - row.drag[i] * speed
         mode[i] = FORWARD if rolling_n > hold_n else BACKWARD if rolling_n < -hold_n else ROLLING
-    return Footing(k, first, last, load, mode)
+    return CarryingWheels(k, first, last, load, mode)
 
 
 @compiled
-def no_footing(row: RowParcel, k: int) -> Footing:
+def no_footing(row: RowParcel, k: int) -> CarryingWheels:
     """A stretch in which nothing carries."""
     wheels = len(row.wheel_x_m)
-    return Footing(k, 0, -1, np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8))
+    return CarryingWheels(k, 0, -1, np.zeros((2, wheels)), np.full(wheels, ABSENT, np.int8))
 
 
 @compiled
-def coefficients(row: RowParcel, foot: Footing) -> tuple[float, float, float]:
+def coefficients(row: RowParcel, foot: CarryingWheels) -> tuple[float, float, float]:
     """Of x'' = alpha + beta x + gamma x': eq (6) where wheels slide, eq (11) where they roll."""
     force_n, spring, damping = 0.0, 0.0, 0.0
     for i in range(foot.first, foot.last + 1):
@@ -99,7 +99,7 @@ def coefficients(row: RowParcel, foot: Footing) -> tuple[float, float, float]:
 
 
 @compiled
-def acceleration(row: RowParcel, foot: Footing, x_m: float, speed: float) -> float:
+def acceleration(row: RowParcel, foot: CarryingWheels, x_m: float, speed: float) -> float:
     """Of the parcel, from eqs (6) and (11) [m/s^2]."""
     alpha, beta, gamma = coefficients(row, foot)
     return alpha + beta * x_m + gamma * speed
@@ -138,7 +138,7 @@ class Margin(NamedTuple):
 
 @compiled
 def next_event(
-    row: RowParcel, foot: Footing, phase: MotionPhase, until_s: float
+    row: RowParcel, foot: CarryingWheels, phase: MotionPhase, until_s: float
 ) -> tuple[float, int, int, int]:
     """How long the phase lasts, what ends it, and for a CONTACT the wheel and its new mode.
 
@@ -168,14 +168,16 @@ def next_event(
 
 
 @compiled
-def edge_margin(row: RowParcel, foot: Footing, phase: MotionPhase, side: int) -> Margin:
+def edge_margin(row: RowParcel, foot: CarryingWheels, phase: MotionPhase, side: int) -> Margin:
     """Way left to the edge of the stretch on one side."""
     edge_m = row.edge_m[foot.k + 1] if side > 0 else row.edge_m[foot.k]
     return Margin(side * (edge_m - phase.x_m), -side, 0.0, SLACK_M)
 
 
 @compiled
-def mode_margin(row: RowParcel, foot: Footing, phase: MotionPhase, i: int, side: int) -> Margin:
+def mode_margin(
+    row: RowParcel, foot: CarryingWheels, phase: MotionPhase, i: int, side: int
+) -> Margin:
     """Force by which wheel `i` keeps its mode: friction over a rolling wheel's force, or under.
 
     A wheel that rolls may slip to either `side`; one that slips to `side` may roll again (eq 12).
@@ -192,7 +194,7 @@ def mode_margin(row: RowParcel, foot: Footing, phase: MotionPhase, i: int, side:
 
 
 @compiled
-def most_change(row: RowParcel, foot: Footing, margin: Margin, within_s: float) -> float:
+def most_change(row: RowParcel, foot: CarryingWheels, margin: Margin, within_s: float) -> float:
     """A bound on the change of a margin: friction bounds speed, the stretch bounds place."""
     span_m: float = row.edge_m[foot.k + 1] - row.edge_m[foot.k]
     return abs(margin.by_x) * span_m + abs(margin.by_v) * row.most_pull_m_s2 * within_s

@@ -25,7 +25,7 @@ from mdms_sim.physics.row.events import (
     HELD,
     ROLLING,
     TIP,
-    Footing,
+    CarryingWheels,
     Modes,
     RowParcel,
     acceleration,
@@ -93,7 +93,9 @@ def loads(row: RowParcel, trace: Trace, way: SampledMotion) -> Loads:
 
 
 @compiled
-def add_forces(row: RowParcel, foot: Footing, state: RowState, part: float, here: Loads) -> None:
+def add_forces(
+    row: RowParcel, foot: CarryingWheels, state: RowState, part: float, here: Loads
+) -> None:
     """Add a part of the forces of what carries."""
     for i in range(foot.first, foot.last + 1):
         load_n = foot.load[0, i] + foot.load[1, i] * state.x_m

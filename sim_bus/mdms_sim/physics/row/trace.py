@@ -29,7 +29,7 @@ from mdms_sim.physics.row.events import (
     START,
     SUPPORT,
     TIP,
-    Footing,
+    CarryingWheels,
     Modes,
     MotionPhase,
     RowParcel,
@@ -93,7 +93,7 @@ def trace(row: RowParcel, x_m: float, until_s: float) -> Trace:
 
 
 @compiled
-def begin(row: RowParcel, foot: Footing, cause: int, state: RowState) -> MotionPhase:
+def begin(row: RowParcel, foot: CarryingWheels, cause: int, state: RowState) -> MotionPhase:
     """The phase that begins now; one without force keeps the parcel where it rests."""
     alpha, beta, gamma = coefficients(row, foot)
     pull = alpha + beta * state.x_m + gamma * state.speed
@@ -109,7 +109,7 @@ def negligible(row: RowParcel, pull: float) -> bool:
 
 
 @compiled
-def note(book: Trace, count: int, phase: MotionPhase, cause: int, foot: Footing) -> Trace:
+def note(book: Trace, count: int, phase: MotionPhase, cause: int, foot: CarryingWheels) -> Trace:
     """Write one more phase; the book grows when it is full."""
     if count == len(book.phases):
         book = Trace(
@@ -132,7 +132,7 @@ def coast(phase: MotionPhase, after_s: float) -> tuple[RowState, float]:
 
 
 @compiled
-def start(row: RowParcel, x_m: float) -> tuple[Footing, int]:
+def start(row: RowParcel, x_m: float) -> tuple[CarryingWheels, int]:
     """The stretch on which a parcel at rest at `x_m` sets off.
 
     On an edge, the pushes on both sides decide.
@@ -160,7 +160,7 @@ def start(row: RowParcel, x_m: float) -> tuple[Footing, int]:
 @compiled
 def cross(
     row: RowParcel, k: int, side: int, state: RowState, pull: float
-) -> tuple[Footing, int, RowState]:
+) -> tuple[CarryingWheels, int, RowState]:
     """Go over an edge of stretch `k`: onto what, how that is called, and the state there.
 
     An edge whose two sides push the parcel back holds it, once it strays less than EDGE_M.

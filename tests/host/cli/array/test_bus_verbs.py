@@ -9,7 +9,7 @@ import pytest
 
 from mdms_host.can_link.link import LinkCounts
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_protocol.codecs import cob, nmt
 
@@ -69,14 +69,14 @@ def on(channel, verb, *arguments):
 
 def test_stop_is_confirmed_by_the_heartbeats(channel, capsys):
     with Nodes(channel, {1: nmt.OPERATIONAL, 2: nmt.OPERATIONAL}) as nodes:
-        assert on(channel, "stop") == Exit.OK
+        assert on(channel, "stop") == ExitCode.OK
     assert capsys.readouterr() == ("2 cells are off\n", "")
     assert set(nodes.states.values()) == {nmt.PRE_OPERATIONAL}
 
 
 def test_node_that_does_not_stop_is_named(channel, capsys):
     with Nodes(channel, {1: nmt.OPERATIONAL, 2: nmt.OPERATIONAL}, stubborn=(2,)):
-        assert on(channel, "stop", "--json") == Exit.NODE_FAULT
+        assert on(channel, "stop", "--json") == ExitCode.NODE_FAULT
     told = capsys.readouterr()
     assert json.loads(told.out) == {"heard": [1, 2], "not_off": [2], "missing": []}
     assert told.err == "mdms: not off: node 2; cut the motors' power\n"
@@ -133,7 +133,7 @@ def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
     command = ["stop", "-i", "virtual", "--array", str(tmp_path / "table.toml")]
     for options in ((), ("--json",)):
         with Nodes(there, {1: nmt.OPERATIONAL}) as nodes:
-            assert main([*command, *options]) == Exit.NO_DEVICE
+            assert main([*command, *options]) == ExitCode.NO_DEVICE
         assert nodes.states == {1: nmt.PRE_OPERATIONAL}
         told = capsys.readouterr()
         assert told.err.startswith(f"mdms: not stopped: {gone} (")
@@ -148,7 +148,7 @@ def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
 
 def test_status_shows_every_node_that_is_heard(channel, capsys):
     with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.STOPPED}):
-        assert on(channel, "status", "--json") == Exit.OK
+        assert on(channel, "status", "--json") == ExitCode.OK
     cells = json.loads(capsys.readouterr().out)["cells"]
     assert [(cell["node_id"], cell["state"], cell["silent"]) for cell in cells] == [
         (1, "operational", False),
@@ -158,7 +158,7 @@ def test_status_shows_every_node_that_is_heard(channel, capsys):
 
 def test_status_for_people_is_a_table(channel, capsys):
     with Nodes(channel, {3: nmt.PRE_OPERATIONAL}):
-        assert on(channel, "status") == Exit.OK
+        assert on(channel, "status") == ExitCode.OK
     told = capsys.readouterr().out
     assert "pre-operational" in told
     assert "\x1b" not in told
@@ -166,7 +166,7 @@ def test_status_for_people_is_a_table(channel, capsys):
 
 def test_scan_tells_of_nodes_that_do_not_answer(channel, capsys):
     with Nodes(channel, {5: nmt.OPERATIONAL}):
-        assert on(channel, "scan", "--json") == Exit.OK
+        assert on(channel, "scan", "--json") == ExitCode.OK
     (node,) = json.loads(capsys.readouterr().out)["nodes"]
     assert (node["node_id"], node["state"], node["identity"]) == (5, "operational", None)
     assert node["problem"]
@@ -174,7 +174,7 @@ def test_scan_tells_of_nodes_that_do_not_answer(channel, capsys):
 
 @pytest.mark.parametrize("verb", ["stop", "status", "scan"])
 def test_empty_bus_is_told_with_the_way_out(channel, capsys, verb):
-    assert on(channel, verb) == Exit.NO_DEVICE
+    assert on(channel, verb) == ExitCode.NO_DEVICE
     told = capsys.readouterr()
     assert told.out == ""
     assert "nobody is heard on the bus" in told.err
@@ -185,14 +185,14 @@ def test_empty_bus_is_told_with_the_way_out(channel, capsys, verb):
 def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys, verb):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("CAN_INTERFACE", raising=False)
-    assert main([*verb]) == Exit.NO_DEVICE
+    assert main([*verb]) == ExitCode.NO_DEVICE
     told = capsys.readouterr().err
     assert told.startswith("mdms: no CAN interface was named; name one with -i and -c")
     assert told.count("\n") == 1
 
 
 def test_run_without_cells_gives_up(channel, capsys):
-    assert on(channel, "run", "array18", "--json") == Exit.NO_DEVICE
+    assert on(channel, "run", "array18", "--json") == ExitCode.NO_DEVICE
     told = capsys.readouterr()
     figures = json.loads(told.out)
     assert figures["ending"] == "no cells"
@@ -212,24 +212,26 @@ def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
         return Operation(Ending.TIME_LIMIT, 13.0, None, LinkCounts(0, 0, 0, 0))
 
     monkeypatch.setattr("mdms_array.operation.operate", operated)
-    assert on(channel, "run", "array18", "--set", "run.duration_s=3", *options) == Exit.TIME_LIMIT
+    assert (
+        on(channel, "run", "array18", "--set", "run.duration_s=3", *options) == ExitCode.TIME_LIMIT
+    )
     assert limits_s == [limit_s]
     assert capsys.readouterr().err == "mdms: goal not reached: box has not been found\n"
 
 
 @pytest.mark.parametrize("limit", ["-1", "0", "nan", "inf", "soon"])
 def test_limit_that_is_no_time_is_bad_usage(capsys, limit):
-    assert main(["run", "array18", f"--limit={limit}"]) == Exit.USAGE
+    assert main(["run", "array18", f"--limit={limit}"]) == ExitCode.USAGE
     assert "--limit" in capsys.readouterr().err
 
 
 def test_run_of_a_bad_program_touches_no_bus(capsys):
-    assert main(["run", "none.toml"]) == Exit.USAGE
+    assert main(["run", "none.toml"]) == ExitCode.USAGE
     assert "none.toml: no such scenario file" in capsys.readouterr().err
 
 
 def test_unknown_interface_is_bad_usage(capsys):
-    assert main(["stop", "-i", "smoke-signals"]) == Exit.USAGE
+    assert main(["stop", "-i", "smoke-signals"]) == ExitCode.USAGE
     assert "smoke-signals" in capsys.readouterr().err
 
 
@@ -240,7 +242,7 @@ def test_second_host_on_a_bus_notices_the_first_and_sends_nothing(
     monkeypatch.setattr("mdms_host.cli.array.replay.read_log", lambda _path: [])
     states = {1: nmt.OPERATIONAL, 127: nmt.OPERATIONAL}
     with Nodes(channel, states) as nodes, can.Bus(channel, interface="virtual") as listener:
-        assert on(channel, verb, "array18") == Exit.FAILURE
+        assert on(channel, verb, "array18") == ExitCode.FAILURE
         heard = {message.arbitration_id for message in iter(lambda: listener.recv(0), None)}
     assert heard <= {cob.HEARTBEAT_BASE + 1, cob.HEARTBEAT_BASE + 127}
     assert nodes.states[1] == nmt.OPERATIONAL

@@ -11,7 +11,7 @@ import pytest
 from mdms_array.recording import convert_log
 from mdms_host.can_link.bus_log import LogPlayer, LogWriter, chosen, is_from_host, read_log
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import Answers
 from mdms_model.errors import InputError
 from mdms_model.run.folder import START_S
@@ -91,7 +91,7 @@ def test_form_of_a_log_that_is_not_there_is_refused(tmp_path, monkeypatch, capsy
 @pytest.mark.parametrize(
     # Nobody listens, which is no success; but to a bus without cells all is sent.
     ("options", "sender", "ends"),
-    [((), "host", Exit.NO_DEVICE), (("--all",), "all", Exit.OK)],
+    [((), "host", ExitCode.NO_DEVICE), (("--all",), "all", ExitCode.OK)],
 )
 def test_frames_are_sent_again_in_order_and_then_all_is_off(
     recorded, capsys, options, sender, ends
@@ -103,7 +103,7 @@ def test_frames_are_sent_again_in_order_and_then_all_is_off(
         messages = list(iter(lambda: listener.recv(0), None))
     said = capsys.readouterr()
     figures = json.loads(said.out)
-    assert ("no cell was heard" in said.err) == (ends is Exit.NO_DEVICE)
+    assert ("no cell was heard" in said.err) == (ends is ExitCode.NO_DEVICE)
     sent = [frame for _, frame in chosen(read_log(folder / "bus.log"), sender)]
     seen = [Frame(m.arbitration_id, bytes(m.data)) for m in messages]
     assert seen[: len(sent)] == sent
@@ -139,7 +139,7 @@ def test_another_program_ends_a_replay_and_all_is_off(tmp_path, capsys, monkeypa
     with can.Bus("stopped", interface="virtual") as bus:
         notifier = can.Notifier(bus, [Stopper()])
         replay = ["replay", str(tmp_path), "-i", "virtual", "-c", "stopped", "--json"]
-        assert main(replay) == Exit.NODE_FAULT
+        assert main(replay) == ExitCode.NODE_FAULT
         notifier.stop()
     said = capsys.readouterr()
     assert said.err.startswith(f"mdms: {told}")
@@ -166,7 +166,7 @@ def test_replay_to_nodes_says_whether_cells_answered_as_recorded(
     answers = json.loads(capsys.readouterr().out)["answers"]
     assert answers["recorded"] == answers["replayed"] > 100
     if changed:
-        assert code != Exit.OK
+        assert code != ExitCode.OK
         assert answers["differs_s"] == pytest.approx(
             float(lines[number].split(")")[0][1:]) - START_S, abs=1e-3
         )

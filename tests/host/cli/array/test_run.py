@@ -11,7 +11,7 @@ from mdms_array import operation
 from mdms_host.can_link.bus_log import read_log
 from mdms_host.can_link.link import DeviceGoneError, LinkCounts
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_model.run.folder import read_run
 
@@ -37,14 +37,14 @@ def on_a_bus_that_ends(monkeypatch, request):
 
 
 def test_device_that_goes_away_is_told_as_such(on_a_bus_that_ends, capsys):
-    assert on_a_bus_that_ends() == Exit.NO_DEVICE
+    assert on_a_bus_that_ends() == ExitCode.NO_DEVICE
     printed = capsys.readouterr()
     assert json.loads(printed.out)["ending"] == "device gone"
     assert printed.err == "mdms: the CAN device is gone: unplugged\n"
 
 
 def test_sightings_until_then_are_kept(on_a_bus_that_ends, tmp_path):
-    assert on_a_bus_that_ends("--out", str(tmp_path / "run")) == Exit.NO_DEVICE
+    assert on_a_bus_that_ends("--out", str(tmp_path / "run")) == ExitCode.NO_DEVICE
     stored = read_run(tmp_path / "run")
     assert stored.figures["fault"] == "the CAN device is gone: unplugged"
     assert stored.record.time_s.tolist() == [0.0, 0.05, 0.1]
@@ -85,7 +85,7 @@ def logged(folder):
 
 
 def test_a_full_disk_ends_no_run_and_leaves_what_it_took(on_a_full_disk, tmp_path, capsys):
-    assert on_a_full_disk() == Exit.FAILURE
+    assert on_a_full_disk() == ExitCode.FAILURE
     told = capsys.readouterr()
     assert told.out == "18 cells carry and turn a box: done after 50.0 s\n"
     run = tmp_path / "run"
@@ -98,7 +98,7 @@ def test_a_full_disk_ends_no_run_and_leaves_what_it_took(on_a_full_disk, tmp_pat
 
 
 def test_a_disk_that_has_room_again_takes_the_rest_of_the_folder(on_a_full_disk, tmp_path, capsys):
-    assert on_a_full_disk(more=resource.RLIM_INFINITY) == Exit.OK
+    assert on_a_full_disk(more=resource.RLIM_INFINITY) == ExitCode.OK
     assert capsys.readouterr().err.count("it ends here") == 1
     assert read_run(tmp_path / "run").figures["ending"] == "done"
     assert 10 < logged(tmp_path / "run") < 100
@@ -108,11 +108,19 @@ def test_a_disk_that_has_room_again_takes_the_rest_of_the_folder(on_a_full_disk,
 @pytest.mark.parametrize(
     "case",
     [
-        ("table.parcels[7]", Exit.FAILURE, "the program failed: IndexError: tuple index out of "),
-        ("table['bag']", Exit.TIME_LIMIT, "the program was broken off: no parcel 'bag' is on the"),
+        (
+            "table.parcels[7]",
+            ExitCode.FAILURE,
+            "the program failed: IndexError: tuple index out of ",
+        ),
+        (
+            "table['bag']",
+            ExitCode.TIME_LIMIT,
+            "the program was broken off: no parcel 'bag' is on the",
+        ),
         (
             "await table.sleep(99)",
-            Exit.TIME_LIMIT,
+            ExitCode.TIME_LIMIT,
             "not come to its end: it waits in main (program.p",
         ),
     ],
@@ -141,7 +149,7 @@ def test_a_program_that_fails_or_waits_ends_with_its_message_and_code(
 
 def test_folder_of_somebody_else_is_not_touched_and_no_bus_opened(on_a_bus_that_ends, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
-    assert on_a_bus_that_ends("--out", str(tmp_path)) == Exit.USAGE
+    assert on_a_bus_that_ends("--out", str(tmp_path)) == ExitCode.USAGE
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
@@ -159,7 +167,7 @@ def test_folder_of_somebody_else_is_not_touched_and_no_bus_opened(on_a_bus_that_
 def test_array_file_that_does_not_do_is_refused(on_a_bus_that_ends, tmp_path, capsys, text, told):
     path = tmp_path / "array.toml"
     path.write_text(text)
-    assert on_a_bus_that_ends("--array", str(path)) == Exit.USAGE
+    assert on_a_bus_that_ends("--array", str(path)) == ExitCode.USAGE
     message = capsys.readouterr().err
     assert told in message
     assert str(path) in message
@@ -193,7 +201,7 @@ def test_parcels_that_the_stop_does_not_hold_are_refused(
 ):
     path = tmp_path / "array.toml"
     path.write_text(STOP)
-    assert on_a_bus_that_ends("--array", str(path), *settings) == Exit.USAGE
+    assert on_a_bus_that_ends("--array", str(path), *settings) == ExitCode.USAGE
     assert f"mdms: {told}" in capsys.readouterr().err
 
 
@@ -201,7 +209,7 @@ def test_parcels_that_the_stop_holds_run_and_nothing_is_said(on_a_bus_that_ends,
     path = tmp_path / "array.toml"
     path.write_text(STOP)
     at_the_limit = (*SLOW, "--set", "parcel.0.mass_kg=5")
-    assert on_a_bus_that_ends("--array", str(path), *at_the_limit) == Exit.NO_DEVICE
+    assert on_a_bus_that_ends("--array", str(path), *at_the_limit) == ExitCode.NO_DEVICE
     assert capsys.readouterr().err == "mdms: the CAN device is gone: unplugged\n"
 
 
@@ -210,7 +218,7 @@ def test_an_array_file_that_states_no_stop_is_taken_with_one_warning(
 ):
     path = tmp_path / "array.toml"
     path.write_text("[array]\ncolumns = 6\nrows = 3\n")
-    assert on_a_bus_that_ends("--array", str(path)) == Exit.NO_DEVICE
+    assert on_a_bus_that_ends("--array", str(path)) == ExitCode.NO_DEVICE
     warning, *rest = capsys.readouterr().err.splitlines()
     assert warning.startswith(f"mdms: {path} does not say which parcels the emergency stop holds")
     assert rest == ["mdms: the CAN device is gone: unplugged"]
@@ -222,7 +230,7 @@ def test_goal_beyond_the_grid_of_the_array_file_is_refused(tmp_path, capsys, mor
     cells = "".join(f'[[cell]]\nserial = "{n:08X}"\nnode = {n}\n' for n in range(1, 19))
     path.write_text(f"[array]\ncolumns = 6\nrows = 3\n{cells}")
     command = ["run", "array54", "--array", str(path), "-i", "virtual", "-c", "small"]
-    assert main([*command, *more]) == Exit.USAGE
+    assert main([*command, *more]) == ExitCode.USAGE
     message = capsys.readouterr().err
     assert f"on {path}: parcel.0" in message
     assert message.count("\n") == 1

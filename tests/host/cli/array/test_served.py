@@ -15,7 +15,7 @@ from tests.held_up import until_not_held_up
 
 from mdms_host.can_link.bus_log import read_log
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_model.run.folder import read_run
 
 pytestmark = pytest.mark.real_time
@@ -44,7 +44,7 @@ def served(tmp_path_factory):
         # Nothing has to be waited for as for an adapter that is reset when it is opened.
         yield ("-i", "slcan", "-c", port[0], "-b", "1000000", "--bus-kwargs", "sleep_after_open=0")
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=120) == Exit.OK
+        assert process.wait(timeout=120) == ExitCode.OK
 
 
 def run_here(capsys, *arguments):
@@ -57,19 +57,19 @@ def run_here(capsys, *arguments):
         return code, printed[-1].err
 
     code, told = until_not_held_up(run)
-    assert code == Exit.OK, told
+    assert code == ExitCode.OK, told
     return json.loads(printed[-1].out)
 
 
 def test_scan_finds_all_cells(served, capsys):
-    assert main(["scan", *served, "--json"]) == Exit.OK
+    assert main(["scan", *served, "--json"]) == ExitCode.OK
     nodes = json.loads(capsys.readouterr().out)["nodes"]
     assert [node["node_id"] for node in nodes] == list(range(1, 19))
     assert {node["identity"]["name"] for node in nodes} == {"MDMS cell"}
 
 
 def test_status_shows_drives_and_presence(served, capsys):
-    assert main(["status", *served, "--json"]) == Exit.OK
+    assert main(["status", *served, "--json"]) == ExitCode.OK
     shown = json.loads(capsys.readouterr().out)
     assert shown["link"] == {"garbled": 0, "error_frames": 0, "waited": 0, "unsent": 0}
     cells = shown["cells"]
@@ -108,7 +108,7 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_its_record(served, tm
         return ran[-1].returncode, ran[-1].stderr
 
     code, told = until_not_held_up(run)
-    assert code == Exit.OK, told
+    assert code == ExitCode.OK, told
     assert json.loads(ran[-1].stdout)["ending"] == "done"
     assert "no picture without matplotlib" in told
     names = sorted(path.name for path in out.iterdir())
@@ -121,8 +121,8 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_its_record(served, tm
     assert np.isfinite(stored.record.estimate[-1]).all()
     assert np.isfinite(stored.record.speed_m_s[-1]).all()
     assert sum(1 for _ in read_log(out / "bus.log")) > 1000
-    assert main(["plot", str(out)]) == Exit.OK
-    assert main(["export", str(out), "--csv", str(tmp_path / "tables")]) == Exit.OK
+    assert main(["plot", str(out)]) == ExitCode.OK
+    assert main(["export", str(out), "--csv", str(tmp_path / "tables")]) == ExitCode.OK
 
 
 @pytest.mark.slow
@@ -133,10 +133,10 @@ def test_run_carries_the_box_stop_finds_all_off_and_serve_keeps_the_truth(tmp_pa
         while b"slcan" not in process.stdout.readline():
             assert process.poll() is None
         figures = run_here(capsys, "array18", "-i", "mdms", "-c", name, "--limit", "60")
-        assert main(["stop", "-i", "mdms", "-c", name]) == Exit.OK
+        assert main(["stop", "-i", "mdms", "-c", name]) == ExitCode.OK
         assert capsys.readouterr().out == "18 cells are off\n"
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=120) == Exit.OK, process.stderr.read()
+        assert process.wait(timeout=120) == ExitCode.OK, process.stderr.read()
     assert figures["ending"] == "done"
     (box,) = figures["parcels"]
     assert box["estimate"]["x_m"] == pytest.approx(0.10, abs=0.01)
@@ -157,7 +157,7 @@ def test_run_that_is_terminated_leaves_every_motor_off(served):
         assert any(line.endswith("  running\n") for line in events)
         process.send_signal(signal.SIGTERM)
         told = process.stderr.read().splitlines()
-        assert process.wait(timeout=120) == Exit.FAILURE
+        assert process.wait(timeout=120) == ExitCode.FAILURE
     assert told[-1] == "mdms: terminated"
     assert any(line.endswith("  stopped") for line in told)
     assert "Traceback" not in "".join(told)
@@ -189,7 +189,7 @@ def test_run_on_a_disk_that_gets_full_comes_to_its_orderly_end(served, tmp_path)
             return process.wait(timeout=120), "".join(told)
 
     code, told = until_not_held_up(ran)
-    assert code == Exit.FAILURE, told
+    assert code == ExitCode.FAILURE, told
     assert told.count(FULL) == 1
     assert told.index(FULL) < told.index("  stopped\n")
     assert told.endswith("; only what was written before is there\n")
@@ -206,10 +206,10 @@ def test_serve_goes_on_when_its_disk_gets_full(tmp_path, capsys):
             assert process.poll() is None
         fill_disk(process)
         assert process.stderr.readline().endswith(FULL)
-        assert main(["stop", "-i", "mdms", "-c", name]) == Exit.OK
+        assert main(["stop", "-i", "mdms", "-c", name]) == ExitCode.OK
         assert capsys.readouterr().out == "18 cells are off\n"
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=120) == Exit.FAILURE
+        assert process.wait(timeout=120) == ExitCode.FAILURE
         assert process.stderr.read().endswith("; only what was written before is there\n")
     assert sum(1 for _ in read_log(out / "bus.log")) > 1000
 
@@ -230,7 +230,7 @@ def halves(tmp_path_factory):
         assert all(f"mdms scan -i mdms -c {name}.{bus}\n" in head for bus in range(2))
         yield name
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=120) == Exit.OK
+        assert process.wait(timeout=120) == ExitCode.OK
 
 
 def test_run_drives_cells_on_several_buses(halves, tmp_path, capsys):
@@ -261,12 +261,12 @@ def test_run_takes_the_channels_of_several_buses_from_the_array_file(halves, tmp
 
 def test_bus_that_is_not_there_is_named(halves, capsys):
     command = ["run", "array18", "--set", HALVES, "-i", "mdms", "-c", f"{halves}x"]
-    assert main(command) == Exit.NO_DEVICE
+    assert main(command) == ExitCode.NO_DEVICE
     assert f"no bus is served as '{halves}x.0'" in capsys.readouterr().err
 
 
 def test_other_verbs_are_for_one_bus(halves, capsys):
-    assert main(["scan", "-i", "mdms", "-c", f"{halves}.1", "--json"]) == Exit.OK
+    assert main(["scan", "-i", "mdms", "-c", f"{halves}.1", "--json"]) == ExitCode.OK
     nodes = json.loads(capsys.readouterr().out)["nodes"]
     assert [node["node_id"] for node in nodes] == list(range(1, 10))
     assert nodes[0]["identity"]["serial"] == 10

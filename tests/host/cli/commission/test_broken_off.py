@@ -3,7 +3,7 @@
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, answered, serials
 
-from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.commissioning.network import Commissioning
@@ -85,7 +85,7 @@ def test_broken_off_at_any_stage_it_ends_well_the_next_time(
     assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
     assert cut.fired
     cells.mute = False
-    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
     with Commissioning(None, MonotonicClock()) as bus:
         for node_id in range(1, 4):
             bus.restart(node_id)
@@ -96,7 +96,7 @@ def test_broken_off_at_any_stage_it_ends_well_the_next_time(
 def test_an_answer_that_was_cut_in_two_is_asked_again(commission, cells, tmp_path, monkeypatch):
     path = tmp_path / "row.txt"
     path.write_text("1 2 3")
-    assert commission("--list", path, *GRID, "--yes") == Exit.OK
+    assert commission("--list", path, *GRID, "--yes") == ExitCode.OK
     # The row becomes a column: serial 2 is to go from (2, 1) to (1, 2), and is cut at (1, 1).
     column = ("--columns", "1", "--rows", "3")
     cut = Cut(cells, [STORE, WRITE_ROW])
@@ -104,7 +104,7 @@ def test_an_answer_that_was_cut_in_two_is_asked_again(commission, cells, tmp_pat
     assert commission(*column, "--again") == INTERRUPTED
     assert cut.fired
     answered(monkeypatch, "2", "1", "", "y", "n")
-    assert commission(*column) == Exit.OK
+    assert commission(*column) == ExitCode.OK
     file = read_array(tmp_path / "array.toml")
     assert {cell.serial: cell.number for cell in file.cells} == {1: 3, 2: 2, 3: 1}
 
@@ -122,12 +122,12 @@ def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # n
         return usual(commissioning, cell)
 
     monkeypatch.setattr(commissioner, "write_settings", dies)
-    assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.NODE_FAULT
     message = capsys.readouterr().err
     assert "00000001: node 3" in message
     assert "2 of 3 cells are done, and no file was written" in message
     assert not (tmp_path / "array.toml").exists()
     monkeypatch.undo()
     cells.array.bank.restart(0)
-    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
     assert serials(bus) == list(ORDER)

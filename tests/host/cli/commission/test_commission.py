@@ -6,7 +6,7 @@ import json
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, ORDER_6, blank, serials
 
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.commissioning.array_file import array_document, read_array
 from mdms_host.commissioning.network import SilentError
 from mdms_protocol import indices
@@ -23,7 +23,7 @@ def test_blank_cells_get_ids_places_and_neighbours_and_keep_them(
 ):
     path = tmp_path / "list.txt"
     path.write_text("".join(f"{serial:08X}\n" for serial in ORDER_6))
-    assert commission("--list", path, "--columns", "3", "--rows", "2", "--yes") == Exit.OK
+    assert commission("--list", path, "--columns", "3", "--rows", "2", "--yes") == ExitCode.OK
     printed = capsys.readouterr()
     assert printed.out.endswith(
         f"6 cells are commissioned and verified; array file: {tmp_path}/array.toml\n"
@@ -56,14 +56,14 @@ def test_a_memory_that_fails_is_no_board_without_one(  # noqa: PLR0917
 
     with monkeypatch.context() as patch:
         patch.setattr(flash, "write", fail)
-        assert commission("--list", path, *GRID, "--yes") == Exit.NODE_FAULT
+        assert commission("--list", path, *GRID, "--yes") == ExitCode.NODE_FAULT
     printed = capsys.readouterr()
     assert "node 1, 5 settings, not stored: its board has no memory" in printed.out
     assert "00000002: node 2, 0x1010:1" in printed.err
     assert "hardware error" in printed.err
     assert "2 of 3 cells are done, and no file was written" in printed.err
     assert not (tmp_path / "array.toml").exists()
-    assert commission("--list", path, *GRID, "--yes") == Exit.OK
+    assert commission("--list", path, *GRID, "--yes") == ExitCode.OK
     bus.restart(2)
     assert [bus.read(2, indices.PLACE, sub) for sub in (1, 2)] == [2, 1]
 
@@ -75,14 +75,14 @@ def test_settings_that_a_restart_does_not_keep_are_no_success(
     path.write_text("1 2 3")
     store = cells.array.bank._cells[1]._store
     monkeypatch.setattr(store, "restore", lambda _objects, _flags: [])
-    assert commission("--list", path, *GRID, "--yes") == Exit.NODE_FAULT
+    assert commission("--list", path, *GRID, "--yes") == ExitCode.NODE_FAULT
     assert "00000002: node 2 has other settings after a restart" in capsys.readouterr().err
 
 
 def test_the_file_makes_the_same_array_again_and_asks_nothing(
     commission, listed, bus, tmp_path, capsys
 ):
-    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
     text = (tmp_path / "array.toml").read_text()
     bus.write(3, indices.GAIN, 0, 12_000)
     bus.store(3)
@@ -94,13 +94,13 @@ def test_the_file_makes_the_same_array_again_and_asks_nothing(
     with pytest.raises(SilentError):
         bus.read(2, indices.GAIN)
     capsys.readouterr()
-    assert commission("--from", tmp_path / "array.toml", "--yes", out=False) == Exit.OK
+    assert commission("--from", tmp_path / "array.toml", "--yes", out=False) == ExitCode.OK
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "00000003: blank -> node 2"
     assert "00000001: node 3, 1 settings, stored" in lines
     assert serials(bus) == list(ORDER)
     assert bus.read(3, indices.GAIN) == 13_000
-    assert commission("--from", tmp_path / "array.toml", "--yes") == Exit.OK
+    assert commission("--from", tmp_path / "array.toml", "--yes") == ExitCode.OK
     assert (tmp_path / "array.toml").read_text() == text
     assert array_document(read_array(tmp_path / "array.toml")) == text
 
@@ -122,7 +122,7 @@ def test_fewer_and_more_cells_than_places_change_nothing(commission, listed, bus
 def test_a_file_of_other_cells_names_both_sides(commission, bus, tmp_path, capsys):
     path = tmp_path / "other.toml"
     path.write_text('[[cell]]\nserial = "00000001"\nnode=1\n[[cell]]\nserial = "0A"\nnode=2\n')
-    assert commission("--from", path, "--yes", out=False) == Exit.NODE_FAULT
+    assert commission("--from", path, "--yes", out=False) == ExitCode.NODE_FAULT
     message = capsys.readouterr().err
     assert "not on the bus: 0000000A" in message
     assert "not listed: 00000002, 00000003" in message
@@ -132,7 +132,7 @@ def test_a_file_of_other_cells_names_both_sides(commission, bus, tmp_path, capsy
 def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
     commission, listed, bus, cells, capsys
 ):
-    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
     # On this bus cells do not receive what others send, so that none gives way.
     bus.lss.select(bus_address(bus, 3))
     bus.lss.set_node_id(2)
@@ -142,7 +142,7 @@ def test_two_cells_that_answer_under_one_node_id_both_get_their_own(
     cells.sleep(0.2)
     assert bus.find() == [1, 2]
     capsys.readouterr()
-    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
     printed = capsys.readouterr()
     assert " has node id 2, as another cell has" in printed.err
     assert "00000001: node 2 -> node 3" in printed.out
@@ -163,29 +163,29 @@ def test_a_serial_number_that_is_there_twice_is_refused(
     monkeypatch.setattr(bank, "_board", of_the_same_lot)
     bank.restart(1)
     cells.sleep(0.2)
-    assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.NODE_FAULT
     assert "have the same serial number 00000001" in capsys.readouterr().err
 
 
 def test_cells_that_a_run_has_are_left_alone(commission, cells, listed, bus, capsys):
-    assert commission("--list", listed, *GRID, "--yes") == Exit.OK
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
     bus.command(nmt.START, 3)
     cells.sleep(0.2)
-    assert commission("--list", listed, *GRID, "--yes") == Exit.NODE_FAULT
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.NODE_FAULT
     assert "node 3 is operational; turn it off first: mdms stop" in capsys.readouterr().err
 
 
 def test_without_a_terminal_somebody_has_to_say_how(commission, listed, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    assert commission(*GRID) == Exit.USAGE
-    assert commission("--list", listed) == Exit.USAGE
+    assert commission(*GRID) == ExitCode.USAGE
+    assert commission("--list", listed) == ExitCode.USAGE
     assert "--columns and --rows" in capsys.readouterr().err
-    assert commission("--list", listed, *GRID) == Exit.USAGE
+    assert commission("--list", listed, *GRID) == ExitCode.USAGE
     assert "say --yes" in capsys.readouterr().err
 
 
 def test_the_result_as_json(commission, listed, tmp_path, capsys):
-    assert commission("--list", listed, *GRID, "--yes", "--json") == Exit.OK
+    assert commission("--list", listed, *GRID, "--yes", "--json") == ExitCode.OK
     document = json.loads(capsys.readouterr().out)
     assert document["file"] == str(tmp_path / "array.toml")
     assert [cell["node"] for cell in document["cells"]] == [1, 2, 3]

@@ -9,7 +9,7 @@ import pytest
 from tests.host.cli.commission.on_the_table import GRID, ORDER, ORDER_6, answered, blank, serials
 
 from mdms_host.cli.commission.plate import check_corner
-from mdms_host.cli.exits import CommandError, Exit
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.layout import Layout
 from mdms_protocol import indices
 from mdms_protocol.codecs import nmt
@@ -33,24 +33,24 @@ def test_each_cell_blinks_and_a_key_says_where_it_is(commission, bus, cells, mon
     # Serial 1 is the third place, and so on; an answer that is none is asked for again.
     answers = ["3", "zebra", "1,1", "", "", "", "n", "y"]
     monkeypatch.setattr("sys.stdin", Terminal("".join(f"{each}\n" for each in answers)))
-    assert commission(*GRID) == Exit.FAILURE
+    assert commission(*GRID) == ExitCode.FAILURE
     said = capsys.readouterr().err
     assert "nothing was written" in said
     assert "Cell 2 of 3, 00000002, blinks." in said
     assert "00000001 is at place 3, column 3 and row 1: 1 of 3" in said
     assert "answer y or n" in said, "Enter alone has ended it"
     monkeypatch.setattr("sys.stdin", Terminal("y\nn\n"))
-    assert commission(*GRID) == Exit.OK
+    assert commission(*GRID) == ExitCode.OK
     assert lit[:4] == [[1], [2], [2], [3]]
     assert serials(bus) == list(ORDER)
 
 
 def test_answers_before_an_interruption_are_not_asked_again(commission, bus, monkeypatch, capsys):
     answered(monkeypatch, "3", "q")
-    assert commission(*GRID) == Exit.FAILURE
+    assert commission(*GRID) == ExitCode.FAILURE
     assert "1 cells have their places; the same command goes on" in capsys.readouterr().err
     answered(monkeypatch, "3", "1", "2", "", "y", "n")
-    assert commission(*GRID) == Exit.OK
+    assert commission(*GRID) == ExitCode.OK
     errors = capsys.readouterr().err
     assert "1 cells have their places already" in errors
     assert "00000001 has that place" in errors
@@ -60,7 +60,7 @@ def test_answers_before_an_interruption_are_not_asked_again(commission, bus, mon
 def test_answers_are_undone_one_after_the_other(commission, bus, monkeypatch, capsys):
     # The first is wrong, and is noticed after the second; then the last.
     answered(monkeypatch, "u", "1", "2", "u", "u", "3", "1", "", "u", "2", "", "y", "n")
-    assert commission(*GRID) == Exit.OK
+    assert commission(*GRID) == ExitCode.OK
     said = capsys.readouterr().err
     assert "there is no answer to undo" in said
     assert said.count("has no place any more") == 3
@@ -69,7 +69,7 @@ def test_answers_are_undone_one_after_the_other(commission, bus, monkeypatch, ca
 
 def test_place_that_was_undone_is_not_kept(commission, bus, monkeypatch):
     answered(monkeypatch, "3", "u", "q")
-    assert commission(*GRID) == Exit.FAILURE
+    assert commission(*GRID) == ExitCode.FAILURE
     assert [bus.read(node_id, indices.PLACE, 1) for node_id in (1, 2, 3)] == [0, 0, 0]
 
 
@@ -94,7 +94,7 @@ def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells,
 
     cells.array.hand = move
     done = commission("--plate", "--corner", "00000004", "--yes", "--limit", "30")
-    assert done == Exit.OK, capsys.readouterr().err
+    assert done == ExitCode.OK, capsys.readouterr().err
     assert serials(bus, 6) == list(ORDER_6)
     document = tomllib.loads((tmp_path / "array.toml").read_text())
     assert (document["array"]["columns"], document["array"]["rows"]) == (3, 2)
@@ -111,7 +111,7 @@ def test_a_corner_that_lies_elsewhere_shows_that_cells_are_mounted_turned():
 
 
 def test_a_plate_that_nobody_moves_ends_with_time(commission, cells, capsys):
-    assert commission("--plate", "--yes", "--limit", "0.5") == Exit.TIME_LIMIT
+    assert commission("--plate", "--yes", "--limit", "0.5") == ExitCode.TIME_LIMIT
     assert "0 of 3 cells were seen in time" in capsys.readouterr().err
     assert all(board.blinking for board in cells.array.bank._boards)
 
@@ -119,7 +119,7 @@ def test_a_plate_that_nobody_moves_ends_with_time(commission, cells, capsys):
 def test_a_table_that_is_not_empty_is_no_place_to_begin(commission, cells, capsys):
     cells.array.presence[2] = 0b00010
     cells.sleep(0.05)
-    assert commission("--plate", "--yes") == Exit.FAILURE
+    assert commission("--plate", "--yes") == ExitCode.FAILURE
     assert "node 3 sees something already" in capsys.readouterr().err
 
 
@@ -137,7 +137,7 @@ def codes_of(order):
 @blank
 def test_place_codes_place_blank_cells_and_ask_nobody(commission, bus, cells, tmp_path):
     tell(cells, *codes_of(ORDER_6))
-    assert commission("--codes", "--columns", "3", "--rows", "2", "--yes") == Exit.OK
+    assert commission("--codes", "--columns", "3", "--rows", "2", "--yes") == ExitCode.OK
     assert serials(bus, 6) == list(ORDER_6)
     assert [bus.read(6, indices.PLACE, sub) for sub in (1, 2)] == [3, 2]
     document = tomllib.loads((tmp_path / "array.toml").read_text())
@@ -152,16 +152,16 @@ def test_place_codes_place_blank_cells_and_ask_nobody(commission, bus, cells, tm
 def test_place_codes_mend_a_table_whose_cells_were_exchanged(commission, bus, cells):
     tell(cells, *codes_of(ORDER))
     for _ in range(2):
-        assert commission("--codes", *GRID, "--yes", "--force") == Exit.OK
+        assert commission("--codes", *GRID, "--yes", "--force") == ExitCode.OK
         assert serials(bus) == list(ORDER)
 
 
 def test_a_table_that_is_not_to_be_touched_keeps_its_node_ids(commission, bus, cells, monkeypatch):
     tell(cells, *codes_of(ORDER))
     answered(monkeypatch, "n")
-    assert commission("--codes", *GRID) == Exit.FAILURE
+    assert commission("--codes", *GRID) == ExitCode.FAILURE
     answered(monkeypatch, "y", "n")
-    assert commission("--codes", *GRID) == Exit.FAILURE
+    assert commission("--codes", *GRID) == ExitCode.FAILURE
     for node_id in (1, 2, 3):
         bus.restart(node_id)
     assert serials(bus) == [1, 2, 3]
@@ -178,7 +178,7 @@ def test_a_table_that_is_not_to_be_touched_keeps_its_node_ids(commission, bus, c
 )
 def test_codes_that_are_missing_or_wrong_are_named(commission, cells, capsys, codes, message):
     tell(cells, *codes)
-    assert commission("--codes", *GRID, "--yes") == Exit.NODE_FAULT
+    assert commission("--codes", *GRID, "--yes") == ExitCode.NODE_FAULT
     assert message in capsys.readouterr().err
     cells.sleep(0.05)
     states = [(cell.node_id, cell.state) for cell in cells.array.bank._cells]
@@ -187,5 +187,5 @@ def test_codes_that_are_missing_or_wrong_are_named(commission, cells, capsys, co
 
 def test_a_plate_is_refused_on_a_table_with_codes(commission, cells, capsys):
     tell(cells, *codes_of(ORDER))
-    assert commission("--plate", "--yes", "--limit", "5") == Exit.FAILURE
+    assert commission("--plate", "--yes", "--limit", "5") == ExitCode.FAILURE
     assert "the table has place codes" in capsys.readouterr().err

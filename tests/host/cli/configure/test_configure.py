@@ -9,7 +9,7 @@ from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_array.checks import gain_limits
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, SilentError, ranges
 from mdms_host.commissioning.node_ids import address_of
@@ -53,7 +53,7 @@ def make_blank(cells):
 
 
 def shown(configure, capsys, *names):
-    assert configure("show", *names, "--json") == Exit.OK
+    assert configure("show", *names, "--json") == ExitCode.OK
     return json.loads(capsys.readouterr().out)
 
 
@@ -63,7 +63,7 @@ def values(configure, capsys, name):
 
 
 def test_show_tells_value_default_limits_and_the_nodes_that_differ(configure, capsys):
-    assert configure("set", "axis1.gain=12", "--node", "2") == Exit.OK
+    assert configure("set", "axis1.gain=12", "--node", "2") == ExitCode.OK
     assert capsys.readouterr().out == (
         "axis1.gain: 13 -> 12 V s/m  (node 2)\n1 settings written and verified\n"
     )
@@ -88,7 +88,7 @@ def test_show_tells_value_default_limits_and_the_nodes_that_differ(configure, ca
 def test_show_for_people_groups_the_nodes_and_marks_differences(configure, capsys):
     configure("set", "gain=12", "--node", "1-2")
     capsys.readouterr()
-    assert configure("show", "axis2.gain", "setpoint_timeout") == Exit.OK
+    assert configure("show", "axis2.gain", "setpoint_timeout") == ExitCode.OK
     told = capsys.readouterr()
     assert "12 (1-2)" in told.out
     assert "13 (3)" in told.out
@@ -97,7 +97,7 @@ def test_show_for_people_groups_the_nodes_and_marks_differences(configure, capsy
 
 
 def test_identifiers_that_follow_from_the_node_id_are_no_difference(configure, capsys):
-    assert configure("show", "--wiring", "--json") == Exit.OK
+    assert configure("show", "--wiring", "--json") == ExitCode.OK
     rows = json.loads(capsys.readouterr().out)["settings"]
     assert len(rows) > 100
     assert not any(row["changed"] or row["cells_differ"] for row in rows)
@@ -117,17 +117,17 @@ def test_a_node_id_that_was_not_stored_is_given_again(
 
     with monkeypatch.context() as patch:
         patch.setattr(stores[1]._memory, "write", fail)
-        assert configure("assign", "--from", file) == Exit.NODE_FAULT
+        assert configure("assign", "--from", file) == ExitCode.NODE_FAULT
     assert "refuses LSS command 0x17: 2" in capsys.readouterr().err
     assert [store.node_id() for store in stores] == [2, None, 1]
-    assert configure("assign", "--from", file) == Exit.OK
+    assert configure("assign", "--from", file) == ExitCode.OK
     assert "00000002: blank -> node 3" in capsys.readouterr().out
     assert [store.node_id() for store in stores] == [2, 3, 1]
 
 
 def test_a_cell_that_cannot_store_keeps_no_other_from_it_and_is_named(configure, capsys, cells):
     cells.array.bank._cells[0]._store._memory = None
-    assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.NODE_FAULT
+    assert configure("set", "setpoint_timeout=0.08", "--save") == ExitCode.NODE_FAULT
     printed = capsys.readouterr()
     assert "mdms: the settings are written, but not stored on node 1\n" in printed.err
     assert printed.err.endswith("or stored to the application\n")
@@ -138,8 +138,8 @@ def test_a_cell_that_cannot_store_keeps_no_other_from_it_and_is_named(configure,
 
 
 def test_saved_settings_stay_and_others_go_with_the_power(configure, capsys, cells):
-    assert configure("set", "setpoint_timeout=0.08", "--save") == Exit.OK
-    assert configure("set", "setpoint_timeout=0.09") == Exit.OK
+    assert configure("set", "setpoint_timeout=0.08", "--save") == ExitCode.OK
+    assert configure("set", "setpoint_timeout=0.09") == ExitCode.OK
     assert "stored on node 1-3" in capsys.readouterr().out
     with Commissioning(None, MonotonicClock()) as commissioning:
         commissioning.restart(2)
@@ -154,44 +154,44 @@ def test_saved_settings_stay_and_others_go_with_the_power(configure, capsys, cel
     ],
 )
 def test_a_bad_setting_is_refused_before_anything_is_written(configure, capsys, assignment, told):
-    assert configure("set", "setpoint_timeout=0.07", assignment) == Exit.USAGE
+    assert configure("set", "setpoint_timeout=0.07", assignment) == ExitCode.USAGE
     assert told in capsys.readouterr().err
     assert set(values(configure, capsys, "setpoint_timeout").values()) == {0.05}
 
 
 def test_gain_beyond_the_margin_is_refused_with_the_largest(configure, capsys):
     largest = gain_limits(load_scenario("array18").cell)["gain_max_vs_per_m"]
-    assert configure("set", f"gain={largest * 1.01:.3f}") == Exit.USAGE
+    assert configure("set", f"gain={largest * 1.01:.3f}") == ExitCode.USAGE
     told = capsys.readouterr().err
     assert f"the largest that leaves 45 is {largest:.4g} V s/m (motor of array18" in told
-    assert configure("set", f"gain={largest * 0.99:.3f}") == Exit.OK
+    assert configure("set", f"gain={largest * 0.99:.3f}") == ExitCode.OK
 
 
 def test_lag_that_is_too_long_for_the_gain_is_refused(configure, capsys):
     by_encoder = ("set", "acceleration_per_volt=0", "observer_lag=0.02")
-    assert configure(*by_encoder, "--node", "1") == Exit.USAGE
+    assert configure(*by_encoder, "--node", "1") == ExitCode.USAGE
     assert "a gain of 13 V s/m leaves this motor a phase margin of" in capsys.readouterr().err
-    assert configure(*by_encoder, "gain=1", "--node", "1") == Exit.USAGE
+    assert configure(*by_encoder, "gain=1", "--node", "1") == ExitCode.USAGE
     assert "a gain of 65 V s/m leaves" in capsys.readouterr().err
-    assert configure(*by_encoder, "gain=1", "braking_gain=1", "--node", "1") == Exit.OK
+    assert configure(*by_encoder, "gain=1", "braking_gain=1", "--node", "1") == ExitCode.OK
 
 
 def test_voltage_that_the_observer_is_told_makes_up_for_a_long_lag(configure):
     """By the encoder alone the largest gain is 5.6 V s/m then."""
-    assert configure("set", "observer_lag=0.02", "braking_gain=60", "--node", "1") == Exit.OK
+    assert configure("set", "observer_lag=0.02", "braking_gain=60", "--node", "1") == ExitCode.OK
 
 
 def test_motors_of_another_scenario_take_another_gain(configure, capsys, tmp_path):
-    assert configure("set", "gain=60", "--scenario", "paper-fig7") == Exit.OK
+    assert configure("set", "gain=60", "--scenario", "paper-fig7") == ExitCode.OK
     assert "no inertia" in capsys.readouterr().err
-    assert configure("set", "gain=60", "--scenario", tmp_path / "none.toml") == Exit.OK
-    assert configure("set", "gain=61", "--scenario", tmp_path / "none.toml") == Exit.USAGE
+    assert configure("set", "gain=60", "--scenario", tmp_path / "none.toml") == ExitCode.OK
+    assert configure("set", "gain=61", "--scenario", tmp_path / "none.toml") == ExitCode.USAGE
 
 
 def test_absent_node_is_named_with_those_that_are_there(configure, capsys):
-    assert configure("set", "gain=11", "--node", "2", "7-8") == Exit.NO_DEVICE
+    assert configure("set", "gain=11", "--node", "2", "7-8") == ExitCode.NO_DEVICE
     assert capsys.readouterr().err == "mdms: node 7-8 does not answer; on the bus: 1-3\n"
-    assert configure("show", "gain", "--node", "all") == Exit.OK
+    assert configure("show", "gain", "--node", "all") == ExitCode.OK
 
 
 class Pump:
@@ -218,37 +218,37 @@ class Pump:
 
 def test_stranger_is_left_alone_unless_it_is_meant(configure, capsys, cells):
     Pump(cells.array)
-    assert configure("show", "axis1.gain", "--json") == Exit.OK
+    assert configure("show", "axis1.gain", "--json") == ExitCode.OK
     told = capsys.readouterr()
     assert "node 9 is 'pump', not an MDMS cell; left alone" in told.err
     assert list(json.loads(told.out)["settings"][0]["values"]) == ["1", "2", "3"]
-    assert configure("show", "axis1.gain", "--node", "9") == Exit.NODE_FAULT
+    assert configure("show", "axis1.gain", "--node", "9") == ExitCode.NODE_FAULT
 
 
 def test_array_is_backed_up_and_restored_by_serial_number(configure, capsys, tmp_path):
     file = tmp_path / "array.toml"
     configure("set", "axis1.gain=12", "--node", "2")
-    assert configure("dump", file) == Exit.OK
+    assert configure("dump", file) == ExitCode.OK
     cells = tomllib.loads(file.read_text())["cell"]
     assert [cell["settings"]["axis1"]["gain"] for cell in cells] == [13, 12, 13]
     configure("set", "axis1.gain=9")
     capsys.readouterr()
-    assert configure("load", file, "--dry-run") == Exit.OK
+    assert configure("load", file, "--dry-run") == ExitCode.OK
     assert capsys.readouterr().out == (
         "axis1.gain: 9 -> 13 V s/m  (node 1, 3)\naxis1.gain: 9 -> 12 V s/m  (node 2)\n"
         "3 settings differ\n"
     )
-    assert configure("load", file, "--yes", "--save") == Exit.OK
+    assert configure("load", file, "--yes", "--save") == ExitCode.OK
     assert "3 settings written and verified; stored on node 1-3" in capsys.readouterr().out
     assert values(configure, capsys, "axis1.gain") == {"1": 13.0, "2": 12.0, "3": 13.0}
-    assert configure("load", file, "--dry-run") == Exit.OK
+    assert configure("load", file, "--dry-run") == ExitCode.OK
     assert capsys.readouterr().out == "0 settings differ\n"
 
 
 def test_settings_follow_the_serial_number_and_not_the_node_id(configure, capsys, tmp_path):
     file = tmp_path / "array.toml"
     file.write_text('[[cell]]\nserial = "00000003"\nnode = 1\nsettings.axis1.gain = 7\n')
-    assert configure("load", file, "--yes") == Exit.OK
+    assert configure("load", file, "--yes") == ExitCode.OK
     assert "00000003 was node 1, and is node 3 now" in capsys.readouterr().err
     assert values(configure, capsys, "axis1.gain") == {"1": 13.0, "2": 13.0, "3": 7.0}
 
@@ -258,33 +258,33 @@ def test_load_refuses_a_gain_beyond_the_margin_and_cells_that_are_not_there(
 ):
     file = tmp_path / "array.toml"
     file.write_text('[[cell]]\nserial = "00000001"\nnode = 1\nsettings.axis1.gain = 70\n')
-    assert configure("load", file, "--yes") == Exit.USAGE
+    assert configure("load", file, "--yes") == ExitCode.USAGE
     assert "phase margin" in capsys.readouterr().err
     file.write_text('[[cell]]\nserial = "000000EE"\nnode = 4\nsettings.axis1.gain = 7\n')
-    assert configure("load", file, "--yes") == Exit.NO_DEVICE
+    assert configure("load", file, "--yes") == ExitCode.NO_DEVICE
     assert "not on the bus: 000000EE (node 4)" in capsys.readouterr().err
-    assert configure("load", file, "--node", "5", "--yes") == Exit.USAGE
+    assert configure("load", file, "--node", "5", "--yes") == ExitCode.USAGE
 
 
 def test_nothing_is_written_without_consent(configure, capsys, tmp_path, monkeypatch):
     file = tmp_path / "array.toml"
     file.write_text('[[cell]]\nserial = "00000001"\nnode = 1\nsettings.axis1.gain = 7\n')
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
-    assert configure("load", file) == Exit.USAGE
+    assert configure("load", file) == ExitCode.USAGE
     assert "say --yes" in capsys.readouterr().err
     terminal = io.StringIO("n\n")
     terminal.isatty = lambda: True
     monkeypatch.setattr("sys.stdin", terminal)
-    assert configure("load", file) == Exit.FAILURE
+    assert configure("load", file) == ExitCode.FAILURE
     assert "Write 1 settings? [y/N]" in capsys.readouterr().err
-    assert configure("restore-defaults") == Exit.FAILURE
+    assert configure("restore-defaults") == ExitCode.FAILURE
     assert set(values(configure, capsys, "axis1.gain").values()) == {13.0}
 
 
 def test_defaults_are_restored_shown_and_verified(configure, capsys):
     configure("set", "axis1.gain=12", "producer_heartbeat_time=0.2", "--node", "2", "--save")
     capsys.readouterr()
-    assert configure("restore-defaults", "--yes", "--node", "2") == Exit.OK
+    assert configure("restore-defaults", "--yes", "--node", "2") == ExitCode.OK
     assert capsys.readouterr().out == (
         "producer_heartbeat_time: 0.2 -> 0.1 s  (node 2)\n"
         "axis1.gain: 12 -> 13 V s/m  (node 2)\n"
@@ -295,7 +295,7 @@ def test_defaults_are_restored_shown_and_verified(configure, capsys):
 def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_blank, cells):
     make_blank(1)
     make_blank(3)
-    assert configure("assign", "--first", "2", "--json") == Exit.OK
+    assert configure("assign", "--first", "2", "--json") == ExitCode.OK
     assert json.loads(capsys.readouterr().out) == {
         "cells": [
             {"serial": "00000001", "before": None, "node": 3, "stored": True},
@@ -305,14 +305,14 @@ def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_bla
     with Commissioning(None, MonotonicClock()) as commissioning:
         commissioning.restart(3)
         assert commissioning.find() == [2, 3, 4]
-    assert configure("assign") == Exit.OK
+    assert configure("assign") == ExitCode.OK
     assert capsys.readouterr().out == "no cell needs a node id\n"
 
 
 def test_a_bus_of_blank_cells_alone_is_told_with_a_cure(configure, capsys, make_blank):
     for node_id in (1, 2, 3):
         make_blank(node_id)
-    assert configure("show") == Exit.NO_DEVICE
+    assert configure("show") == ExitCode.NO_DEVICE
     assert "blank ones are there: mdms configure assign" in capsys.readouterr().err
 
 
@@ -321,10 +321,10 @@ def test_node_ids_are_swapped_by_a_file(configure, capsys, tmp_path):
     file.write_text(
         '[[cell]]\nserial = "00000001"\nnode = 2\n[[cell]]\nserial = "00000002"\nnode = 1\n'
     )
-    assert configure("assign", "--from", file, "--dry-run") == Exit.OK
+    assert configure("assign", "--from", file, "--dry-run") == ExitCode.OK
     told = "00000002: node 2 -> node 1\n00000001: node 1 -> node 2\n"
     assert capsys.readouterr().out == told
-    assert configure("assign", "--from", file) == Exit.OK
+    assert configure("assign", "--from", file) == ExitCode.OK
     assert capsys.readouterr().out == told + "2 cells have got their node ids, and keep them\n"
     assert shown(configure, capsys, "gain")["cells"][:2] == [
         {"node": 1, "serial": "00000002"},
@@ -337,7 +337,7 @@ def test_cell_that_is_at_work_keeps_its_node_id(configure, capsys, tmp_path, cel
     file.write_text('[[cell]]\nserial = "00000001"\nnode = 9\n')
     with Commissioning(None, MonotonicClock()) as commissioning:
         commissioning.command(nmt.START, 1)
-    assert configure("assign", "--from", file) == Exit.FAILURE
+    assert configure("assign", "--from", file) == ExitCode.FAILURE
     assert "node 1 is operational; turn it off first: mdms stop" in capsys.readouterr().err
 
 
@@ -346,7 +346,7 @@ def test_cell_that_is_at_work_keeps_its_node_id(configure, capsys, tmp_path, cel
 )
 def test_empty_bus_is_told_with_the_way_out(request, capsys, arguments):
     assert main(["configure", *arguments, "-i", "virtual", "-c", request.node.name]) == (
-        Exit.NO_DEVICE
+        ExitCode.NO_DEVICE
     )
     told = capsys.readouterr()
     assert told.out == ""
@@ -357,13 +357,13 @@ def test_empty_bus_is_told_with_the_way_out(request, capsys, arguments):
 def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.delenv("CAN_INTERFACE", raising=False)
-    assert main(["configure", "show"]) == Exit.NO_DEVICE
+    assert main(["configure", "show"]) == ExitCode.NO_DEVICE
     assert capsys.readouterr().err.startswith("mdms: no CAN interface was named")
 
 
 @pytest.mark.parametrize("node", ["0", "128", "3-1", "x", "1,2"])
 def test_a_bad_node_id_is_bad_usage(capsys, node):
-    assert main(["configure", "show", "--node", node]) == Exit.USAGE
+    assert main(["configure", "show", "--node", node]) == ExitCode.USAGE
     assert "node id" in capsys.readouterr().err
 
 
@@ -374,7 +374,7 @@ def test_numbers_are_told_as_ranges():
 
 def test_show_fits_80_columns_with_every_name_whole(configure, capsys, monkeypatch):
     monkeypatch.setattr("mdms_host.cli.console.WIDE", 80)
-    assert configure("show", "--wiring") == Exit.OK
+    assert configure("show", "--wiring") == ExitCode.OK
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     assert not any("…" in line for line in lines)
@@ -391,14 +391,14 @@ def test_load_gives_cells_their_places_in_the_table(configure, capsys, tmp_path)
     for node, place in places.items():
         text = text.replace(f"node = {node}\n", f"node = {node}\n{place}")
     file.write_text(text)
-    assert configure("load", file, "--yes", "--save") == Exit.OK
+    assert configure("load", file, "--yes", "--save") == ExitCode.OK
     capsys.readouterr()
     assert values(configure, capsys, "place_row") == {"1": 1, "2": 2, "3": 3}
     assert values(configure, capsys, "place_y") == {"1": -0.127, "2": 0.0, "3": 0.127}
     assert values(configure, capsys, "neighbour_north") == {"1": 2, "2": 3, "3": 0}
     assert values(configure, capsys, "neighbour_south") == {"1": 0, "2": 1, "3": 2}
     assert values(configure, capsys, "sync_takeover_rank") == {"1": 1, "2": 2, "3": 3}
-    assert configure("load", file, "--dry-run") == Exit.OK
+    assert configure("load", file, "--dry-run") == ExitCode.OK
     assert "0 settings differ" in capsys.readouterr().out
 
 
@@ -413,7 +413,7 @@ def test_load_gives_cells_their_places_in_the_table(configure, capsys, tmp_path)
 )
 def test_nothing_is_written_beside_another_host(action, cells, configure, capsys, tmp_path):
     path = tmp_path / "array.toml"
-    assert configure("dump", path) == Exit.OK
+    assert configure("dump", path) == ExitCode.OK
     capsys.readouterr()
     path.write_text(path.read_text().replace("axis1.gain = 13", "axis1.gain = 12"))
     before = values(configure, capsys, "axis1.gain")
@@ -431,7 +431,7 @@ def test_nothing_is_written_beside_another_host(action, cells, configure, capsys
     cells.before_send = lambda frame: wrote.extend(
         [frame] if frame.data[:1] in (b"\x2f", b"\x2b", b"\x27", b"\x23") else []
     )
-    assert configure(*(each.format(file=path) for each in action)) == Exit.FAILURE
+    assert configure(*(each.format(file=path) for each in action)) == ExitCode.FAILURE
     assert "another host runs on this bus (a heartbeat of node 127)" in capsys.readouterr().err
     assert [frame for frame in wrote if frame.can_id >> 7 == 0x600 >> 7] == []
     cells.array.hand = lambda: None

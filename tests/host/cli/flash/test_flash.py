@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 
 
 @dataclass
@@ -30,7 +30,7 @@ def connect(monkeypatch):
 @pytest.mark.parametrize("arguments", [(), ("--all",), ("--list",)])
 def test_no_board_is_told_with_the_way_out(connect, capsys, arguments):
     connect()
-    assert main(["flash", *arguments]) == Exit.NO_DEVICE
+    assert main(["flash", *arguments]) == ExitCode.NO_DEVICE
     told = capsys.readouterr()
     assert told.out == ""
     assert "no board is connected over USB" in told.err
@@ -40,7 +40,7 @@ def test_no_board_is_told_with_the_way_out(connect, capsys, arguments):
 
 def test_one_of_several_boards_has_to_be_named(connect, capsys):
     connect("/dev/ttyACM0", "/dev/ttyACM1")
-    assert main(["flash"]) == Exit.USAGE
+    assert main(["flash"]) == ExitCode.USAGE
     assert "2 boards: /dev/ttyACM0, /dev/ttyACM1; name them with --port, or --all" in (
         capsys.readouterr().err
     )
@@ -48,7 +48,7 @@ def test_one_of_several_boards_has_to_be_named(connect, capsys):
 
 def test_board_that_cannot_be_opened_is_told(connect, capsys):
     connect("/dev/none0")
-    assert main(["flash"]) == Exit.NO_DEVICE
+    assert main(["flash"]) == ExitCode.NO_DEVICE
     assert capsys.readouterr().err == (
         "mdms: /dev/none0: cannot be opened; is it there, and does no other program use it?\n"
     )
@@ -56,7 +56,7 @@ def test_board_that_cannot_be_opened_is_told(connect, capsys):
 
 def test_unknown_usb_serial_number_is_told(connect, capsys):
     connect("/dev/none0")
-    assert main(["flash", "--port", "id:77"]) == Exit.NO_DEVICE
+    assert main(["flash", "--port", "id:77"]) == ExitCode.NO_DEVICE
     assert "no board has the USB serial number 77" in capsys.readouterr().err
 
 
@@ -64,7 +64,7 @@ def test_unknown_usb_serial_number_is_told(connect, capsys):
 def test_package_that_is_missing_is_told_with_how_to_get_it(connect, capsys, monkeypatch, package):
     connect("/dev/none0")
     monkeypatch.setitem(sys.modules, package, None)
-    assert main(["flash", "--board", "pybv11"]) == Exit.FAILURE
+    assert main(["flash", "--board", "pybv11"]) == ExitCode.FAILURE
     assert "pip install 'mdms-array[boards]'" in capsys.readouterr().err
 
 
@@ -72,5 +72,5 @@ def test_package_that_is_missing_is_told_with_how_to_get_it(connect, capsys, mon
     "arguments", [("--jobs", "0"), ("--board", "uno"), ("--all", "--port", "x")]
 )
 def test_bad_usage_is_told(capsys, arguments):
-    assert main(["flash", *arguments]) == Exit.USAGE
+    assert main(["flash", *arguments]) == ExitCode.USAGE
     assert "mdms flash" in capsys.readouterr().err

@@ -9,7 +9,7 @@ import pytest
 from tests.virtual_array import StandingArray, virtual_time
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import INTERRUPTED, Exit
+from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.updating.bundles import make_key, read_key, sign
@@ -74,10 +74,10 @@ def commissioned(tmp_path, flash, capsys):
 
 def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_path, capsys):
     code, printed = commissioned()
-    assert code == Exit.OK
+    assert code == ExitCode.OK
     assert printed.count("has the update key") == 3
     code, told, _ = flash("--save", tmp_path / "first.mdmb")
-    assert code == Exit.OK
+    assert code == ExitCode.OK
     assert [(row["node"], row["updated"], row["problem"]) for row in told["cells"]] == [
         (node, True, None) for node in (1, 2, 3)
     ]
@@ -85,16 +85,16 @@ def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_
     assert told["restarted"] == 0
     # The same again is nothing to do, and a used bundle is refused.
     code, told, _ = flash()
-    assert (code, told["frames"]) == (Exit.OK, 0)
+    assert (code, told["frames"]) == (ExitCode.OK, 0)
     firmware(OTHER)
-    assert flash()[0] == Exit.OK
+    assert flash()[0] == ExitCode.OK
     code, told, said = flash("--bundle", tmp_path / "first.mdmb")
-    assert code == Exit.NODE_FAULT
+    assert code == ExitCode.NODE_FAULT
     assert "has been used before" in said
     assert not any(row["updated"] for row in told["cells"])
     # Signed anew it may come back, though it were older.
     code, told, _ = flash("--bundle", tmp_path / "first.mdmb", "--allow-older")
-    assert (code, told["cells"][0]["updated"]) == (Exit.OK, True)
+    assert (code, told["cells"][0]["updated"]) == (ExitCode.OK, True)
     code, told, _ = flash("--list")
     assert {row["counter"] for row in told["cells"]} == {3}
 
@@ -114,53 +114,53 @@ def test_a_cell_that_was_left_on_trial_does_not_count_as_done(commissioned, flas
     assert [row["on_trial"] for row in told["cells"]] == [False, True, False]
     # It would be back at the firmware before within a minute.
     code, told, said = flash()
-    assert code == Exit.NODE_FAULT
+    assert code == ExitCode.NODE_FAULT
     assert "node 2: other firmware is on trial; it ends within a minute" in said
     assert [row["updated"] for row in told["cells"]] == [True, False, True]
     cells.sleep(61)
     code, told, _ = flash()
-    assert (code, told["cells"][1]["updated"]) == (Exit.OK, True)
+    assert (code, told["cells"][1]["updated"]) == (ExitCode.OK, True)
     assert {row["on_trial"] for row in flash("--list")[1]["cells"]} == {False}
 
 
 def test_a_cell_of_the_array_file_that_is_not_there_is_named(commissioned, flash, tmp_path):
-    assert commissioned()[0] == Exit.OK
+    assert commissioned()[0] == ExitCode.OK
     file = tmp_path / "array.toml"
     text = file.read_text().replace("columns = 3", "columns = 4")
     last = text[text.rindex("[[cell]]") :]
     file.write_text(f"{text}\n{last.replace('= 3', '= 4').replace('00000003', '00000004')}")
     code, told, said = flash("--array", file)
-    assert code == Exit.NODE_FAULT
+    assert code == ExitCode.NODE_FAULT
     assert [row["updated"] for row in told["cells"]] == [True, True, True]
     assert [row["node_ids"] for row in told["missing"]] == [[4]]
     assert "node 4" in said
     # Of the cells that are named, none is missing.
-    assert flash("--array", file, "--node", "1")[0] == Exit.OK
+    assert flash("--array", file, "--node", "1")[0] == ExitCode.OK
 
 
 def test_cells_without_the_key_or_with_another_refuse(commissioned, flash, tmp_path):
     code, _, said = flash()
-    assert code == Exit.NODE_FAULT
+    assert code == ExitCode.NODE_FAULT
     assert "node 1: it has no update key" in said
-    assert commissioned()[0] == Exit.OK
+    assert commissioned()[0] == ExitCode.OK
     other = tmp_path / "other.key"
     make_key(other)
     code, _, said = flash(key=other)
-    assert code == Exit.NODE_FAULT
+    assert code == ExitCode.NODE_FAULT
     assert "another array's key" in said
     code, printed = commissioned(key=other)
-    assert code == Exit.NODE_FAULT
+    assert code == ExitCode.NODE_FAULT
     assert "mpremote fs rm :update.key" in printed
 
 
 def test_key_that_is_not_there_is_made_by_commissioning_alone(commissioned, flash, tmp_path):
     code, _, said = flash(key=tmp_path / "new.key")
-    assert (code, "new.key: there is no such key file" in said) == (Exit.USAGE, True)
+    assert (code, "new.key: there is no such key file" in said) == (ExitCode.USAGE, True)
     code, printed = commissioned(key=tmp_path / "new.key")
-    assert code == Exit.OK
+    assert code == ExitCode.OK
     assert "out of version control" in printed
     assert len(read_key(tmp_path / "new.key")) == codes.KEY_SIZE
-    assert flash(key=tmp_path / "new.key")[0] == Exit.OK
+    assert flash(key=tmp_path / "new.key")[0] == ExitCode.OK
 
 
 def test_board_without_room_is_refused_by_name(flash, monkeypatch):
@@ -170,7 +170,7 @@ def test_board_without_room_is_refused_by_name(flash, monkeypatch):
         for node in (1, 2, 3):
             bus.write(node, 0x1F51, 1, codes.RESET)
     code, told, said = flash()
-    assert code == Exit.NODE_FAULT
+    assert code == ExitCode.NODE_FAULT
     assert "PYBv1.1 has no room for a second firmware beside the first; USB it is" in said
     assert told["frames"] == 0
 
@@ -181,20 +181,20 @@ def test_cells_that_may_drive_are_left_alone(flash):
     # Nor is another updated meanwhile, for that takes all of the bus.
     for which in ((), ("--node", 1)):
         code, _, said = flash(*which)
-        assert code == Exit.NODE_FAULT
+        assert code == ExitCode.NODE_FAULT
         assert "node 2 is operational; turn it off first: mdms stop" in said
-    assert flash("--list")[0] == Exit.OK
+    assert flash("--list")[0] == ExitCode.OK
 
 
 def test_file_that_is_no_bundle_or_not_whole_is_refused(flash, tmp_path):
     path = tmp_path / "bundle.mdmb"
     path.write_bytes(b"#!/bin/sh\n")
     code, _, said = flash("--bundle", path)
-    assert (code, "not a bundle" in said) == (Exit.USAGE, True)
+    assert (code, "not a bundle" in said) == (ExitCode.USAGE, True)
     whole = sign(PACKED, bytes(32), 1, VirtualBoard.bytecode).data
     path.write_bytes(whole[:-1])
     code, _, said = flash("--bundle", path)
-    assert (code, "not whole" in said) == (Exit.USAGE, True)
+    assert (code, "not whole" in said) == (ExitCode.USAGE, True)
 
 
 def test_each_bar_is_seen_to_go_to_its_end(commissioned, flash, monkeypatch):
@@ -207,7 +207,7 @@ def test_each_bar_is_seen_to_go_to_its_end(commissioned, flash, monkeypatch):
 
     monkeypatch.setattr("mdms_host.cli.flash.flash_bus.bars", bars)
     commissioned()
-    assert flash()[0] == Exit.OK
+    assert flash()[0] == ExitCode.OK
     assert shares == {"node 1": 1.0, "node 2": 1.0, "node 3": 1.0}
 
 
@@ -217,11 +217,11 @@ def test_bundle_is_saved_over_no_other_file_and_whole_or_not_at_all(
     other = tmp_path / "array.toml"
     other.write_text("[array]\n")
     code, told, said = flash("--save", other)
-    assert (code, told) == (Exit.USAGE, {})
+    assert (code, told) == (ExitCode.USAGE, {})
     assert "array.toml: is there already, and was not written by this verb" in said
     assert other.read_text() == "[array]\n"
     path = tmp_path / "bundle.mdmb"
-    assert flash("--dry-run", "--save", path)[0] == Exit.OK
+    assert flash("--dry-run", "--save", path)[0] == ExitCode.OK
     before = path.read_bytes()
     firmware(OTHER)
 
@@ -233,18 +233,21 @@ def test_bundle_is_saved_over_no_other_file_and_whole_or_not_at_all(
     with monkeypatch.context() as patch:
         patch.setattr("pathlib.Path.write_bytes", full)
         code, _, said = flash("--dry-run", "--save", path)
-    assert (code, "bundle.mdmb: cannot be written: No space left" in said) == (Exit.FAILURE, True)
+    assert (code, "bundle.mdmb: cannot be written: No space left" in said) == (
+        ExitCode.FAILURE,
+        True,
+    )
     assert path.read_bytes() == before
-    assert flash("--dry-run", "--save", path)[0] == Exit.OK
+    assert flash("--dry-run", "--save", path)[0] == ExitCode.OK
     assert path.read_bytes() != before
 
 
 def test_dry_run_sends_nothing(flash):
     code, told, _ = flash("--dry-run")
-    assert (code, told["frames"]) == (Exit.OK, 0)
+    assert (code, told["frames"]) == (ExitCode.OK, 0)
     assert {row["wanted"] for row in told["cells"]} == {VERSION}
 
 
 def test_options_of_the_bus_go_with_it(capsys):
-    assert main(["flash", "--key", "array.key"]) == Exit.USAGE
+    assert main(["flash", "--key", "array.key"]) == ExitCode.USAGE
     assert "--key goes with --bus" in capsys.readouterr().err

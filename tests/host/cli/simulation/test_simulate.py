@@ -10,7 +10,7 @@ import pytest
 
 import mdms_model.scenario
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import ready_s
 from mdms_protocol.codecs.frame import Frame
 
@@ -169,7 +169,7 @@ def demo(tmp_path_factory):
 
 def test_box_is_carried_and_turned_to_its_goal(demo):
     code, told, _ = demo
-    assert code == Exit.OK
+    assert code == ExitCode.OK
     found = re.search(
         r"box moved ([\d.]+) m and turned \+([\d.]+) degrees; "
         r"it stands ([\d.]+) mm and ([\d.]+) degrees off its goal",
@@ -216,7 +216,7 @@ def test_box_that_does_not_arrive_in_time_is_told(monkeypatch, tmp_path, capsys)
 
     short = load_scenario("array18", ["run.duration_s=1"])
     monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
-    assert main(["demo", "--out", str(tmp_path / "run")]) == Exit.TIME_LIMIT
+    assert main(["demo", "--out", str(tmp_path / "run")]) == ExitCode.TIME_LIMIT
     assert "goal not reached: box is " in capsys.readouterr().err
 
 
@@ -225,7 +225,7 @@ def test_demo_has_its_figures_as_json(monkeypatch, tmp_path, capsys):
 
     short = load_scenario("array18", ["run.duration_s=1"])
     monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
-    assert main(["demo", "--json", "--out", str(tmp_path / "run")]) == Exit.TIME_LIMIT
+    assert main(["demo", "--json", "--out", str(tmp_path / "run")]) == ExitCode.TIME_LIMIT
     assert json.loads(capsys.readouterr().out)["goals"][0]["reached"] is False
 
 

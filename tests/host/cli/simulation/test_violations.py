@@ -7,7 +7,7 @@ from tests.host.page.bench import Desk
 
 from mdms_array.simulation import run_scenario
 from mdms_host.cli import main
-from mdms_host.cli.exits import Exit
+from mdms_host.cli.exits import ExitCode
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.run.folder import read_run
 from mdms_model.scenario.file import load_scenario
@@ -24,7 +24,7 @@ def hasty(monkeypatch):
 @pytest.mark.violates("true")
 def test_a_violation_is_in_the_figures_the_run_folder_and_the_exit_code(hasty, tmp_path, capsys):
     out = tmp_path / "run"
-    assert main([*SHORT, "--json", "--out", str(out)]) == Exit.FAILURE
+    assert main([*SHORT, "--json", "--out", str(out)]) == ExitCode.FAILURE
     printed = capsys.readouterr()
     (violation,) = json.loads(printed.out)["violations"]
     assert set(violation) == {"time_s", "rule", "cell", "parcel", "text"}
@@ -39,7 +39,7 @@ def test_a_violation_is_in_the_figures_the_run_folder_and_the_exit_code(hasty, t
 
 def test_a_run_that_keeps_the_rules_has_an_empty_list(capsys):
     # The box is not there yet: the time limit.
-    assert main([*SHORT, "--json"]) == Exit.TIME_LIMIT
+    assert main([*SHORT, "--json"]) == ExitCode.TIME_LIMIT
     assert json.loads(capsys.readouterr().out)["violations"] == []
 
 

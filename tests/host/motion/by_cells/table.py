@@ -7,7 +7,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.by_cells.sending import CellsMotion
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
@@ -18,7 +18,7 @@ THERE = {"box": np.array([0.10, 0.0, 0.5])}
 #: The cells with a sensor well under the box at its start.
 UNDER = (2, 3, 4, 8, 9, 10, 14, 15, 16)
 STEP_S = 0.01
-GOAL = Goal(0.10, 0.0, 0.5)
+GOAL = GoalPose(0.10, 0.0, 0.5)
 #: Clear for the cell itself, and not for one next to it.
 HELD = 1
 

@@ -8,10 +8,10 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.by_cells.followed import LastLeg
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 
 BOX = Parcel("box", 0.36, 0.30)
-GOAL = Goal(-0.08, -0.026, -0.8)
+GOAL = GoalPose(-0.08, -0.026, -0.8)
 AT_GOAL = (GOAL.x_m, GOAL.y_m, -0.8)
 
 

@@ -13,7 +13,7 @@ from tests.host.motion.by_cells.table import (
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
@@ -32,7 +32,7 @@ def test_all_programs_are_ended():
 def test_new_goal_is_a_program_of_the_next_sequence_number():
     table = Table()
     table.run(0.2, reports=reports())
-    table.program.lead("box", Goal(0.0, 0.0, 0.0))
+    table.program.lead("box", GoalPose(0.0, 0.0, 0.0))
     sent = table.run(STEP_S, reports=reports())
     assert [page.sequence for _, page in sent] == [2, 2, 2]
     assert sent[-1][1] == messages.Goal(1, 2, 0, 0, 0, 0, 0)
@@ -46,7 +46,7 @@ def test_goals_that_follow_each_other_faster_than_cells_take_them_are_left_out()
     table.run(0.2, reports=reports())
     sent = []
     for number in range(8):
-        table.program.lead("box", Goal(0.01 * number, 0.0, 0.0))
+        table.program.lead("box", GoalPose(0.01 * number, 0.0, 0.0))
         sent += table.run(2 * STEP_S, reports=reports())
     assert {page.sequence for _, page in sent} == {2}
     sent = table.run(0.3, reports=reports(sequence=2))
@@ -58,7 +58,7 @@ def test_parcel_that_was_stopped_goes_on_with_a_new_goal():
     table = Table()
     table.run(1.5, reports=reports(hold=wire.HOLD_NONE))
     assert table.followed.stopped
-    followed = table.program.lead("box", Goal(0.0, 0.0, 0.0))
+    followed = table.program.lead("box", GoalPose(0.0, 0.0, 0.0))
     assert not followed.stopped
     assert table.run(STEP_S, reports=reports(cells=()))[-1][1] == messages.Goal(1, 2, 0, 0, 0, 0, 0)
 

@@ -12,7 +12,7 @@ from tests.host.motion.by_cells.table import (
 )
 
 from mdms_host.motion.by_cells.sending import parcel_page
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.goal import GoalPose, Limits
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
@@ -37,7 +37,7 @@ def test_limits_above_those_of_the_wire_are_the_greatest_that_it_has():
 
 
 def test_yaw_at_the_goal_does_not_matter_where_none_is_given():
-    pages = Table(Goal(0.1, 0.0, None)).run(STEP_S)
+    pages = Table(GoalPose(0.1, 0.0, None)).run(STEP_S)
     assert pages[0][1].flags == wire.ANY_YAW
     assert pages[2][1].yaw == 0
 
@@ -150,7 +150,7 @@ def test_cells_that_keep_a_promise_after_the_end_get_the_data_of_the_parcel_agai
 
 
 #: Three goals of one way, and what cells get of the last two of them.
-WAY = (Goal(0.0, 0.0, 0.0), Goal(0.1, 0.0, 0.0), Goal(0.1, 0.2, 0.5))
+WAY = (GoalPose(0.0, 0.0, 0.0), GoalPose(0.1, 0.0, 0.0), GoalPose(0.1, 0.2, 0.5))
 
 
 def led(way=WAY, **options):
@@ -180,7 +180,7 @@ def test_legs_are_sent_one_by_one_until_all_cells_have_them():
 
 
 def test_no_more_legs_are_sent_than_cells_keep():
-    way = [Goal(0.01 * number, 0.0, 0.0) for number in range(12)]
+    way = [GoalPose(0.01 * number, 0.0, 0.0) for number in range(12)]
     legs = {leg for leg, _ in goals(led(way).run(0.5))}
     assert legs == {0, *range(1, wire.LEGS_MAX + 1)}
 
@@ -205,7 +205,7 @@ def test_goal_on_the_way_to_the_next_one_joins_only_if_all_legs_are_the_same():
     for legs, leg in ((WAY[1:], wire.JOINS), ((WAY[2], WAY[1]), 0), (WAY[2:], 0)):
         table = led()
         table.run(0.1, reports=reports(UNDER, sequence=2))
-        table.program.lead("box", Goal(0.05, 0.0, 0.0), legs)
+        table.program.lead("box", GoalPose(0.05, 0.0, 0.0), legs)
         assert goals(table.run(STEP_S, reports=reports(UNDER, sequence=2)))[0] == (leg, len(legs))
 
 

@@ -8,7 +8,7 @@ from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.by_cells.sending import CellsMotion
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
@@ -19,7 +19,7 @@ from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import messages
 
 BOX = Parcel("box", 0.28, 0.28)
-START, GOAL = (-0.22, 0.08), Goal(0.22, 0.08, 0.0)
+START, GOAL = (-0.22, 0.08), GoalPose(0.22, 0.08, 0.0)
 STEP_S = 0.01
 
 
@@ -67,7 +67,7 @@ def test_parcel_that_went_on_without_the_host_is_planned_anew_and_not_sent_back(
 
 
 def test_an_order_is_done_only_when_a_turn_has_shown_the_place():
-    box, goal = Parcel("box", 0.36, 0.30), Goal(0.0, 0.0, 0.0)
+    box, goal = Parcel("box", 0.36, 0.30), GoalPose(0.0, 0.0, 0.0)
     layout = Layout(6, 3)
     cells = CellsProgram(layout, (box,))
     loads = {"box": Load(box.footprint, uniform_mass(box.footprint))}
@@ -110,8 +110,8 @@ def test_a_way_for_cells_has_no_more_legs_than_they_are_given():
     cells = CellsProgram(Layout(9, 6), (disc, box), CellsMotion(go_on=True))
     loads = {each.name: Load(each.footprint, uniform_mass(each.footprint)) for each in (disc, box)}
     traffic = CellsTraffic(Layout(9, 6), VirtualExecutor(), loads, cells)
-    traffic.give(Order("disc", Goal(-0.2611, -0.2303, None)))
-    traffic.give(Order("box", Goal(-0.2407, 0.2310, np.pi)))
+    traffic.give(Order("disc", GoalPose(-0.2611, -0.2303, None)))
+    traffic.give(Order("box", GoalPose(-0.2407, 0.2310, np.pi)))
     # They pass each other, and the box turns on its way where it has room.
     places = {"disc": (0.2573, 0.2303, 1.5708), "box": (0.2686, -0.2310, 0.0)}
     there = beliefs({name: np.array(place) for name, place in places.items()}, [disc, box])
@@ -122,7 +122,7 @@ def test_a_way_for_cells_has_no_more_legs_than_they_are_given():
     assert np.allclose(routes["box"].poses[-1][:2], (-0.2407, 0.2310))
 
 
-def plan_of(box: Parcel, start: np.ndarray, goal: Goal, *, lost=(), go_on=False, hangs=False):
+def plan_of(box: Parcel, start: np.ndarray, goal: GoalPose, *, lost=(), go_on=False, hangs=False):
     """The order for a box on 6 x 3 cells, of which some are lost, after a plan was asked for."""
     layout = Layout(6, 3)
     cells = CellsProgram(layout, (box,), CellsMotion(go_on=go_on))
@@ -137,7 +137,11 @@ def plan_of(box: Parcel, start: np.ndarray, goal: Goal, *, lost=(), go_on=False,
 
 
 def test_a_way_leads_over_a_lost_cell_where_there_is_no_other_and_the_host_stays():
-    box, start, goal = Parcel("box", 0.28, 0.26), np.array([-0.22, 0.0, 0.0]), Goal(0.22, 0.0, 0.0)
+    box, start, goal = (
+        Parcel("box", 0.28, 0.26),
+        np.array([-0.22, 0.0, 0.0]),
+        GoalPose(0.22, 0.0, 0.0),
+    )
     order, traffic = plan_of(box, start, goal, lost=(10,))
     assert order.refused is None
     assert "box" in traffic.under_way
@@ -146,7 +150,11 @@ def test_a_way_leads_over_a_lost_cell_where_there_is_no_other_and_the_host_stays
 
 
 def test_a_goal_of_a_scenario_may_hang_over_the_edge_and_a_place_of_a_program_may_not():
-    box, start, goal = Parcel("box", 0.36, 0.30), np.array([-0.1, 0.0, 0.0]), Goal(0.26, 0.0, 0.0)
+    box, start, goal = (
+        Parcel("box", 0.36, 0.30),
+        np.array([-0.1, 0.0, 0.0]),
+        GoalPose(0.26, 0.0, 0.0),
+    )
     order, traffic = plan_of(box, start, goal, hangs=True)
     assert order.refused is None
     assert "box" in traffic.under_way

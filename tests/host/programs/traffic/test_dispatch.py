@@ -6,7 +6,7 @@ from tests.host.programs.traffic.test_legs import BOX
 
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.traffic.dispatch import Dispatch, WayRules
@@ -48,8 +48,8 @@ def test_a_parcel_stopped_before_a_gap_passes_it_before_another_comes_to_stay_th
     rules = WayRules(over_lost=False)
     dispatch = Dispatch(planner, VirtualExecutor(), where, timetable, rules)
     dispatch.close(WALL)
-    far = Order("far", Goal(0.6, 0.06, 0.0))
-    dispatch.ask({"far": far, "near": Order("near", Goal(0.0, 0.06, 0.0))}, {}, 0.0)
+    far = Order("far", GoalPose(0.6, 0.06, 0.0))
+    dispatch.ask({"far": far, "near": Order("near", GoalPose(0.0, 0.06, 0.0))}, {}, 0.0)
     assert taken(dispatch) == {"far", "near"}
     dispatch.ask({"far": far}, {"near": 0.0}, 0.0)
     assert taken(dispatch) == {"far"}
@@ -74,7 +74,7 @@ def test_a_way_leads_over_lost_cells_only_where_enough_others_brake(columns, blo
     where.places = {"box": np.array([-0.6, 0.0, 0.0])}
     dispatch = Dispatch(planner, VirtualExecutor(), where, Timetable(), WayRules())
     dispatch.close([row * 15 + column for row in range(4) for column in columns])
-    dispatch.ask({"box": Order("box", Goal(0.6, 0.0, 0.0))}, {}, 0.0)
+    dispatch.ask({"box": Order("box", GoalPose(0.6, 0.0, 0.0))}, {}, 0.0)
     assert (taken(dispatch) == set()) is blocked
     assert [
         no_way.text.endswith("reached around them") for no_way in dispatch.blocked.values()
@@ -88,5 +88,5 @@ def test_a_parcel_on_lost_cells_is_led_off_them():
     where.places = {"box": np.array([0.0, 0.0, 0.0])}
     dispatch = Dispatch(planner, VirtualExecutor(), where, Timetable(), WayRules())
     dispatch.close([row * 15 + column for row in range(4) for column in (7, 8)])
-    dispatch.ask({"box": Order("box", Goal(0.6, 0.0, 0.0))}, {}, 0.0)
+    dispatch.ask({"box": Order("box", GoalPose(0.6, 0.0, 0.0))}, {}, 0.0)
     assert taken(dispatch) == {"box"}

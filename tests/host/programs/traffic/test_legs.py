@@ -7,7 +7,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.motion.by_cells.followed import Followed
 from mdms_host.motion.by_cells.sending import CellsMotion
-from mdms_host.motion.goal import Goal, Limits
+from mdms_host.motion.goal import GoalPose, Limits
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import Legs
@@ -17,7 +17,7 @@ from mdms_host.routes.route import Route, Visits
 BOX = Rectangle(0.30, 0.28)
 #: East by 0.3 m, then north by 0.2 m.
 CORNERED = np.array([(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.3, 0.2, 0.0)])
-GOAL = Goal(0.3, 0.2, 0.0)
+GOAL = GoalPose(0.3, 0.2, 0.0)
 STEP_S = 0.01
 #: At 0.4 m/s2.
 BRAKING = Limits(friction=0.4, friction_share=1.0, gravity_m_s2=1.0)
@@ -75,7 +75,7 @@ def test_a_box_that_is_felt_beside_its_goal_has_not_left_its_way():
     road.at(0.0, 0.0)
     road.at(0.3, 0.0)
     road.at(0.3, 0.2)
-    road.followed.lead(Goal(0.3, 0.26, 0.0))
+    road.followed.lead(GoalPose(0.3, 0.26, 0.0))
     assert road.at(0.3, 0.26, cycles=5) == []
     assert not road.legs.off_path
     road.followed.lead(road.followed.goal)
@@ -88,7 +88,7 @@ def test_a_box_that_is_felt_is_stopped_where_it_is_and_goes_no_further():
     road.at(0.0, 0.0)
     road.at(0.3, 0.0)
     road.at(0.3, 0.2)
-    road.followed.lead(Goal(0.3, 0.26, 0.0))
+    road.followed.lead(GoalPose(0.3, 0.26, 0.0))
     road.legs.stopping = True
     assert road.at(0.3, 0.23, speed_m_s=0.05) == [(0.3, 0.23)]
     assert not road.last
@@ -149,7 +149,7 @@ def test_one_that_its_cells_do_not_move_stands():
 
 
 def test_a_route_without_length_is_a_goal_all_the_same():
-    order = Order("box", Goal(0.0, 0.0, 0.0))
+    order = Order("box", GoalPose(0.0, 0.0, 0.0))
     alone = np.zeros(1)
     route = Route("box", CORNERED[:1], alone, alone[:0], alone[:0], NOWHERE, BOX.reach_m)
     road = Road()
@@ -206,7 +206,7 @@ def test_half_a_turn_is_sent_as_two_quarters_so_that_cells_turn_as_is_planned():
         sent.append([goal.yaw_rad, *(leg.yaw_rad for leg in legs)])
         return Followed(goal, Limits(), BOX.reach_m)
 
-    order = Order("box", Goal(0.0, 0.0, np.pi))
+    order = Order("box", GoalPose(0.0, 0.0, np.pi))
     legs = Legs(order, route, Load(BOX, uniform_mass(BOX)), send, CellsMotion(BRAKING, go_on=True))
     for yaw_rad in (0.0, 0.1, np.pi / 2, np.pi / 2):
         pose = np.array([0.0, 0.0, yaw_rad])

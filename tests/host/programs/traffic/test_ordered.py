@@ -12,7 +12,7 @@ from tests.host.programs.rolling import Rolling
 
 from mdms_array.recording import PlanLog
 from mdms_host.estimation.belief import Standing
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.order import Gate
 from mdms_host.programs.script import until
 from mdms_host.programs.table import ProgramError
@@ -104,18 +104,18 @@ def test_with_another_order_a_parcel_comes_to_rest_and_goes_there():
 def test_a_person_sets_another_goal_and_the_run_goes_on_until_the_parcel_is_there():
     table = two_boxes(main=go_east)
     table.run(0.5)
-    table.program.set_goal("box", Goal(-0.3, -0.1, None))
+    table.program.set_goal("box", GoalPose(-0.3, -0.1, None))
     table.run_until(4.0, lambda: table.program.finished)
     assert table.program.finished
     assert away_m(table.pose("box"), -0.3, -0.1) < 0.003
     with pytest.raises(KeyError):
-        table.program.set_goal("bag", Goal(0.0, 0.0))
+        table.program.set_goal("bag", GoalPose(0.0, 0.0))
 
 
 def test_a_place_given_by_hand_that_has_no_way_is_said_and_asked_for_no_more():
     table = two_boxes(main=go_east)
     table.run(0.5)
-    table.program.set_goal("box", Goal(5.0, 0.0, None))
+    table.program.set_goal("box", GoalPose(5.0, 0.0, None))
     table.run_until(8.0, lambda: table.program.finished)
     assert table.program.finished
     assert "box" not in table.program.controllers

@@ -7,7 +7,7 @@ from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.by_cells.sending import CellsMotion
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
@@ -18,7 +18,7 @@ from mdms_protocol.neighbours import messages
 BOXES = Parcel("first", 0.28, 0.28), Parcel("second", 0.28, 0.28)
 #: Both are to pass the middle of the table, from the west and from the south.
 PLACES = {"first": (-0.38, 0.0, 0.0), "second": (0.06, -0.22, 0.0)}
-GOALS = {"first": Goal(0.38, 0.0, 0.0), "second": Goal(0.0, 0.22, 0.0)}
+GOALS = {"first": GoalPose(0.38, 0.0, 0.0), "second": GoalPose(0.0, 0.22, 0.0)}
 STEP_S = 0.01
 
 

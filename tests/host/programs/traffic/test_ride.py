@@ -7,7 +7,7 @@ import pytest
 from tests.host.motion.driving import BOX, Table, mass_of, traction_of
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.motion.goal import Goal
+from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.follower import Carried
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.programs.order import Order
@@ -25,7 +25,7 @@ def ride_of(length_m: float) -> Ride:
     along_m = np.array([0.0, length_m])
     route = Route("box", POSES, along_m, along_m[:1], along_m[1:], NOWHERE, BOX.footprint.reach_m)
     load = Load(BOX.footprint, mass_of(BOX))
-    return Ride(Order("box", Goal(0.0, 0.02, 0.1)), route, load, traction_of())
+    return Ride(Order("box", GoalPose(0.0, 0.02, 0.1)), route, load, traction_of())
 
 
 @pytest.mark.parametrize("off_m", [-1e-13, 0.0, 1e-13])

@@ -15,7 +15,10 @@ def test_plans_are_written_and_read_again(tmp_path, plane, plane_record):
     way = np.array([[0.0, 0.1, 0.2], [0.3, 0.1, 0.2]])
     tiles = (Tile(0.1, -0.1, 0.03, ("box", "disc")), Tile(0.2, -0.1, 0.03, ("disc",)))
     goals = {"box": way[1], "disc": np.array([0.1, 0.2, np.nan])}
-    plans = [Plan(0.5, {"box": way}, tiles, {"box": np.array([0.5, 1.7])}, goals), Plan(1.5, {})]
+    plans = [
+        Plan(0.5, {"box": way}, tiles, {"box": np.array([0.5, 1.7])}, goals),
+        Plan(1.5, {}),
+    ]
     write_record(tmp_path / "run.mcap", plane, replace(plane_record, plans=plans))
     first, second = read_record(tmp_path / "run.mcap", plane).plans
     np.testing.assert_array_equal(first.ways["box"], way)

@@ -13,7 +13,7 @@ from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Whe
 from mdms_model.squeeze import plan_squeezes, squeeze_function
 from mdms_model.statics.support_margin import support_margin_m
 from mdms_sim.physics.analysis.squeeze_trials import (
-    Ending,
+    StepEnding,
     Trials,
     final_error_rad,
     random_poses,
@@ -78,7 +78,7 @@ def test_on_fine_cells_a_plate_comes_to_where_a_field_without_gaps_turns_it():
     trials = try_squeezes(FINE, PLATE, fields(FINE, PLAN), poses, limit_s=60.0)
     (outcome,) = step_outcomes(PLAN, trials)
     assert trials.rests.all()
-    assert outcome.count(Ending.TIPPED) == 0
+    assert outcome.count(StepEnding.TIPPED) == 0
     # A row of wheels is as much as 3.6 degrees of the plate's length.
     assert share_within(final_error_rad(PLAN, trials), np.radians(8.0)) == 1.0
 
@@ -106,12 +106,12 @@ def test_a_parcel_that_tips_has_no_pose_any_more():
 @pytest.mark.parametrize(
     ("yaw_deg", "rests", "ending"),
     [
-        (2.0, True, Ending.AS_PREDICTED),
-        (182.0, True, Ending.AS_PREDICTED),
-        (20.0, True, Ending.STUCK),
-        (20.0, False, Ending.MOVING),
-        (50.0, True, Ending.WRONG_WAY),
-        (np.nan, False, Ending.TIPPED),
+        (2.0, True, StepEnding.AS_PREDICTED),
+        (182.0, True, StepEnding.AS_PREDICTED),
+        (20.0, True, StepEnding.STUCK),
+        (20.0, False, StepEnding.MOVING),
+        (50.0, True, StepEnding.WRONG_WAY),
+        (np.nan, False, StepEnding.TIPPED),
     ],
 )
 def test_endings_of_a_step_that_should_turn_a_plate_back_to_yaw_0(yaw_deg, rests, ending):
@@ -126,4 +126,4 @@ def test_a_step_after_one_that_tipped_has_not_begun():
     pose = np.full((1, 4, 3), np.nan)
     pose[0, 0] = 0.0
     endings = [each.ending for each in step_outcomes(two, Trials(pose, np.zeros((1, 3), bool)))]
-    assert endings == [(Ending.TIPPED,), (Ending.NONE,), (Ending.NONE,)]
+    assert endings == [(StepEnding.TIPPED,), (StepEnding.NONE,), (StepEnding.NONE,)]

@@ -8,7 +8,7 @@ from tests.sim_bus.physics.tables import BOX, G_M_S2, plane, throw
 
 from mdms_model.motor import drive_of
 from mdms_model.scenario.scenario import Wheel
-from mdms_sim.physics.plane.contact import Pushes, push, settle
+from mdms_sim.physics.plane.contact import WheelPushes, push, settle
 from mdms_sim.physics.plane.world import World
 
 INERTIA_PER_S = (2000.0, 2000.0, 40.0)
@@ -22,7 +22,7 @@ def problem(seed, count):
     slope = 10.0 ** chance.uniform(-1.0, 5.0, count)
     limit = np.where(chance.random(count) < 0.2, 0.0, chance.uniform(0.0, 5.0, count))
     line = np.column_stack([slope * chance.uniform(-2.0, 2.0, count), slope, limit])
-    return Pushes(jacobian, line, np.zeros(count, dtype=np.int8))
+    return WheelPushes(jacobian, line, np.zeros(count, dtype=np.int8))
 
 
 def forces(pushes, twist):
@@ -44,14 +44,14 @@ def test_momentum_gained_is_the_push_of_the_clipped_lines(seed, count, twist):
 def test_a_parcel_that_rolls_on_is_found_in_one_step():
     jacobian = np.array([[1.0, 0.0, 0.1], [1.0, 0.0, -0.1], [0.0, 1.0, 0.0]])
     line = np.array([[0.9, 9.0, 6.0], [0.9, 9.0, 6.0], [0.0, 9.0, 6.0]])
-    pushes = Pushes(jacobian, line, np.zeros(3, dtype=np.int8))
+    pushes = WheelPushes(jacobian, line, np.zeros(3, dtype=np.int8))
     assert settle((0.1, 0.0, 0.0), INERTIA_PER_S, pushes) == (0.1, 0.0, 0.0, 1)
 
 
 def test_pieces_name_the_slipping_wheels():
     jacobian = np.array([[1.0, 0.0, 0.0]] * 3)
     line = np.array([[100.0, 10.0, 2.0], [-100.0, 10.0, 2.0], [0.0, 10.0, 2.0]])
-    pushes = Pushes(jacobian, line, np.zeros(3, dtype=np.int8))
+    pushes = WheelPushes(jacobian, line, np.zeros(3, dtype=np.int8))
     *twist, _ = settle((0.0, 0.0, 0.0), INERTIA_PER_S, pushes)
     assert twist == [0.0, 0.0, 0.0]
     assert pushes.piece.tolist() == [1, -1, 0]

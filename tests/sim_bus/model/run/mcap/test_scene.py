@@ -121,7 +121,10 @@ def test_covered_sensors_are_dots(plane, plane_record):
 
 def test_ways_and_tiles_are_those_of_the_plan_in_effect(plane, plane_record):
     way = np.array([[0.0, 0.1, 0.2], [0.3, 0.1, 0.2]])
-    plans = [Plan(0.5, {"box": way}, (Tile(0.1, -0.1, 0.03, ("box",)),)), Plan(1.55, {})]
+    plans = [
+        Plan(0.5, {"box": way}, (Tile(0.1, -0.1, 0.03, ("box",)),)),
+        Plan(1.55, {}),
+    ]
     found = messages(plane, replace(plane_record, plans=plans), "/scene/plans")
     shown = {
         round(time_s, 1): (len(entity["lines"]), len(entity["cubes"])) for time_s, entity in found
