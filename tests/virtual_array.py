@@ -210,8 +210,8 @@ def virtual_time(array: SimulatedArray | StandingArray) -> Iterator[VirtualTime]
     with pytest.MonkeyPatch.context() as patch:
         for name in ("now_s", "sleep"):
             patch.setattr(MonotonicClock, name, staticmethod(getattr(time, name)))
-        for verbs in ("array", "configure"):
-            patch.setattr(f"mdms_host.cli.{verbs}.cells.open_bus", lambda _options: None)
+        for verbs in ("array.cells", "cells.configure_cells"):
+            patch.setattr(f"mdms_host.cli.{verbs}.open_bus", lambda _options: None)
         patch.setattr("mdms_host.commissioning.network.Link", time.link)
         patch.setattr("mdms_host.commissioning.network.SimpleQueue", time.queue)
         patch.setattr("mdms_host.commissioning.lss_master.SimpleQueue", time.queue)

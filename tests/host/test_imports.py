@@ -47,7 +47,7 @@ HARDWARE = sorted(
     module.name
     for module in pkgutil.walk_packages(mdms_host.__path__, "mdms_host.")
     if module.name.startswith(
-        ("mdms_host.cli.array", "mdms_host.cli.configure", "mdms_host.cli.stored_run")
+        ("mdms_host.cli.array", "mdms_host.cli.cells.configure_", "mdms_host.cli.stored_run")
     )
 )
 

@@ -26,11 +26,11 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.stop import NetworkStop
 from mdms_host.commissioning.wheel_turn import nudge
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.flashing.bundles import Bundle, pack_image, sign
+from mdms_host.flashing.cell_update import CellUpdate
+from mdms_host.flashing.updater import Updater
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.outcome import outcome_of
-from mdms_host.updating.bundles import Bundle, pack_image, sign
-from mdms_host.updating.cell_update import CellUpdate
-from mdms_host.updating.updater import Updater
 from mdms_model.buses import Addresses
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs import cob, sdo

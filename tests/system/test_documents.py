@@ -132,7 +132,7 @@ class Reader:
         on_a_bus = verb in ON_A_BUS or "--bus" in words
         if verb == "flash" and on_a_bus:
             self._patch.setattr(
-                "mdms_host.updating.bundles.packed_firmware", lambda _bytecode: bytes(1000)
+                "mdms_host.flashing.bundles.packed_firmware", lambda _bytecode: bytes(1000)
             )
         elif verb == "flash":
             self._plug_in()

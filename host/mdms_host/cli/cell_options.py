@@ -16,8 +16,7 @@ EPILOG = """\
 A setting goes by its name (axis1.gain, or gain for all axes) or its object (0x2000:0); its value is
 in SI units. `mdms configure show` lists them all.
 """
-_CONFIGURE = "mdms_host.cli.configure"
-_COMMISSION = "mdms_host.cli.commission"
+_CELLS = "mdms_host.cli.cells"
 _CELL_NODES = f"may be {NODE_MIN} to {CELL_NODE_MAX}"
 _BUS = "mdms_host.cli.options:add_bus"
 
@@ -161,42 +160,42 @@ CONFIGURE = Verb(
         Verb(
             "show",
             "settings of cells, and where they differ",
-            f"{_CONFIGURE}.settings:show_settings",
+            f"{_CELLS}.configure_settings:show_settings",
             _add_show,
             late_options=_BUS,
         ),
         Verb(
             "set",
             "change settings, and verify them",
-            f"{_CONFIGURE}.settings:set_settings",
+            f"{_CELLS}.configure_settings:set_settings",
             _add_set,
             late_options=_BUS,
         ),
         Verb(
             "assign",
             "give cells their node ids by LSS",
-            f"{_CONFIGURE}.assign:run",
+            f"{_CELLS}.configure_assign:run",
             _add_assign,
             late_options=_BUS,
         ),
         Verb(
             "dump",
             "write all settings of an array to a file",
-            f"{_CONFIGURE}.files:dump",
+            f"{_CELLS}.configure_files:dump",
             _add_dump,
             late_options=_BUS,
         ),
         Verb(
             "load",
             "restore settings from a file, to cells by serial number",
-            f"{_CONFIGURE}.files:load",
+            f"{_CELLS}.configure_files:load",
             _add_load,
             late_options=_BUS,
         ),
         Verb(
             "restore-defaults",
             "drop all stored settings but the node id",
-            f"{_CONFIGURE}.settings:restore_defaults",
+            f"{_CELLS}.configure_settings:restore_defaults",
             _add_restore,
             late_options=_BUS,
         ),
@@ -386,28 +385,28 @@ def _jog_m_s(text: str) -> float:
 COMMISSION = Verb(
     "commission",
     "from a bag of boards to an array, and its file",
-    f"{_COMMISSION}.commission:run",
+    f"{_CELLS}.commission:run",
     _add_commission,
     late_options=_BUS,
 )
 DOCTOR = Verb(
     "doctor",
     "faults of an array, with cause and cure",
-    f"{_COMMISSION}.doctor:run",
+    f"{_CELLS}.doctor:run",
     _add_doctor,
     late_options=_BUS,
 )
 IDENTIFY = Verb(
     "identify",
     "have cells blink, to see which they are",
-    f"{_COMMISSION}.asking:identify",
+    f"{_CELLS}.asking:identify",
     _add_identify,
     late_options=_BUS,
 )
 JOG = Verb(
     "jog",
     "turn one wheel slowly, for the first sign of life",
-    f"{_COMMISSION}.jog:run",
+    f"{_CELLS}.jog:run",
     _add_jog,
     late_options=_BUS,
 )

@@ -12,8 +12,7 @@ Results go to stdout, messages to stderr. Exit codes: 0 ok, 1 failure, 2 usage o
 """
 
 _ARRAY = "mdms_host.cli.array"
-_EXPERIMENTS = "mdms_host.cli.experiments"
-_FLASH = "mdms_host.cli.flash"
+_CELLS = "mdms_host.cli.cells"
 _SCENARIO = "mdms_host.cli.scenarios"
 _SIMULATION = "mdms_host.cli.simulation"
 _BUS = "mdms_host.cli.options:add_bus"
@@ -62,14 +61,14 @@ VERBS = (
     Verb(
         "sweep",
         "run a scenario over many settings and seeds",
-        f"{_EXPERIMENTS}.sweep:run",
+        f"{_SIMULATION}.sweep:run",
         options.add_sweep,
         extra=SWEEP,
     ),
     Verb(
         "tune",
         "search values of keys that make a measure small",
-        f"{_EXPERIMENTS}.tune:run",
+        f"{_SIMULATION}.tune:run",
         options.add_tune,
         extra=SWEEP,
     ),
@@ -138,8 +137,8 @@ VERBS = (
     Verb(
         "flash",
         "bring the firmware onto boards over USB",
-        f"{_FLASH}.flash:run",
-        late_options=f"{_FLASH}.flash:add_options",
+        f"{_CELLS}.flash:run",
+        late_options=f"{_CELLS}.flash:add_options",
         extra=BOARDS,
     ),
     CONFIGURE,

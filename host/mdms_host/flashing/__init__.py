@@ -1,1 +1,1 @@
-"""Firmware onto boards over USB."""
+"""Firmware onto boards over USB, and into cells over the bus."""

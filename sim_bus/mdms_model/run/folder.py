@@ -27,8 +27,8 @@ import numpy as np
 from mdms_model.array import build_wheels
 from mdms_model.errors import Error, InputError
 from mdms_model.run.derived import slip_m_s
-from mdms_model.run.mcap.lichtblick import layout_of
-from mdms_model.run.mcap.messages import POSE, TWIST
+from mdms_model.run.mcap_lichtblick import layout_of
+from mdms_model.run.mcap_messages import POSE, TWIST
 from mdms_model.run.record import Contact, Record, RecordFileError, exit_of, is_wrong
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
@@ -277,7 +277,7 @@ def _record_file() -> ModuleType:
     A caller that only names the files of a run folder does without it.
     """
     try:
-        return import_module("mdms_model.run.mcap.file")
+        return import_module("mdms_model.run.mcap_file")
     except ModuleNotFoundError as error:
         raise Error(
             f"a run folder needs pip install 'mdms-array[record]'; not installed: {error.name}"

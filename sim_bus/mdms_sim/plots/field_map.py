@@ -16,7 +16,7 @@ from mdms_model.array import build_wheels, cell_centres
 from mdms_model.arrays import Floats
 from mdms_model.outline import outline_m
 from mdms_model.scenario.scenario import Parcel, Scenario
-from mdms_sim.physics.analysis.field_map import FieldMap, Law, Stability
+from mdms_sim.physics.field_map import FieldMap, Law, Stability
 from mdms_sim.plots.canvas import (
     FAINT,
     INK,

@@ -16,7 +16,7 @@ from mdms_model.outline import area_and_moment, outline_m, own_outline_m
 from mdms_model.run.colours import parcel_colour
 from mdms_model.scenario.scenario import Parcel, Scenario
 from mdms_model.squeeze import Squeeze, SqueezePlan
-from mdms_sim.physics.analysis.squeeze_trials import (
+from mdms_sim.physics.squeeze_trials import (
     AS_PREDICTED_RAD,
     StepOutcome,
     Trials,

@@ -29,9 +29,9 @@ from tests.system.flashing.flashed_cell import (
 )
 from tests.system.flashing.test_update import BEFORE, BITRATE, after, small
 
-from mdms_host.updating.bundles import Bundle, packed_firmware, sign
-from mdms_host.updating.cell_update import CellUpdate
-from mdms_host.updating.updater import Updater
+from mdms_host.flashing.bundles import Bundle, packed_firmware, sign
+from mdms_host.flashing.cell_update import CellUpdate
+from mdms_host.flashing.updater import Updater
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank

@@ -20,7 +20,7 @@ from mdms_model.outline import area_and_moment
 from mdms_model.scenario.motion import Part
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
 from mdms_model.squeeze import plan_squeezes, squeeze_function
-from mdms_sim.physics.analysis.squeeze_trials import (
+from mdms_sim.physics.squeeze_trials import (
     final_error_rad,
     random_poses,
     share_within,

@@ -14,7 +14,7 @@ from tests.conftest import MDMS
 from mdms_array import Progress
 from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, ExitCode
-from mdms_host.cli.experiments.sweep import progress_text
+from mdms_host.cli.simulation.sweep import progress_text
 
 FILE = """
 seeds = 2

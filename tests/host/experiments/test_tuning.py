@@ -145,7 +145,7 @@ def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, m
             raise KeyboardInterrupt
         return run_design(*arguments, **options)
 
-    monkeypatch.setattr("mdms_host.cli.experiments.sweep.run_design", interrupted)
+    monkeypatch.setattr("mdms_host.cli.simulation.sweep.run_design", interrupted)
     main(["tune", "grip.toml", "--workers", "1"])
     told = capsys.readouterr().err
     assert "mdms: all ended runs are kept in runs/grip; the same command goes on from" in told

@@ -6,7 +6,7 @@ import os
 import pytest
 
 from mdms_cell import update
-from mdms_host.updating.bundles import KeyFileError, key_beside, key_id, make_key, read_key
+from mdms_host.flashing.bundles import KeyFileError, key_beside, key_id, make_key, read_key
 
 
 def test_new_key_is_its_owners_alone_and_is_read_again(tmp_path):

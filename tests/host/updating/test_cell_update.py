@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo_server import SdoServer
-from mdms_host.updating.cell_update import BlockDownload
+from mdms_host.flashing.cell_update import BlockDownload
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, sdo
 

@@ -3,7 +3,7 @@ import pytest
 
 from mdms_model.array import build_wheels
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, Wheel
-from mdms_sim.physics.analysis.field_map import map_field
+from mdms_sim.physics.field_map import map_field
 from mdms_sim.plots.canvas import save
 from mdms_sim.plots.field_map import draw_field_map, marker_size
 

@@ -5,7 +5,7 @@ import pytest
 
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, Wheel
 from mdms_model.squeeze import plan_squeezes, squeeze_function
-from mdms_sim.physics.analysis.squeeze_trials import Trials
+from mdms_sim.physics.squeeze_trials import Trials
 from mdms_sim.plots.canvas import save
 from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
 

@@ -11,8 +11,8 @@ from tests.conftest import MDMS
 from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
-from mdms_host.cli.commission import doctor
-from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
+from mdms_host.cli.cells import doctor
+from mdms_host.cli.cells.asking import AtTerminal, pressed_keys
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_model.scenario.fault import Fault
 from mdms_protocol import pdo

@@ -14,7 +14,7 @@ from tests.system.links.serving import serving
 from tests.virtual_array import SimulatedArray, virtual_time
 
 from mdms_host.cli import main
-from mdms_host.cli.commission.jog import KEY_S, ByKeys
+from mdms_host.cli.cells.jog import KEY_S, ByKeys
 from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.jog import SPEED_MAX_M_S, Jog

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from tests.micropython_builds import unix, unix_command
 
+from mdms_host.flashing.bundles import BOOT, Bundle, pack_image, sign
 from mdms_host.flashing.firmware import compiled_firmware, rom_image
-from mdms_host.updating.bundles import BOOT, Bundle, pack_image, sign
 from mdms_model.participant import Participant
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame

@@ -142,7 +142,7 @@ def shares(monkeypatch):
         told.update({name: [] for name in names})
         yield lambda name, share: told[name].append(share)
 
-    monkeypatch.setattr("mdms_host.cli.flash.flash.bars", bars)
+    monkeypatch.setattr("mdms_host.cli.cells.flash.bars", bars)
     return told
 
 

@@ -21,10 +21,10 @@ from tests.system.flashing.flashed_cell import (
     report,
 )
 
+from mdms_host.flashing.bundles import pack_image, sign
+from mdms_host.flashing.cell_update import CellUpdate
 from mdms_host.flashing.firmware import rom_image
-from mdms_host.updating.bundles import pack_image, sign
-from mdms_host.updating.cell_update import CellUpdate
-from mdms_host.updating.updater import Updater
+from mdms_host.flashing.updater import Updater
 from mdms_protocol.codecs import cia402
 from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION

@@ -1,1 +1,1 @@
-"""Verbs that simulate, and verbs about the run folders they leave."""
+"""Verbs that simulate, once or many times, and verbs about the run folders they leave."""

@@ -22,8 +22,8 @@ from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.motion import FIELDS
 from mdms_model.scenario.scenario import Parcel, Scenario, ScenarioError
 from mdms_model.squeeze import SqueezePlan, alike_turns, plan_squeezes, squeeze_function
-from mdms_sim.physics.analysis.field_map import FieldMap, Law, map_field
-from mdms_sim.physics.analysis.squeeze_trials import (
+from mdms_sim.physics.field_map import FieldMap, Law, map_field
+from mdms_sim.physics.squeeze_trials import (
     WITHIN_DEG,
     StepEnding,
     Trials,

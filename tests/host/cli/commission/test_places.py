@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, ORDER, ORDER_6, answered, blank, serials
 
-from mdms_host.cli.commission.plate import check_corner
+from mdms_host.cli.cells.plate import check_corner
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.layout import Layout
 from mdms_protocol import indices

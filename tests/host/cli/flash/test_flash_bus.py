@@ -12,7 +12,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.updating.bundles import make_key, read_key, sign
+from mdms_host.flashing.bundles import make_key, read_key, sign
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.update import codes
@@ -36,7 +36,7 @@ def firmware(monkeypatch):
     """Sets the compiled firmware for the cells; the running code of cells stays the same."""
 
     def use(packed):
-        monkeypatch.setattr("mdms_host.updating.bundles.packed_firmware", lambda bytecode: packed)
+        monkeypatch.setattr("mdms_host.flashing.bundles.packed_firmware", lambda bytecode: packed)
 
     use(PACKED)
     return use
@@ -205,7 +205,7 @@ def test_each_bar_is_seen_to_go_to_its_end(commissioned, flash, monkeypatch):
         shares.update(dict.fromkeys(names, 0.0))
         yield lambda name, share: shares.update({name: max(share, shares[name])})
 
-    monkeypatch.setattr("mdms_host.cli.flash.flash_bus.bars", bars)
+    monkeypatch.setattr("mdms_host.cli.cells.flash_bus.bars", bars)
     commissioned()
     assert flash()[0] == ExitCode.OK
     assert shares == {"node 1": 1.0, "node 2": 1.0, "node 3": 1.0}

@@ -21,7 +21,7 @@ from mdms_model.run.folder import (
     told_of_run,
     write_run,
 )
-from mdms_model.run.mcap.file import read_record, write_record
+from mdms_model.run.mcap_file import read_record, write_record
 from mdms_model.run.record import Contact, Event, Record, leaving
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import ScenarioError

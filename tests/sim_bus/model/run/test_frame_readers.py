@@ -8,8 +8,8 @@ import pytest
 from mdms_model.array import cell_centres
 from mdms_model.buses import address_cells
 from mdms_model.run.frame_readers import SILENT_S, CellReports
-from mdms_model.run.mcap.file import read_record, write_record
-from mdms_model.run.mcap.scene import layers, scene_messages
+from mdms_model.run.mcap_file import read_record, write_record
+from mdms_model.run.mcap_scene import layers, scene_messages
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs.frame import Frame

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from mdms_model.run.mcap.file import read_record, write_record
+from mdms_model.run.mcap_file import read_record, write_record
 from mdms_model.run.record import Plan, Tile
 
 

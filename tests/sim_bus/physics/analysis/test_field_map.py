@@ -9,7 +9,7 @@ from mdms_model.array import build_wheels
 from mdms_model.motor import drive_of
 from mdms_model.parcel import held_parcel
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Scenario, Wheel
-from mdms_sim.physics.analysis.field_map import (
+from mdms_sim.physics.field_map import (
     Law,
     Stability,
     held_force,
@@ -19,7 +19,7 @@ from mdms_sim.physics.analysis.field_map import (
     settle,
     turn_rests,
 )
-from mdms_sim.physics.analysis.row_laws import row_laws
+from mdms_sim.physics.row_laws import row_laws
 
 PITCH_M = 0.127
 BOX = Parcel("box", 2.0, 0.36, 0.30)

@@ -7,9 +7,9 @@ from mdms_model.array import build_wheels
 from mdms_model.motor import drive_of
 from mdms_model.run.record import Contact
 from mdms_model.scenario.file import load_scenario
-from mdms_sim.physics.analysis.row_laws import rolling_law, row_laws, sliding_law
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.physics.row.trace import journey_of
+from mdms_sim.physics.row_laws import rolling_law, row_laws, sliding_law
 
 WHEELS_M = (np.arange(4) - 1.5) * 0.127
 BETA, GAMMA = 4, 5

@@ -12,7 +12,7 @@ from mdms_model.scenario.motion import Part
 from mdms_model.scenario.scenario import Array, Cell, Parcel, Run, Scenario, Wheel
 from mdms_model.squeeze import plan_squeezes, squeeze_function
 from mdms_model.statics.support_margin import support_margin_m
-from mdms_sim.physics.analysis.squeeze_trials import (
+from mdms_sim.physics.squeeze_trials import (
     StepEnding,
     Trials,
     final_error_rad,

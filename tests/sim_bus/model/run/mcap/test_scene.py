@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from mdms_model.run.mcap.file import write_record
-from mdms_model.run.mcap.scene import AGAIN_S, layers, scene_messages
+from mdms_model.run.mcap_file import write_record
+from mdms_model.run.mcap_scene import AGAIN_S, layers, scene_messages
 from mdms_model.run.record import Plan, Tile
 from mdms_model.scenario.scenario import Exit
 

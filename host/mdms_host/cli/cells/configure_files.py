@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
-from mdms_host.cli.configure.cells import (
+from mdms_host.cli.cells.configure_cells import (
     agreed,
     open_commissioning,
     open_table,
@@ -17,7 +17,7 @@ from mdms_host.cli.configure.cells import (
     show_changes,
     write_cells,
 )
-from mdms_host.cli.configure.settings import check_margins, to_read
+from mdms_host.cli.cells.configure_settings import check_margins, to_read
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.files import replacing

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from mdms_host.cli.commission.asking import ask_directions, ask_places, confirmed
-from mdms_host.cli.commission.plate import watch_plate
-from mdms_host.cli.configure.cells import open_commissioning
+from mdms_host.cli.cells.asking import ask_directions, ask_places, confirmed
+from mdms_host.cli.cells.configure_cells import open_commissioning
+from mdms_host.cli.cells.plate import watch_plate
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.files import check_own, replacing
 from mdms_host.cli.options import NO_NODES
@@ -34,8 +34,8 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError
 from mdms_host.commissioning.node_ids import Assignment, FoundCells, carry_out, find_cells
 from mdms_host.commissioning.sightings import Spot
 from mdms_host.commissioning.wheel_turn import TurnStoppedError, nudge, refuse_busy, refuse_steering
-from mdms_host.updating.bundles import key_beside, key_id, make_key, read_key
-from mdms_host.updating.candidates import give_key, read_candidate
+from mdms_host.flashing.bundles import key_beside, key_id, make_key, read_key
+from mdms_host.flashing.candidates import give_key, read_candidate
 from mdms_protocol.dictionary import AXES
 
 

@@ -4,8 +4,8 @@ import json
 from argparse import Namespace
 from collections.abc import Callable
 
-from mdms_host.cli.commission.asking import LEAVE, pressed_keys
-from mdms_host.cli.configure.cells import open_commissioning, present_nodes
+from mdms_host.cli.cells.asking import LEAVE, pressed_keys
+from mdms_host.cli.cells.configure_cells import open_commissioning, present_nodes
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock

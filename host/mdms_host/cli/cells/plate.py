@@ -3,7 +3,7 @@
 from argparse import Namespace
 from math import inf
 
-from mdms_host.cli.commission.asking import blink
+from mdms_host.cli.cells.asking import blink
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock

@@ -15,9 +15,9 @@ from mdms_host.cli.streams import say
 
 if TYPE_CHECKING:
     from mdms_host.commissioning.network import Commissioning
-    from mdms_host.updating.bundles import Bundle
-    from mdms_host.updating.candidates import Candidate
-    from mdms_host.updating.updater import Updater
+    from mdms_host.flashing.bundles import Bundle
+    from mdms_host.flashing.candidates import Candidate
+    from mdms_host.flashing.updater import Updater
 
 BITRATE = 1_000_000
 KEY = Path("array.key")
@@ -103,9 +103,9 @@ def run(arguments: Namespace) -> ExitCode:
 
 def _flash_one_bus(arguments: Namespace) -> "tuple[dict[str, Any], frozenset[int]]":
     """The figures of one bus, and the nodes that are there."""
-    from mdms_host.cli.configure.cells import open_commissioning, present_nodes
+    from mdms_host.cli.cells.configure_cells import open_commissioning, present_nodes
     from mdms_host.commissioning.wheel_turn import refuse_busy
-    from mdms_host.updating.candidates import read_candidates
+    from mdms_host.flashing.candidates import read_candidates
 
     with open_commissioning(arguments) as commissioning:
         node_ids = present_nodes(commissioning, nodes_of(arguments.nodes))
@@ -140,9 +140,9 @@ def _planned(arguments: Namespace, cells: "Sequence[Candidate]") -> list[Row]:
 
 def _bundles(arguments: Namespace, cells: "Sequence[Candidate]") -> "dict[int, Bundle]":
     """A bundle for each bytecode that the cells read."""
+    from mdms_host.flashing import bundles
+    from mdms_host.flashing.bundles import key_beside, read_key
     from mdms_host.flashing.firmware import FirmwareError
-    from mdms_host.updating import bundles
-    from mdms_host.updating.bundles import key_beside, read_key
     from mdms_protocol.update.bundle import HEAD_SIZE
     from mdms_protocol.version import VERSION
 
@@ -188,8 +188,8 @@ def _carried_out(
     arguments: Namespace, commissioning: "Commissioning", rows: Sequence[Row]
 ) -> "Updater":
     """The updates at their ends; none where nothing is to be done."""
-    from mdms_host.updating.cell_update import CellUpdate
-    from mdms_host.updating.updater import Updater
+    from mdms_host.flashing.cell_update import CellUpdate
+    from mdms_host.flashing.updater import Updater
 
     wanted = [row for row in rows if row.bundle and (arguments.force or not row.current)]
     updates = [CellUpdate(row.cell.node_id, row.bundle) for row in wanted if row.bundle]

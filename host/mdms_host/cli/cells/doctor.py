@@ -9,8 +9,8 @@ from mdms_array.checks import motor_of
 from mdms_array.host import settings_of
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
-from mdms_host.cli.commission.asking import AtTerminal, pressed_keys
-from mdms_host.cli.configure.cells import open_commissioning, present_nodes
+from mdms_host.cli.cells.asking import AtTerminal, pressed_keys
+from mdms_host.cli.cells.configure_cells import open_commissioning, present_nodes
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.streams import say

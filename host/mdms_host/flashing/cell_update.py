@@ -8,7 +8,7 @@ from collections.abc import Generator, Iterator
 from typing import Protocol
 
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
-from mdms_host.updating.bundles import Bundle
+from mdms_host.flashing.bundles import Bundle
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame

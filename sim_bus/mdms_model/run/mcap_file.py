@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from mdms_model.arrays import Floats
-from mdms_model.run.mcap.messages import (
+from mdms_model.run.mcap_messages import (
     CELLS_TOPIC,
     EVENTS_TOPIC,
     LOG_SCHEMA,
@@ -37,7 +37,7 @@ from mdms_model.run.mcap.messages import (
     schemas_of,
     sources,
 )
-from mdms_model.run.mcap.scene import SCENE_SCHEMA, layers, scene_messages
+from mdms_model.run.mcap_scene import SCENE_SCHEMA, layers, scene_messages
 from mdms_model.run.record import Event, Plan, Record, RecordFileError, Tile
 from mdms_model.scenario.scenario import Scenario
 

@@ -14,8 +14,8 @@ from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.run.colours import between, colours_of, parcel_colour
 from mdms_model.run.derived import host_error
-from mdms_model.run.mcap.messages import LOG_TOPIC, OFF, WHEELS_TOPIC, Level, parcel_topic
-from mdms_model.run.mcap.scene import FRAME, layers
+from mdms_model.run.mcap_messages import LOG_TOPIC, OFF, WHEELS_TOPIC, Level, parcel_topic
+from mdms_model.run.mcap_scene import FRAME, layers
 from mdms_model.run.record import Record
 from mdms_model.scenario.scenario import Scenario
 

@@ -4,7 +4,7 @@ import json
 from argparse import Namespace
 from pathlib import Path
 
-from mdms_host.cli.configure.cells import open_commissioning, refuse_other_host
+from mdms_host.cli.cells.configure_cells import open_commissioning, refuse_other_host
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say

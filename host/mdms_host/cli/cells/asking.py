@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from mdms_host.cli.cell_options import nodes_of
-from mdms_host.cli.configure.cells import open_table, present_nodes
+from mdms_host.cli.cells.configure_cells import open_table, present_nodes
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
@@ -199,8 +199,8 @@ def pressed_keys(without: str) -> Iterator[Callable[[], str]]:
     """
     if not sys.stdin.isatty() or os.name != "posix":
         raise CommandError(without, ExitCode.USAGE)
-    import termios  # noqa: PLC0415 - of POSIX alone
-    import tty  # noqa: PLC0415
+    import termios
+    import tty
 
     descriptor = sys.stdin.fileno()
     before = termios.tcgetattr(descriptor)

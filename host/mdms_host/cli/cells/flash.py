@@ -9,9 +9,9 @@ from functools import partial
 from threading import Lock
 from typing import TYPE_CHECKING
 
+from mdms_host.cli.cells import flash_bus
 from mdms_host.cli.console import bars, show
 from mdms_host.cli.exits import CommandError, ExitCode
-from mdms_host.cli.flash import flash_bus
 from mdms_host.cli.options import add_json
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock

@@ -12,7 +12,7 @@ from rich import box
 from rich.table import Table
 
 from mdms_array.checks import motor_of
-from mdms_host.cli.configure.cells import (
+from mdms_host.cli.cells.configure_cells import (
     agreed,
     of_buses,
     open_table,

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from math import floor
 
-from mdms_host.updating.cell_update import CellUpdate
+from mdms_host.flashing.cell_update import CellUpdate
 from mdms_model.buses import worst_bits
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame

@@ -14,7 +14,7 @@ from mdms_array.experiments.sweep import Design, SweepResult
 from mdms_array.experiments.tuning import Trial, Tuned, TuningProblem, tune
 from mdms_array.extras import TUNE, require
 from mdms_host.cli.exits import ExitCode
-from mdms_host.cli.experiments.sweep import running, tell_failures
+from mdms_host.cli.simulation.sweep import running, tell_failures
 from mdms_sim.plots.canvas import save
 
 PICTURE = "tuning.png"

@@ -1,0 +1,1 @@
+"""Verbs that look after the cells of an array, from the first board on."""

@@ -1,1 +1,0 @@
-"""Verbs that bring an array into being, one board after another."""

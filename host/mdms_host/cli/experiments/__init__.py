@@ -1,1 +1,0 @@
-"""Verbs that run many simulations: `sweep` and `tune`."""

@@ -1,1 +1,0 @@
-"""Firmware over the bus: bundles, and how they get into cells."""

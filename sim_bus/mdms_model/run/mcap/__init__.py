@@ -1,1 +1,0 @@
-"""A run as an MCAP file, for Foxglove, Lichtblick and PlotJuggler."""

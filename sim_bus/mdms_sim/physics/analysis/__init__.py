@@ -1,1 +1,0 @@
-"""Effects of fields on parcels: forces, equilibria, reduced laws."""
