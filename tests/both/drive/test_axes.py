@@ -6,6 +6,7 @@ from refusal import code_of
 
 from mdms_cell.canopen.objects import Objects, find
 from mdms_cell.drive import speed_loop as s
+from mdms_cell.drive import tuning
 from mdms_cell.drive.axes import Axes
 from mdms_protocol.codecs import cia402, sdo
 
@@ -313,3 +314,9 @@ def test_reading_of_an_encoder_stays_as_it_is_while_its_wheel_is_driven_or_held(
         bench.control(1, 0)
         bench.write(0x687E, 0x40)
         assert bench.registers[s.AXIS + s.INVERTED] == 1
+
+
+def test_times_are_counted_in_ticks_of_a_millisecond():
+    registers = array("i", [0] * s.REGISTERS)
+    tuning.set_times(registers, 60_000, 5_001)
+    assert (registers[s.AGE_LIMIT], registers[s.BRAKE_TICKS]) == (60_000, 5_001)
