@@ -152,8 +152,7 @@ class Belief(Outline):
         pose[2] = wrapped(pose[2])
         variance //= weight
         for number in range(3):
-            its = covariance[number] * own_weight + variance * weight
-            covariance[number] = its // total
+            covariance[number] = (covariance[number] * own_weight + variance * weight) // total
         for number in range(3, 6):
             covariance[number] = covariance[number] * own_weight // total
 
