@@ -80,6 +80,14 @@ def test_identify_answers_inside_and_is_silent_outside_the_range():
         assert len(slave.ask(0x4B, part(high))) == found
 
 
+def test_identity_of_another_vendor_is_not_identified():
+    slave, high = Slave(), part(0xFFFFFFFF)
+    identify = (part(IDENTITY[0] + 1), part(IDENTITY[1]), part(0), high, part(0), high)
+    for _ in range(2):
+        for command, number in enumerate(identify, 0x46):
+            assert slave.ask(command, number) == []
+
+
 def test_identity_that_was_not_meant_begins_anew():
     slave, high = Slave(), part(0xFFFFFFFF)
     identify = (part(IDENTITY[0]), part(IDENTITY[1]), part(0), high, part(0), high)

@@ -7,7 +7,8 @@ which one it is, for sequence numbers come round again after three.
 from array import array
 
 from mdms_cell.canopen.objects import Objects, find
-from mdms_cell.motion.pages import OUTDATED, Pages
+from mdms_cell.motion.pages import OUTDATED, Pages, ProgramComparison
+from mdms_cell.motion.program import Program
 from mdms_cell.perception.heard import Heard
 from mdms_cell.perception.place import HOST, Place
 from mdms_protocol import indices
@@ -254,3 +255,28 @@ def test_host_that_repeats_its_goal_settles_it():
     table.beats(1)
     assert [cell.verdict for cell in table.cells] == [0] * CELLS
     assert table.goals() == [2] * CELLS
+
+
+def trusts_after(silent_beats):
+    """Whether a neighbour's number still tells its program, after beats in which none was heard."""
+    heard, program = Heard(), Program()
+    program.take((PARCEL, wire.PARCEL, 2, 0, 1200, 1200, 44, 20, 0))
+    program.take((PARCEL, wire.GOAL, 2, 1, 0, 0, 0, 0, 0))
+    for field, value in ((wire.IDENTITY, PARCEL), (wire.STATE, wire.UNDER), (wire.SEQUENCE, 2)):
+        heard.estimates[field] = value
+    comparison = ProgramComparison(heard)
+
+    def beat(hears):
+        heard.beat += 10
+        if hears:
+            heard.estimate_beat[0] = heard.beat
+        comparison.update(PARCEL, program, int(hears))
+
+    for hears in (True, False, True, *(silent_beats * (False,)), True):
+        beat(hears)
+    return comparison.shared == 1
+
+
+def test_a_number_tells_nothing_once_no_other_has_been_heard_for_ten_beats():
+    assert trusts_after(9)
+    assert not trusts_after(10)

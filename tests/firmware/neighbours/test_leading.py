@@ -2,6 +2,7 @@
 
 from math import hypot
 from random import Random
+from types import SimpleNamespace
 
 import pytest
 from tests.firmware.neighbours.outlines import exact_m
@@ -14,6 +15,7 @@ from mdms_cell.perception.belief import Belief
 from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.outline import DISC, RECTANGLE
 from mdms_cell.perception.place import STEPS
+from mdms_cell.perception.twist import WHEELS
 from mdms_protocol.neighbours import frames as wire
 
 PITCH_M = SomePlace.pitch_um * 1e-6
@@ -90,3 +92,21 @@ def test_parcel_needs_each_cell_that_it_is_over_or_would_be_over_where_it_stands
             assert found >> direction & 1 or not (here or there), (pose, twist, direction)
             ahead += there and not here
     assert ahead > 60
+
+
+def test_wheels_at_the_goal_hold_and_are_switched_off_once() -> None:
+    told = []
+    axes = SimpleNamespace(lead=lambda _: told.append("lead"), rest=lambda: told.append("rest"))
+    place, tracking = SomePlace(), Tracking()
+    place.x_um = place.y_um = 0
+    belief, program = tracking.belief, Program()
+    belief.set(RECTANGLE, 300_000, 300_000)
+    belief.start(0, 0, 0)
+    belief.twist.shown[WHEELS] = 8
+    program.take((1, wire.PARCEL, 1, RECTANGLE, 1200, 1200, 44, 20, 0))
+    program.take((1, wire.GOAL, 1, 0, 0, 0, 0, 0, 0))
+    leading = Leading(place, Footprint(place), tracking, axes, lambda _direction: None)
+    for _ in range(200):
+        leading.step(program, True, 10)
+    # Thirty beats until it has arrived, and fifty that it is held.
+    assert told == 78 * ["lead"] + ["rest"]
