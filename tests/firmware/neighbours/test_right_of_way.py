@@ -232,3 +232,11 @@ def test_gap_without_updates_stops_the_wheels_and_voids_earlier_reports():
     assert cell.drive_beats == 0
     beat(cell, over=7, wants=TO_EAST)
     assert (cell.drive_beats, cell.hold) == (0, 0)
+
+
+def test_cell_that_has_restarted_is_near_the_parcel_over_it_before_others_confirm_it():
+    cell = RightOfWay()
+    cell.restart(neighbours=1)
+    beat(cell, over=7, occupied=True)
+    assert (cell.identity, cell.state) == (7, NEAR)
+    assert cell.unsure

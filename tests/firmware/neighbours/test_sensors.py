@@ -8,10 +8,10 @@ from tests.firmware.neighbours.some_place import SomePlace
 
 from mdms_cell.perception.angle import ARM_UM
 from mdms_cell.perception.footprint import Footprint
-from mdms_cell.perception.heard import Heard
+from mdms_cell.perception.heard import SEEN, Heard
 from mdms_cell.perception.outline import RECTANGLE
-from mdms_cell.perception.place import STEPS
-from mdms_cell.perception.suspicion import Suspicion
+from mdms_cell.perception.place import OWN, STEPS
+from mdms_cell.perception.suspicion import PRESENCE, Suspicion
 from mdms_cell.perception.tracking import Tracking
 
 LENGTH_UM, WIDTH_UM = 360_000, 300_000
@@ -91,3 +91,30 @@ def test_an_edge_moves_a_belief_that_was_behind_to_where_the_edge_is_now(seed) -
         front_x, front_y = crossing.front_um
         ahead_um = (front_x - x_um) * cos(yaw) + (front_y - y_um) * sin(yaw)
         assert abs(ahead_um - LENGTH_UM / 2) < 2_000
+
+
+@pytest.mark.parametrize(
+    ("bits", "x_um", "shows"),
+    [(0, 0, False), (1, 0, False), (1, 215_000, True), (0, 215_000, False)],
+)
+def test_a_covered_sensor_shows_another_thing_30_mm_beside_the_parcel(bits, x_um, shows) -> None:
+    """The parcel reaches 180 mm, so its edge is over the middle sensor, or 35 mm beside it."""
+    place = SomePlace(WHEELS_UM + SENSORS_UM, shifts_um=SHIFTS_UM)
+    heard = Heard()
+    tracking = Tracking(place, Footprint(place), heard, Suspicion())
+    tracking.belief.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
+    tracking.belief.start(x_um, 0, 0)
+    heard.presence[OWN] = SEEN | bits
+    assert tracking.sensors.show_another() == shows
+
+
+def test_sensors_show_no_other_thing_where_no_parcel_is_believed_or_the_cell_doubts_them() -> None:
+    place = SomePlace(WHEELS_UM + SENSORS_UM, shifts_um=SHIFTS_UM)
+    heard, suspicion = Heard(), Suspicion()
+    tracking = Tracking(place, Footprint(place), heard, suspicion)
+    tracking.belief.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
+    heard.presence[OWN] = SEEN | 1
+    assert not tracking.sensors.show_another()
+    tracking.belief.start(215_000, 0, 0)
+    suspicion.out[OWN] = 1 << PRESENCE
+    assert not tracking.sensors.show_another()
