@@ -272,7 +272,7 @@ def trusts_after(silent_beats):
             heard.estimate_beat[0] = heard.beat
         comparison.update(PARCEL, program, int(hears))
 
-    for hears in (True, False, True, *(silent_beats * (False,)), True):
+    for hears in [True, False, True] + [False] * silent_beats + [True]:
         beat(hears)
     return comparison.shared == 1
 
