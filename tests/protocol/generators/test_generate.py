@@ -54,13 +54,7 @@ def test_wheel_has_them_and_the_documents_and_its_revision(pytestconfig, tmp_pat
         text = (pytestconfig.rootpath / name).read_text()
         assert (tmp_path / "site" / "mdms_docs" / name).read_text() == text
     packages = {path.name for path in (tmp_path / "site" / "mdms_host" / "cli").iterdir()}
-    assert {
-        "array",
-        "commission",
-        "configure",
-        "flash",
-        "simulation",
-    } <= packages
+    assert {"array", "cells", "simulation"} <= packages
 
 
 def test_stale_file_is_named_and_written_anew(tmp_path, capsys):
