@@ -227,11 +227,8 @@ class Leading:
         """Have the wheels move with the parcel as commanded."""
         footprint, targets = self._footprint, self._targets
         footprint.find_levers(self._parcel, 1 << OWN)
-        along, (vx, vy, turn) = footprint.along, self.steering.commanded
         for axis in range(AXES):
-            lever = footprint.levers[AXES * OWN + axis]
-            speed = along[2 * axis] * vx + along[2 * axis + 1] * vy + lever * turn
-            targets[axis] = speed >> 9
+            targets[axis] = footprint.wheel_speed(OWN, axis, self.steering.commanded)
         self._axes.lead(targets)
 
     def _join(self, may_go):

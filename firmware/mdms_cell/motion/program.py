@@ -18,10 +18,10 @@ class Program:
     """One parcel's data and the way to its goal, in `pages` of the fields that frames have.
 
     The parcel's page comes first, then those of the goal and of the legs. A missing page is empty.
-    `complete` is whether parcel and goal are there. `whole` is whether the
-    `legs` that follow the goal are there, too. Legs count for the time without a host alone: a host
-    sets the next goal itself when it is due. A `sequence` without a goal belongs to an earlier
-    goal: others may be on any leg after it by now.
+    `complete` is whether parcel and goal are there. `whole` is whether the `legs` that follow the
+    goal are there, too. Legs count for the time without a host alone: a host sets the next goal
+    itself when it is due. A `sequence` without a goal belongs to an earlier goal: others may be on
+    any leg after it by now.
     """
 
     def __init__(self):

@@ -98,6 +98,13 @@ class Footprint:
                 if directions >> wheel // AXES & 1:
                     levers[wheel] = (self._moments[wheel] - moment) // (ARM_UM // STEP_UM)
 
+    @micropython.native
+    def wheel_speed(self, direction, axis, twist):
+        """How fast that wheel rolls with a parcel of this twist [um/s], by the lever found last."""
+        along, (vx, vy, turn) = self.along, twist
+        lever = self.levers[AXES * direction + axis]
+        return along[2 * axis] * vx + along[2 * axis + 1] * vy + lever * turn >> 9
+
 
 def _put(numbers, pair, place_um):
     x_um, y_um = place_um

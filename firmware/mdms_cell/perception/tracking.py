@@ -272,7 +272,6 @@ class Tracking:
         footprint, belief = self._footprint, self.belief
         axes = footprint.within(belief, cell, -MARGIN, AXES)
         footprint.find_levers(belief, 1 << cell)
-        speeds, frames = belief.twist.speeds, self._heard.boxes.frames
-        shown = against(speeds, footprint.along, footprint.levers, frames, cell, axes)
+        shown = against(belief.twist.speeds, footprint, self._heard.boxes.frames, cell, axes)
         if shown & SLIPS or (shown and self._suspicion.has_case(WHEELS)):
             self._suspicion.judge(cell, WHEELS, shown & SLIPS != 0)

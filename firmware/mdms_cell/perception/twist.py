@@ -124,19 +124,16 @@ def fit(  # noqa: PLR0915, PLR0917 - one thought, and viper takes words
 
 
 @micropython.native
-def against(speeds, along, levers, frames, direction, axes):  # noqa: PLR0917 - as `fit`
+def against(speeds, footprint, frames, direction, axes):
     """Return how the wheels of a cell in a mask move: TURNS, SLIPS, or both; see `fit`.
 
     A wheel slips that is off the parcel's motion by 12 mm/s and a quarter of its own.
     """
-    vx, vy, turn = speeds
     shown = 0
     for axis in range(AXES):
         if axes >> axis & 1:
-            wheel = AXES * direction + axis
-            along_x, along_y = along[2 * axis], along[2 * axis + 1]
-            expected = along_x * vx + along_y * vy + levers[wheel] * turn >> 9
-            speed = speed_um_s(frames, wheel, _ANY_UM_S)
+            expected = footprint.wheel_speed(direction, axis, speeds)
+            speed = speed_um_s(frames, AXES * direction + axis, _ANY_UM_S)
             slip = 12_000 + abs(expected) // 4
             # At rest a wheel that cannot turn agrees with everything.
             if max(abs(expected), abs(speed)) > slip:
