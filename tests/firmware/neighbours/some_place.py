@@ -1,6 +1,6 @@
 """A place for a footprint, made of numbers in place of objects."""
 
-from mdms_cell.perception.place import AXES, SENSORS
+from mdms_cell.perception.place import AXES, DIRECTIONS, SENSORS, STEPS
 
 
 class SomePlace:
@@ -40,3 +40,12 @@ class SomePlace:
     def shift_um(self, direction):
         """Where a neighbour is."""
         return self._shifts_um[direction]
+
+
+#: The wheels and sensors of a cell, and eight neighbours a pitch away [um].
+WHEELS_UM = ((0, -30_000), (30_000, 0))
+SENSORS_UM = ((0, 0), (40_000, 40_000), (40_000, -40_000), (-40_000, 40_000), (-40_000, -40_000))
+SHIFTS_UM = [
+    tuple(SomePlace.pitch_um * step for step in STEPS[2 * direction : 2 * direction + 2])
+    for direction in range(DIRECTIONS)
+]

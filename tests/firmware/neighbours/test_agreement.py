@@ -3,7 +3,7 @@
 from struct import pack_into
 
 import pytest
-from tests.firmware.neighbours.some_place import SomePlace
+from tests.firmware.neighbours.some_place import SENSORS_UM, SHIFTS_UM, WHEELS_UM, SomePlace
 
 from mdms_cell.mailboxes import LENGTH
 from mdms_cell.perception.agreement import Agreement
@@ -11,16 +11,12 @@ from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.heard import SPEEDS_AT, Heard
 from mdms_cell.perception.outline import RECTANGLE
-from mdms_cell.perception.place import DIRECTIONS, OWN, STEPS
+from mdms_cell.perception.place import DIRECTIONS, OWN
 from mdms_cell.perception.suspicion import CELLS, WHEELS, Suspicion
 from mdms_cell.perception.tracking import Tracking
 from mdms_cell.perception.twist import WHEELS as WHEELS_SHOWN
 from mdms_protocol.neighbours import frames as wire
 
-PITCH_UM = SomePlace.pitch_um
-SHIFTS_UM = [(PITCH_UM * STEPS[at], PITCH_UM * STEPS[at + 1]) for at in range(0, 16, 2)]
-WHEELS_UM = ((0, -30_000), (30_000, 0))
-SENSORS_UM = ((0, 0), (40_000, 40_000), (40_000, -40_000), (-40_000, 40_000), (-40_000, -40_000))
 #: A parcel in the cell's frame, turned by 50 degrees [um; steps of the wire].
 X_UM, Y_UM, YAW = 20_000, -10_000, wire.TURN * 50 // 360
 

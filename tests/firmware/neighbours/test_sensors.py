@@ -4,22 +4,17 @@ from math import cos, hypot, sin
 from random import Random
 
 import pytest
-from tests.firmware.neighbours.some_place import SomePlace
+from tests.firmware.neighbours.some_place import SENSORS_UM, SHIFTS_UM, WHEELS_UM, SomePlace
 
 from mdms_cell.perception.angle import ARM_UM
 from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.heard import SEEN, Heard
 from mdms_cell.perception.outline import RECTANGLE
-from mdms_cell.perception.place import OWN, STEPS
+from mdms_cell.perception.place import OWN
 from mdms_cell.perception.suspicion import PRESENCE, Suspicion
 from mdms_cell.perception.tracking import Tracking
 
 LENGTH_UM, WIDTH_UM = 360_000, 300_000
-WHEELS_UM = ((0, -30_000), (30_000, 0))
-SENSORS_UM = ((0, 0), (40_000, 40_000), (40_000, -40_000), (-40_000, 40_000), (-40_000, -40_000))
-SHIFTS_UM = [
-    (SomePlace.pitch_um * STEPS[at], SomePlace.pitch_um * STEPS[at + 1]) for at in range(0, 16, 2)
-]
 SYNC_MS = 1_000
 
 

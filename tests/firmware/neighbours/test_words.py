@@ -1,7 +1,7 @@
 """Numbers of the neighbour layer are words of 32 bits, as boards have them.
 
-Where they are, bytecode and the machine code of any board compute the same. Steering is bytecode
-everywhere, so there the numbers that it keeps are words, and no others.
+Where they are, bytecode and the machine code of any board compute the same. Steering computes with
+integers of any size, and keeps words.
 """
 
 from array import array
@@ -27,7 +27,7 @@ from mdms_cell.perception.outline import (
     STEP_UM,
     gap,
 )
-from mdms_cell.perception.place import AXES
+from mdms_cell.perception.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.perception.sensors import Comparison
 from mdms_cell.perception.suspicion import Suspicion
 from mdms_cell.perception.twist import against, fit
@@ -123,14 +123,14 @@ def believed(shape, pose, halves, buffer=Words):
 
 
 def cells_around(points, shifts, along=((362, -362), (362, 362))):
-    """A footprint with these points and shifts [steps]."""
-    footprint = worded(Footprint(SomePlace()))
-    for number, point in enumerate(points):
-        footprint.points[2 * number], footprint.points[2 * number + 1] = point
-    for number, shift in enumerate(shifts):
-        footprint.shifts[2 * number], footprint.shifts[2 * number + 1] = shift
-    for axis, direction in enumerate(along):
-        footprint.along[2 * axis], footprint.along[2 * axis + 1] = direction
+    """A footprint with these points and shifts [steps] of up to eight neighbours."""
+    count = AXES + SENSORS
+    place = SomePlace(
+        [(x * STEP_UM, y * STEP_UM) for x, y in [*points, *count * [(0, 0)]][:count]],
+        [(x << 5, y << 5) for x, y in along],
+        [(x * STEP_UM, y * STEP_UM) for x, y in [*shifts, *DIRECTIONS * [(0, 0)]][:DIRECTIONS]],
+    )
+    footprint = worded(Footprint(place))
     footprint.half = Word(4000)
     return footprint
 
@@ -173,7 +173,7 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
     pairs = (numbers(most) for most in (NEAR // 2, NEAR // 2, 362))
     points, shifts, along = (
         data.draw(st.lists(st.tuples(one, one), min_size=size, max_size=size))
-        for one, size in zip(pairs, (AXES, 9, AXES), strict=True)
+        for one, size in zip(pairs, (AXES, DIRECTIONS, AXES), strict=True)
     )
     cells = cells_around(points, shifts, along)
     twist = belief.twist
@@ -187,7 +187,7 @@ def test_twist_fits_whatever_speeds_come(beats, centre_x, centre_y, turn, data):
         cells.find_levers(belief, 511)
         shown = (twist.speeds, twist.before, twist.shown)
         fit(*shown, cells.along, cells.levers, frames, Word(wheels))
-        against(twist.speeds, cells.along, cells.levers, frames, Word(4), Word(3))
+        against(twist.speeds, cells, frames, Word(4), Word(3))
 
 
 def moving(belief):
