@@ -36,6 +36,7 @@ from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
+from mdms_host.routes.planner import planner_compiled_beside
 from mdms_model.errors import InputError
 from mdms_model.log import LOG
 from mdms_model.run.folder import BUS_LOG, fresh_folder
@@ -73,7 +74,10 @@ def compiling_watched() -> Iterator[Compiled]:
     compiled, clock = Compiled(), MonotonicClock()
 
     class Stopwatch(Listener):
-        """Functions that others call are compiled while those are, so only the outermost counts."""
+        """Functions that others call are compiled while those are, so only the outermost counts.
+
+        The lock is also held while another process compiles the same, and while code is loaded.
+        """
 
         depth = 0
         start_s = 0.0
@@ -97,7 +101,7 @@ def compiling_watched() -> Iterator[Compiled]:
                 self.reported = True
                 LOG.warning(NOTICE)
 
-    with install_listener("numba:compile", Stopwatch()):
+    with install_listener("numba:compiler_lock", Stopwatch()):
         yield compiled
 
 
@@ -156,7 +160,8 @@ def _firmware(
         coordinator = coordinator_of(scenario, main=main)
         return lambda: (coordinator, _simulated(scenario, coordinator, nodes, progress, bus_log))
 
-    (coordinator, outcome), wall_s, compile_s = timed(prepare)
+    with planner_compiled_beside():
+        (coordinator, outcome), wall_s, compile_s = timed(prepare)
     return simulated_run(
         scenario,
         outcome.record,

@@ -8,7 +8,6 @@ import os
 import re
 import shutil
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
@@ -17,13 +16,12 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 numba: Any
-event: Any
 try:
     import numba
-    from numba.core import event
+    from numba.core.compiler_lock import global_compiler_lock
     from numba.extending import intrinsic
 except ImportError:
-    numba = event = None
+    numba = None
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -34,6 +32,8 @@ COMPILING = numba is not None and not numba.config.DISABLE_JIT
 OWN_IMPORT = re.compile(r"^from (mdms_\w+(?:\.\w+)*) import (\([^)]*\)|.*)", re.MULTILINE)
 #: Code of sources that have changed since is kept so long after its last use [s].
 KEPT_S = 7 * 24 * 3600.0
+#: Folders of modules that this process is compiling functions of.
+_HELD: set[Path] = set()
 
 
 def compiled(function: Function) -> Function:
@@ -60,12 +60,21 @@ def compiled_parallel(function: Function) -> Function:
 def _compiled(function: Function, **more: bool) -> Function:
     if not COMPILING:
         return function
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(_folder(function.__module__))
+    folder = _folder(function.__module__)
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
     try:
         decorate = numba.njit(cache=True, error_model="numpy", nogil=True, **more)
-        return cast(Function, decorate(function))
+        dispatcher = decorate(function)
     finally:
         numba.config.CACHE_DIR = before
+    # Numba calls it for every new signature, also for that of a call within another function.
+    dispatcher.compile = partial(_compile_alone, dispatcher.compile, folder)
+    return cast(Function, dispatcher)
+
+
+def _compile_alone(compile_: Callable[[Any], Any], folder: Path, signature: Any) -> Any:
+    with _alone(folder):
+        return compile_(signature)
 
 
 def borrowed(arrays: Any) -> Any:
@@ -136,6 +145,11 @@ def threads_used(count: int, share: int) -> Iterator[None]:
 # Where compiled code is kept ----------------------------------------------------------------------
 
 
+def is_kept(module: str) -> bool:
+    """Whether code of a module is on disk; True where nothing is compiled."""
+    return not COMPILING or any(_folder(module).rglob("*.nbc"))
+
+
 def cache_base() -> Path:
     """`NUMBA_CACHE_DIR` if it is set, else beside this module, else the user's own cache."""
     if numba is not None and numba.config.CACHE_DIR:
@@ -183,41 +197,30 @@ def closure(module: str) -> frozenset[str]:
     return found
 
 
-class _OneAtATime(event.Listener if COMPILING else object):  # type: ignore[misc]
-    """Keeps other processes from compiling while this one does.
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other processes from compiling functions of one module meanwhile.
 
     Numba lists the content of a folder apart from the code itself. Two processes that add to one
-    list at once may each take the other's code for theirs. Without POSIX's locks nobody waits: then
-    at worst a function is compiled again.
+    list at once may each take the other's code for theirs. A function's calls are compiled while it
+    is, so a process may hold several modules. It takes them in the order of imports, which has no
+    circle. Without POSIX's locks nobody waits: then at worst a function is compiled again.
     """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._guard = threading.Lock()
-        self._depth = 0
-        self._file: int | None = None
-
-    def on_start(self, _: object) -> None:
-        """The compiler's lock is wanted: for a function, or for one of its calls."""
-        try:
-            import fcntl
-        except ImportError:
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    # The compiler's own lock comes first: it keeps other threads from the folders.
+    with global_compiler_lock:
+        if folder in _HELD:
+            yield
             return
-        with self._guard:
-            if not self._depth:
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-                fcntl.flock(self._file, fcntl.LOCK_EX)
-            self._depth += 1
-
-    def on_end(self, _: object) -> None:
-        """It is given back, and the compiled code is on disk."""
-        with self._guard:
-            self._depth = max(0, self._depth - 1)
-            if not self._depth and self._file is not None:
-                os.close(self._file)
-                self._file = None
-
-
-if COMPILING:
-    event.register("numba:compiler_lock", _OneAtATime(cache_base() / "lock"))
+        file = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            _HELD.add(folder)
+            yield
+        finally:
+            _HELD.discard(folder)
+            os.close(file)

@@ -6,13 +6,19 @@ on its own past the starts of those after it and the goals of those before it, a
 all: at worst it waits until those before it have come to their goals.
 """
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from random import Random
+from subprocess import DEVNULL, Popen
 
 import numpy as np
 
+from mdms_host.estimation.footprint import Rectangle
+from mdms_host.layout import Layout
+from mdms_host.routes import interval_search
 from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
 from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.grid import Lattice, Tiles
@@ -31,8 +37,16 @@ from mdms_host.routes.safe_intervals import TakenTiles
 from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_host.routes.well_formed import OrderSearch, stuck
 from mdms_model.arrays import Bools, Floats, Ints
+from mdms_model.compiled import is_kept
 
-__all__ = ["Margins", "Planner", "RoutePlan", "SearchSettings"]
+__all__ = [
+    "Margins",
+    "Planner",
+    "RoutePlan",
+    "SearchSettings",
+    "compile_planner",
+    "planner_compiled_beside",
+]
 
 
 @dataclass(frozen=True)
@@ -295,3 +309,32 @@ def _ends(routes: Mapping[str, Route], nothing: Bools) -> Bools:
     for route in routes.values():
         ends[route.stays] = True
     return ends
+
+
+# The first run of an installation -----------------------------------------------------------------
+
+
+@contextmanager
+def planner_compiled_beside() -> Iterator[None]:
+    """Have another process compile the planner meanwhile, if its code is not on disk yet.
+
+    A first run compiles the simulator, and then the planner. On two cores it waits half as long.
+    """
+    if is_kept(interval_search.__name__):
+        yield
+        return
+    command = [sys.executable, "-c", f"import {__name__} as planner; planner.compile_planner()"]
+    process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def compile_planner() -> None:
+    """Plan a short way on a small table, which compiles all that every plan needs."""
+    start, goal = np.array([[-0.05, 0.0, 0.0]]), np.array([0.05, 0.0, 0.3])
+    task = RouteTask("box", Shape(Rectangle(0.28, 0.28)), start, goal)
+    plan = Planner(Tiles(Layout(6, 6))).plan([task])
+    plan.authority.limits_m({"box": 0.0})

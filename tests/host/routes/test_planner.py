@@ -1,5 +1,7 @@
 """The routes of parcels, and the reasons for a missing route."""
 
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -9,8 +11,9 @@ from tests.host.routes.parcels import LONG, task
 from mdms_array.host import layout_of
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
+from mdms_host.routes import planner as planner_module
 from mdms_host.routes.grid import Tiles
-from mdms_host.routes.planner import Margins, Planner
+from mdms_host.routes.planner import Margins, Planner, planner_compiled_beside
 from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_model.scenario.file import load_scenario
 
@@ -140,3 +143,64 @@ def test_a_goal_that_cannot_be_reached_leaves_others_their_ways() -> None:
     assert np.allclose(plan.routes["free"].poses[-1], free.goal)
     assert [blocker.parcel for blocker in plan.blocked["behind"].by] == ["lost"]
     assert not plan.blocked["lost"].by
+
+
+COMPILED_LATER = """
+import sys
+from mdms_array.simulation import run_scenario
+from mdms_host.routes.planner import compile_planner
+from mdms_model.scenario.file import load_scenario
+
+def known():
+    routes = [module for name, module in sys.modules.items() if name.startswith("mdms_host.routes")]
+    functions = [each for module in routes for each in vars(module).values()]
+    return {
+        (each.__qualname__, signature)
+        for each in functions if hasattr(each, "signatures") for signature in each.signatures
+    }
+
+compile_planner()
+before = known()
+run_scenario(load_scenario("array18", ["run.duration_s=1"]))
+print(len(before), *(name for name, _ in known() - before))
+"""
+
+
+def test_what_is_compiled_beside_a_run_is_all_that_its_planner_needs() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILED_LATER], capture_output=True, text=True, check=True
+    )
+    count, *later = done.stdout.split()
+    assert int(count) > 10
+    assert not later
+
+
+@pytest.fixture
+def companions(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
+    """The processes that are started to compile; they compile nothing here."""
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(command: list[str], **_: int) -> subprocess.Popen[bytes]:
+        started.append(subprocess.Popen([command[0], "-c", "import time; time.sleep(60)"]))
+        return started[-1]
+
+    monkeypatch.setattr(planner_module, "Popen", start)
+    return started
+
+
+def test_the_process_that_compiles_beside_a_run_ends_with_it(
+    companions: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planner_module, "is_kept", lambda module: False)
+    with planner_compiled_beside():
+        (companion,) = companions
+        assert companion.poll() is None
+    assert companion.poll() is not None
+
+
+def test_no_process_compiles_what_is_on_disk(
+    companions: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planner_module, "is_kept", lambda module: True)
+    with planner_compiled_beside():
+        assert not companions

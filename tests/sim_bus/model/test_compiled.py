@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -49,9 +50,9 @@ def probe(tmp_path):
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
     }
 
-    def start(*arguments):
+    def start(*arguments, code=MAIN):
         return subprocess.Popen(
-            [sys.executable, "-c", MAIN, *arguments],
+            [sys.executable, "-c", code, *arguments],
             env=environment,
             stdout=subprocess.PIPE,
             text=True,
@@ -66,18 +67,39 @@ def said(process):
     return output.splitlines()[-2:]
 
 
+@contextmanager
+def taken(folder):
+    """Another process compiles functions of the folder's module."""
+    file = os.open(folder, os.O_RDONLY)
+    fcntl.flock(file, fcntl.LOCK_EX)
+    yield
+    os.close(file)
+
+
 @needs_numba
-def test_processes_compile_one_after_the_other_and_nothing_twice(probe, tmp_path):
-    (tmp_path / "cache").mkdir()
-    with (tmp_path / "cache" / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        one, other = probe("1"), probe("2.5")
+def test_processes_compile_a_module_one_after_the_other_and_nothing_twice(probe, tmp_path):
+    assert said(probe("1")) == ["[2]", "1 compiled"]
+    (folder,) = (tmp_path / "cache").glob("mdms_probe_outer-*")
+    kept = set(folder.rglob("*"))
+    with taken(folder):
+        one, other = probe("2.5"), probe("2.5", "1j")
         with pytest.raises(subprocess.TimeoutExpired):
             one.wait(1.0)
-        assert not list((tmp_path / "cache").rglob("*.nb?"))
-    assert said(one) == ["[2]", "1 compiled"]
-    assert said(other) == ["[5.0]", "1 compiled"]
-    assert said(probe("1", "2.5")) == ["[2, 5.0]", "0 compiled"]
+        assert set(folder.rglob("*")) == kept
+    one, other = said(one), said(other)
+    assert (one[0], other[0]) == ("[5.0]", "[5.0, 2j]")
+    assert sorted((one[1], other[1])) in (["0 compiled", "2 compiled"], ["1 compiled"] * 2)
+    assert said(probe("1", "2.5", "1j")) == ["[2, 5.0, 2j]", "0 compiled"]
+
+
+@needs_numba
+def test_processes_compile_two_modules_beside_each_other(probe, tmp_path):
+    assert said(probe("1")) == ["[2]", "1 compiled"]
+    (inner,) = (tmp_path / "cache").glob("mdms_probe_inner-*")
+    with taken(next((tmp_path / "cache").glob("mdms_probe_outer-*"))):
+        code = "from mdms_probe_inner import one; print(one(2.5))"
+        assert said(probe(code=code)) == ["2.5"]
+    assert len(list(inner.rglob("*.nbc"))) == 2
 
 
 @needs_numba

@@ -21,6 +21,7 @@ from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadExecutor
+from mdms_host.routes.planner import planner_compiled_beside
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.clock import RealTime
@@ -100,7 +101,10 @@ def attended(
 def show(scenario: Scenario, arguments: Namespace, main: Main | None = None) -> ExitCode:
     """Run a scenario's program in real time with its page, until Ctrl-C."""
     slot = slot_of(scenario, main)
-    with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
+    with (
+        planner_compiled_beside(),
+        closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank,
+    ):
         simulation = Simulation(
             scenario,
             bank,
