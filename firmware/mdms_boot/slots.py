@@ -24,7 +24,7 @@ KEY = "update.key"
 TRIAL_STARTS = 1
 
 
-class Record:
+class SlotRecord:
     """Slots count from 1; 0 stands for the firmware that USB has brought, and for none.
 
     The slot on `trial` may be started `starts` times more. `counter` is that of the newest bundle
@@ -78,7 +78,7 @@ class Slots:
         self.running = 0
         self.on_trial = False
         self.may_write = _always
-        self.record = Record(self._content(RECORD))
+        self.record = SlotRecord(self._content(RECORD))
 
     def start(self):
         """The image to start, None for the firmware that USB has brought; once, at power-up."""

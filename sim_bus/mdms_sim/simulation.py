@@ -21,7 +21,7 @@ from mdms_model.arrays import Bits, Floats
 from mdms_model.buses import Addresses, address_cells, plan_gateways
 from mdms_model.participant import BusesParticipant, Participant
 from mdms_model.run.folder import interface_of
-from mdms_model.run.frame_readers import CellReports, Presence, References, without_reports
+from mdms_model.run.frame_readers import CellReports, PresenceReader, References, without_reports
 from mdms_model.run.record import MOST_SAMPLES, Event, History, Record
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.scenario import Scenario
@@ -182,7 +182,7 @@ class Simulation:
         self.log = BusLog(kept.bus_log)
         self._references = References(addresses, len(scenario.cell.wheel))
         self._reports = CellReports(cell_centres(scenario.array), addresses)
-        self._presence = Presence(addresses)
+        self._presence = PresenceReader(addresses)
         for number, bus in enumerate(self.buses):
             interface = interface_of(number, len(self.buses))
             bus.observe(partial(self.log.on_frame, interface))
@@ -275,7 +275,7 @@ class Simulation:
 
     @property
     def reported_presence(self) -> Bits:
-        """Presence bits (cells,), as the cells have last reported them on their buses."""
+        """PresenceReader bits (cells,), as the cells have last reported them on their buses."""
         return self._presence.bits
 
     def outcome(self) -> Outcome:

@@ -193,7 +193,7 @@ class MissingCells:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class HeardCells:
     """The cells that answer on a bus, and the neighbours that each has stored."""
 
     bus: TableBus
@@ -201,7 +201,7 @@ class Heard:
     neighbours: Mapping[int, Sequence[int]] = field(default_factory=dict)
 
 
-def missing_cells(heard: Sequence[Heard], cells: int | None = None) -> list[MissingCells]:
+def missing_cells(heard: Sequence[HeardCells], cells: int | None = None) -> list[MissingCells]:
     """The cells of a table that do not answer, bus by bus.
 
     The first of these counts: so many `cells` on all buses together, the array file, the neighbours
@@ -224,7 +224,7 @@ def missing_cells(heard: Sequence[Heard], cells: int | None = None) -> list[Miss
     return missing
 
 
-def how_known(heard: Sequence[Heard], cells: int | None = None) -> str:
+def how_known(heard: Sequence[HeardCells], cells: int | None = None) -> str:
     """From where it is known which cells there are to be."""
     if cells is not None:
         return f"--cells {cells}"
@@ -235,7 +235,7 @@ def how_known(heard: Sequence[Heard], cells: int | None = None) -> str:
     return "unknown, so a cell that is gone may go unnoticed; --array FILE or --cells N tells"
 
 
-def _of_count(heard: Sequence[Heard], cells: int) -> list[MissingCells]:
+def _of_count(heard: Sequence[HeardCells], cells: int) -> list[MissingCells]:
     """Cells that are missing in a count; they are named where the gaps are as many."""
     there = sum(len(each.node_ids) for each in heard)
     if there >= cells:
@@ -247,7 +247,7 @@ def _of_count(heard: Sequence[Heard], cells: int) -> list[MissingCells]:
     return [MissingCells("", (), source, is_sure=True)]
 
 
-def _gaps(heard: Heard) -> list[MissingCells]:
+def _gaps(heard: HeardCells) -> list[MissingCells]:
     """Node ids without a cell below the highest."""
     highest = max(heard.node_ids, default=0)
     gaps = tuple(node for node in range(1, highest) if node not in heard.node_ids)

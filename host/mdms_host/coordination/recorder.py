@@ -9,7 +9,7 @@ from mdms_host.can_link.recent import Recent
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_model.arrays import Floats
 from mdms_model.buses import Addresses
-from mdms_model.run.frame_readers import CellReports, Presence, without_reports
+from mdms_model.run.frame_readers import CellReports, PresenceReader, without_reports
 from mdms_model.run.record import MOST_SAMPLES, Contact, Event, History, Record, leaving
 from mdms_protocol.codecs.frame import Frame
 
@@ -49,7 +49,7 @@ class Recorder:
         layout = coordinator.layout
         addresses = Addresses(layout.buses, layout.node_ids)
         self._reports = CellReports(layout.cell_positions_m, addresses)
-        self._presence = Presence(addresses)
+        self._presence = PresenceReader(addresses)
         self._due_s = -np.inf
 
     @property

@@ -25,7 +25,7 @@ from mdms_host.line.packml import (
     State,
     StateMachine,
 )
-from mdms_host.page.commands import RefusedError
+from mdms_host.page.commands import PageRefusedError
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import TableProgram
 from mdms_host.programs.table_orders import Report, TableOrders, order_of
@@ -483,7 +483,7 @@ class Machine:
         if not self._slot.busy:
             try:
                 self._slot.begin()
-            except RefusedError as error:
+            except PageRefusedError as error:
                 self.states.on(Command.STOP, self._now_s(), str(error))
                 raise CommandRefusedError(str(error)) from None
             self._take_on_run()

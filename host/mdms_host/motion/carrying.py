@@ -24,7 +24,7 @@ _HOLD_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class WheelClaim:
     """A parcel that wants the wheels under it: to carry it, or, `parked`, to stand still."""
 
     outline: Footprint
@@ -32,7 +32,7 @@ class Claim:
     parked: bool
 
 
-def allocate(wheels_m: Floats, claims: Sequence[Claim]) -> Ints:
+def allocate(wheels_m: Floats, claims: Sequence[WheelClaim]) -> Ints:
     """The claim that each wheel serves, by number, or FREE, (W,); wheels of shape (W, 2).
 
     A wheel serves one parcel at most: a parked one before one that moves, else the nearer.
@@ -81,7 +81,7 @@ class Carrying:
         if not carried:
             return references_m_s
         claims = [
-            Claim(outlines[name], place, name not in carried) for name, place in places.items()
+            WheelClaim(outlines[name], place, name not in carried) for name, place in places.items()
         ]
         serves = allocate(wheels_m, claims)
         for number, name in enumerate(places):

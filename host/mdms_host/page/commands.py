@@ -21,7 +21,7 @@ TIME = Limit(at_least=0.0, at_most=1e6)
 YAW = Limit(at_least=-1000.0, at_most=1000.0)
 
 
-class RefusedError(Exception):
+class PageRefusedError(Exception):
     """A command that is not carried out; the message says why, and what to do."""
 
 
@@ -192,29 +192,29 @@ OF_THE_SERVER = ("take_control", "release_control")
 
 
 def command_from(message: Any) -> Command:
-    """The command of a message that has come. Raises `RefusedError` with its fault."""
+    """The command of a message that has come. Raises `PageRefusedError` with its fault."""
     if not isinstance(message, dict):
-        raise RefusedError("a command is one JSON object")
+        raise PageRefusedError("a command is one JSON object")
     name = message.get("command")
     if not isinstance(name, str) or name not in COMMANDS:
-        raise RefusedError(f"command is {name!r:.60}, but must be one of {', '.join(COMMANDS)}")
+        raise PageRefusedError(f"command is {name!r:.60}, but must be one of {', '.join(COMMANDS)}")
     values = {key: value for key, value in message.items() if key not in {"command", "id"}}
     try:
         command: Command = build(COMMANDS[name], values)
     except ScenarioError as error:
-        raise RefusedError(str(error)) from None
+        raise PageRefusedError(str(error)) from None
     if isinstance(command, Name):
         _check_name(command)
     return command
 
 
 def _check_name(command: Name) -> None:
-    """Raises `RefusedError` for a name that no parcel can have, or a disc with two diameters."""
+    """Raises `PageRefusedError` for a name of no parcel, or a disc with two diameters."""
     fault = name_fault(command.name)
     if fault:
-        raise RefusedError(f"name is {command.name!r:.60}, but {fault}")
+        raise PageRefusedError(f"name is {command.name!r:.60}, but {fault}")
     if command.shape == "disc" and command.length_m != command.width_m:
-        raise RefusedError(
+        raise PageRefusedError(
             f"width_m is {command.width_m:g}, but a disc has one diameter; give length_m, "
             f"{command.length_m:g}, again"
         )
@@ -315,7 +315,7 @@ class ShownTable(Protocol):
         ...
 
     def do(self, command: Command) -> str | None:
-        """Carry a command out; returns a word on it. Raises `RefusedError`."""
+        """Carry a command out; returns a word on it. Raises `PageRefusedError`."""
         ...
 
     def abandon(self) -> None:

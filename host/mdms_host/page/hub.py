@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from mdms_host.page.commands import RefusedError
+from mdms_host.page.commands import PageRefusedError
 
 #: Messages that may wait for a client; one for which more wait has to come again.
 MOST_WAITING = 256
@@ -116,11 +116,11 @@ class Hub:
         """A client has come; the first that may is in control.
 
         One with the token finds room: clients without control leave, those without a token first.
-        Raises `RefusedError` for any other where there is no room.
+        Raises `PageRefusedError` for any other where there is no room.
         """
         if self.full:
             if not client.may_control:
-                raise RefusedError("too many pages are open")
+                raise PageRefusedError("too many pages are open")
             others = [each for each in self.clients if each is not self.controller]
             self._dismiss(min(others, key=lambda each: each.may_control))
         self.clients.append(client)

@@ -19,7 +19,7 @@ from mdms_host.motion.goal import GoalPose
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import KINDS, BusRates, BusWatch
 from mdms_host.page.cell_objects import ObjectReader
-from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.commands import Command, PageRefusedError
 from mdms_host.page.description import (
     OTHER_HOST,
     PHASES,
@@ -53,7 +53,7 @@ class ParcelsByHand:
         self._holder: Coordinator | None = None
 
     def set_goal(self, coordinator: Coordinator, command: commands.Goal) -> None:
-        """Steer a parcel there from now on. Raises `RefusedError`.
+        """Steer a parcel there from now on. Raises `PageRefusedError`.
 
         A parcel that is dragged beyond its reach is held at its goal before. If it is let go of
         there, it stays where it is.
@@ -65,10 +65,10 @@ class ParcelsByHand:
         try:
             coordinator.set_goal(command.parcel, goal)
         except KeyError:
-            raise RefusedError(_not_steered(coordinator, command.parcel)) from None
+            raise PageRefusedError(_not_steered(coordinator, command.parcel)) from None
         except ValueError as error:
             stays = self._dropped(coordinator, command)
-            raise RefusedError(f"{error}{stays}") from None
+            raise PageRefusedError(f"{error}{stays}") from None
         self._held.pop(command.parcel, None)
         if command.held:
             self._held[command.parcel] = self._wall_s()
@@ -102,7 +102,7 @@ class ParcelsByHand:
             self._holder = coordinator
 
     def name(self, coordinator: Coordinator, command: commands.Name) -> None:
-        """Take an unknown thing for a parcel. Raises `RefusedError`."""
+        """Take an unknown thing for a parcel. Raises `PageRefusedError`."""
         parcel = Parcel(
             command.name,
             command.length_m,
@@ -113,9 +113,9 @@ class ParcelsByHand:
         try:
             coordinator.tracker.name(command.parcel, parcel)
         except KeyError:
-            raise RefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
+            raise PageRefusedError(f"nothing unknown is called {command.parcel!r:.60}") from None
         except ValueError as error:
-            raise RefusedError(str(error)) from None
+            raise PageRefusedError(str(error)) from None
 
 
 def _not_steered(coordinator: Coordinator, name: str) -> str:
@@ -373,11 +373,11 @@ class LiveTable:
                 self._slot.stop_all()
                 self._note_stop()
                 if not self._slot.is_there():
-                    raise RefusedError(_GONE)
+                    raise PageRefusedError(_GONE)
             case commands.ReadObjects():
                 self._read(command.cell)
             case _:
-                raise RefusedError("this table has no such command")
+                raise PageRefusedError("this table has no such command")
         if isinstance(command, _TAKES_OVER):
             self.taken_over = self._slot.coordinator
         return None
@@ -386,20 +386,20 @@ class LiveTable:
         """See `Table`: a program is watched by whoever started the command, and goes on."""
 
     def _running(self) -> Coordinator:
-        """The coordinator of the program that runs. Raises `RefusedError`."""
+        """The coordinator of the program that runs. Raises `PageRefusedError`."""
         coordinator = self._slot.coordinator
         if coordinator is None or not self._slot.busy:
-            raise RefusedError("no program runs; start one first")
+            raise PageRefusedError("no program runs; start one first")
         return coordinator
 
     def _send_signal(self, command: commands.Signal) -> None:
         program = self._running().program
         if not isinstance(program, TableProgram) or program.keeps_goals:
-            raise RefusedError("the program that runs has no tasks, and takes no signals")
+            raise PageRefusedError("the program that runs has no tasks, and takes no signals")
         try:
             program.table.send_signal(command.name, command.value)
         except ProgramError as error:
-            raise RefusedError(str(error)) from None
+            raise PageRefusedError(str(error)) from None
         self.note("page", f"signal {command.name!r:.60}: {command.value!r:.60}")
 
     def _note_stop(self) -> None:
@@ -412,10 +412,12 @@ class LiveTable:
     def _read(self, cell: int) -> None:
         coordinator = self._slot.coordinator
         if not 1 <= cell <= self._layout.cells:
-            raise RefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
+            raise PageRefusedError(f"there is no cell {cell}; the table has {self._layout.cells}")
         if coordinator is not None and coordinator.phase in BRING_UP:
-            raise RefusedError("the cells are being brought up; ask again when they run")
+            raise PageRefusedError("the cells are being brought up; ask again when they run")
         if self._slot.others_ask:
-            raise RefusedError("somebody else reads or writes settings just now; ask again later")
+            raise PageRefusedError(
+                "somebody else reads or writes settings just now; ask again later"
+            )
         places = self._layout
         self._slot.reader = ObjectReader(cell, places.node_ids[cell - 1], places.buses[cell - 1])

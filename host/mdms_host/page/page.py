@@ -12,7 +12,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mdms_host.clock import Clock
-from mdms_host.page.commands import Command, RefusedError, ShownTable, StopAll
+from mdms_host.page.commands import Command, PageRefusedError, ShownTable, StopAll
 from mdms_host.page.hub import GRACE_S, Hub
 from mdms_host.page.server import LOOPBACK, AccessGate, PageApp
 
@@ -212,7 +212,7 @@ class Page:
         try:
             return await asyncio.wait_for(waiting, ANSWER_LIMIT_S)
         except TimeoutError:
-            raise RefusedError("the table is busy, and stops as soon as it is not") from None
+            raise PageRefusedError("the table is busy, and stops as soon as it is not") from None
 
     async def _asked(
         self, ask: Callable[[], Any], *, is_command: bool = False, has_token: bool = True
@@ -220,17 +220,17 @@ class Page:
         """Have the thread of the table do something; a command that is too late for its answer is
         not done.
 
-        Raises `RefusedError` where it cannot.
+        Raises `PageRefusedError` where it cannot.
         """
         answer: Future[Any] = Future()
         room = MOST_COMMANDS if has_token else MOST_COMMANDS // 2
         if self._work.qsize() >= room:
-            raise RefusedError("too many commands at once; this one is dropped")
+            raise PageRefusedError("too many commands at once; this one is dropped")
         self._work.put_nowait((ask, answer, is_command))
         try:
             return await asyncio.wait_for(asyncio.wrap_future(answer), ANSWER_LIMIT_S)
         except TimeoutError:
-            raise RefusedError("the table does not answer: it is busy") from None
+            raise PageRefusedError("the table does not answer: it is busy") from None
 
 
 def _settle(ask: Callable[[], Any], answer: "Future[Any]") -> None:
@@ -243,7 +243,7 @@ def _settle(ask: Callable[[], Any], answer: "Future[Any]") -> None:
 
 
 def _called_off() -> None:
-    raise RefusedError("all has been stopped meanwhile; ask again")
+    raise PageRefusedError("all has been stopped meanwhile; ask again")
 
 
 def _listen(host: str, port: int) -> socket.socket:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
-from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.commands import Command, PageRefusedError
 from mdms_host.page.description import (
     NOT_FOUND,
     PHASES,
@@ -206,7 +206,7 @@ class RecordedTable:
             case commands.Seek():
                 self._at_s = min(command.time_s, self.duration_s)
             case _:
-                raise RefusedError("a recording has no such command")
+                raise PageRefusedError("a recording has no such command")
         return None
 
     def abandon(self) -> None:

@@ -9,7 +9,7 @@ from mdms_host.coordination.other_host import OtherHost
 from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.cell_objects import ObjectReader
-from mdms_host.page.commands import RefusedError
+from mdms_host.page.commands import PageRefusedError
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
@@ -82,29 +82,29 @@ class RunSlot:
         return self._looked_s - self._asked_s < _ASKS_S
 
     def start(self) -> None:
-        """Begin the program anew, by hand. Raises `RefusedError` like `begin`, and by `refusal`."""
+        """Begin the program by hand. Raises `PageRefusedError` like `begin`, and by `refusal`."""
         refusal = "" if self.busy else self.refusal()
         if refusal:
-            raise RefusedError(refusal)
+            raise PageRefusedError(refusal)
         self.begin()
 
     def begin(self) -> None:
         """Begin the program anew.
 
-        Raises `RefusedError` while one runs, and while another host speaks: the two would stop each
-        other, and cells be switched off that the other one moves parcels with.
+        Raises `PageRefusedError` while one runs, and while another host speaks: the two would stop
+        each other, and cells be switched off that the other one moves parcels with.
         """
         if self.busy:
-            raise RefusedError("the program runs already; stop it first")
+            raise PageRefusedError("the program runs already; stop it first")
         if self.beside_other_host:
-            raise RefusedError(OTHER_HOST)
+            raise PageRefusedError(OTHER_HOST)
         self.reader = None
         self.coordinator = self._make()
 
     def stop(self) -> None:
-        """End the program in order. Raises `RefusedError` where none runs."""
+        """End the program in order. Raises `PageRefusedError` where none runs."""
         if self.coordinator is None or not self.busy:
-            raise RefusedError("no program runs")
+            raise PageRefusedError("no program runs")
         self.stops += 1
         self.coordinator.stop()
 

@@ -25,7 +25,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from mdms_host.page import commands
-from mdms_host.page.commands import Command, RefusedError
+from mdms_host.page.commands import Command, PageRefusedError
 from mdms_host.page.hub import Hub, LeaveError, PageClient
 
 LOOPBACK = "127.0.0.1"
@@ -191,7 +191,7 @@ class PageApp:
     async def _history(self, _request: Request) -> Response:
         try:
             past = await self._past()
-        except RefusedError as refusal:
+        except PageRefusedError as refusal:
             return PlainTextResponse(str(refusal), 503, headers=_HEADERS)
         return Response(past, media_type="application/octet-stream", headers=_HEADERS)
 
@@ -201,7 +201,7 @@ class PageApp:
         with suppress(WebSocketDisconnect, ConnectionError, RuntimeError):
             try:
                 await self._welcome(client, socket)
-            except RefusedError as refusal:
+            except PageRefusedError as refusal:
                 await socket.close(1013, str(refusal))
                 return
             both = [
@@ -217,18 +217,18 @@ class PageApp:
                 await asyncio.gather(*both, return_exceptions=True)
 
     async def _welcome(self, client: PageClient, socket: WebSocket) -> None:
-        """Its first message has the token, if it has one. Raises `RefusedError`."""
+        """Its first message has the token, if it has one. Raises `PageRefusedError`."""
         hello = await self._hello(socket)
         token = hello.get("token") if isinstance(hello, dict) else None
         client.may_control = self._gate.accepts(token)
         if self._hub.full and not client.may_control:
-            raise RefusedError("too many pages are open")
+            raise PageRefusedError("too many pages are open")
         for message in await self._opening_messages(client.may_control):
             client.send(message)
         self._hub.come(client)
 
     async def _hello(self, socket: WebSocket) -> Any:
-        """The first message. Raises `RefusedError` without one in time."""
+        """The first message. Raises `PageRefusedError` without one in time."""
         hello = asyncio.create_task(_message(socket))
         self._at_the_door.append(hello)
         if len(self._at_the_door) > MOST_AT_THE_DOOR:
@@ -241,7 +241,7 @@ class PageApp:
             if not hello.done():
                 hello.cancel()
         if hello.cancelled() or not hello.done():
-            raise RefusedError("too many pages come at once; come again")
+            raise PageRefusedError("too many pages come at once; come again")
         return hello.result()
 
     async def _send(self, client: PageClient, socket: WebSocket) -> None:
@@ -279,13 +279,13 @@ class PageApp:
         number = number if isinstance(number, int) else None
         try:
             command = commands.command_from(message)
-        except RefusedError as refusal:
+        except PageRefusedError as refusal:
             client.send({"kind": "answer", "id": number, "ok": False, "text": str(refusal)})
             return False
         try:
             text = await self._carry_out(client, command)
             client.send({"kind": "answer", "id": number, "ok": True, "text": text})
-        except RefusedError as refusal:
+        except PageRefusedError as refusal:
             client.send({"kind": "answer", "id": number, "ok": False, "text": str(refusal)})
         except Exception as error:
             # A defect, or what no command can know beforehand: the client is told, and stays.
@@ -299,7 +299,7 @@ class PageApp:
         if isinstance(command, commands.StopAll):
             return await self._ask(command)
         if not client.may_control:
-            raise RefusedError("open the address that the command has printed, with its token")
+            raise PageRefusedError("open the address that the command has printed, with its token")
         if isinstance(command, commands.Stop):
             return await self._ask(command)
         if isinstance(command, commands.TakeControl):
@@ -309,7 +309,7 @@ class PageApp:
             self._hub.release(client)
             return None
         if self._hub.controller is not client:
-            raise RefusedError("another page is in control; take control first")
+            raise PageRefusedError("another page is in control; take control first")
         return await self._ask(command)
 
 

@@ -13,7 +13,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import BusWatch
-from mdms_host.page.commands import Command, EndFault, RefusedError
+from mdms_host.page.commands import Command, EndFault, PageRefusedError
 from mdms_host.page.events import events_of
 from mdms_host.page.flow import FlowCount, beside
 from mdms_host.page.live import LiveTable, ParcelsByHand
@@ -52,9 +52,9 @@ class FaultsByHand:
         self._count = 0
 
     def begin(self, fault: Fault) -> int:
-        """Have one begin; returns its number. Raises `RefusedError`."""
+        """Have one begin; returns its number. Raises `PageRefusedError`."""
         if fault.start_s:
-            raise RefusedError("fault.start_s: a fault begins at once; leave it out")
+            raise PageRefusedError("fault.start_s: a fault begins at once; leave it out")
         self._check(fault)
         self._check_once(fault)
         self._count += 1
@@ -78,15 +78,15 @@ class FaultsByHand:
             self._on_change()
 
     def end(self, command: EndFault) -> None:
-        """Have one end. Raises `RefusedError`."""
+        """Have one end. Raises `PageRefusedError`."""
         begun = self._begun.get(command.number)
         if begun is None:
-            raise RefusedError(f"there is no fault {command.number}")
+            raise PageRefusedError(f"there is no fault {command.number}")
         pose = {"x_m": command.x_m, "y_m": command.y_m, "yaw_rad": command.yaw_rad}
         given: dict[str, Any] = {name: value for name, value in pose.items() if value is not None}
         if given:
             if begun.ongoing.fault.kind != "lift":
-                raise RefusedError("only a parcel that was lifted is set down somewhere")
+                raise PageRefusedError("only a parcel that was lifted is set down somewhere")
             self._check(replace(begun.ongoing.fault, duration_s=1.0, **given))
         del self._begun[command.number]
         self._simulation.faults.end(begun.ongoing, **given)
@@ -114,7 +114,7 @@ class FaultsByHand:
         try:
             check_faults(replace(self._scenario, fault=(fault,)))
         except ScenarioError as error:
-            raise RefusedError(str(error).replace("fault.0", "fault")) from None
+            raise PageRefusedError(str(error).replace("fault.0", "fault")) from None
 
     def _check_once(self, fault: Fault) -> None:
         """A cell that has no power has none to lose, and a parcel in the hand is lifted already."""
@@ -124,9 +124,9 @@ class FaultsByHand:
             if fault.kind == other.kind and fault.kind in _ONCE:
                 again = set(fault.cells or cells) & set(other.cells or cells)
                 if again:
-                    raise RefusedError(f"cell {min(again)}: {fault.kind} already")
+                    raise PageRefusedError(f"cell {min(again)}: {fault.kind} already")
             if fault.kind == other.kind == "lift" and fault.parcel == other.parcel:
-                raise RefusedError(f"{fault.parcel} is lifted already")
+                raise PageRefusedError(f"{fault.parcel} is lifted already")
 
 
 def _chosen(fault: Fault) -> dict[str, Any]:

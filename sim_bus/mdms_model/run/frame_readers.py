@@ -104,7 +104,7 @@ class References:
         return sent[:, : self._axes].ravel() / UM_PER_M
 
 
-class Presence:
+class PresenceReader:
     """Status frames of cells at these addresses.
 
     `cells[bus]` has the cells of a bus (from 0) by the identifiers of their status.

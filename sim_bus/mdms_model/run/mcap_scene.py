@@ -464,7 +464,7 @@ def _numbers(scenario: Scenario) -> Mapping[str, int]:
 AGAIN_S = 1.0
 
 
-class Layer(Protocol):
+class SceneLayer(Protocol):
     """One kind of thing in a scene: a topic with so many messages a second at most."""
 
     @property
@@ -486,9 +486,9 @@ class Layer(Protocol):
         ...
 
 
-def layers(scenario: Scenario, record: Record) -> list[Layer]:
+def layers(scenario: Scenario, record: Record) -> list[SceneLayer]:
     """All that there is to be seen of a run."""
-    found: list[Layer] = [TableSurface(scenario), WheelBlocks(scenario, record)]
+    found: list[SceneLayer] = [TableSurface(scenario), WheelBlocks(scenario, record)]
     if record.presence is not None:
         found.append(CoveredSensors(scenario, record))
     if record.identity is not None:
@@ -502,7 +502,7 @@ def layers(scenario: Scenario, record: Record) -> list[Layer]:
     return [*found, *parcel_layers(scenario, record)]
 
 
-def scene_messages(layer: Layer, record: Record) -> Iterator[tuple[float, dict[str, Any]]]:
+def scene_messages(layer: SceneLayer, record: Record) -> Iterator[tuple[float, dict[str, Any]]]:
     """Times [s] and messages of one topic, as `foxglove.SceneUpdate`."""
     name = layer.topic.rpartition("/")[2]
     shown: Hashable = object()

@@ -10,7 +10,7 @@ from tests.host.line.virtual_line import TABLE, VirtualLine
 
 from mdms_host.line.machine import _stands as machine_stands
 from mdms_host.line.packml import Command, CommandRefusedError, Mode, State
-from mdms_host.page.commands import RefusedError
+from mdms_host.page.commands import PageRefusedError
 from mdms_host.programs.table import Table
 from mdms_host.programs.table_parcel import ProgramError
 from mdms_model.scenario.file import load_scenario
@@ -247,7 +247,7 @@ def test_a_start_by_hand_that_the_machine_cannot_take_is_refused(line, mode, com
         line.command(command)
         line.until_state(State.ABORTED)
     state = line.state
-    with pytest.raises(RefusedError, match=says):
+    with pytest.raises(PageRefusedError, match=says):
         line.slot.start()
     line.pass_s(0.5)
     assert (line.state, line.slot.busy) == (state, False)

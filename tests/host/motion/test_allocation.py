@@ -1,16 +1,16 @@
 import numpy as np
 
 from mdms_host.estimation.footprint import Rectangle
-from mdms_host.motion.carrying import FREE, Claim, allocate
+from mdms_host.motion.carrying import FREE, WheelClaim, allocate
 
 BOX = Rectangle(0.30, 0.20)
 
 
-def claim(x_m: float, *, parked: bool) -> Claim:
-    return Claim(BOX, np.array([x_m, 0.0, 0.0]), parked)
+def claim(x_m: float, *, parked: bool) -> WheelClaim:
+    return WheelClaim(BOX, np.array([x_m, 0.0, 0.0]), parked)
 
 
-def serves(*claims: Claim, at_m: float) -> int:
+def serves(*claims: WheelClaim, at_m: float) -> int:
     return int(allocate(np.array([[at_m, 0.0]]), claims)[0])
 
 

@@ -11,7 +11,7 @@ from mdms_host.cli.simulation.live import slot_of, table_of
 from mdms_host.clock import MonotonicClock
 from mdms_host.estimation.size import Size
 from mdms_host.layout import Layout
-from mdms_host.page.commands import COMMANDS, RefusedError, StopAll
+from mdms_host.page.commands import COMMANDS, PageRefusedError, StopAll
 from mdms_host.page.description import HEAD, SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
 from mdms_host.programs.program import Main
@@ -137,7 +137,7 @@ class Recorder:
 
     def do(self, command: Any) -> str | None:
         if isinstance(command, StopAll) and self.stuck.is_set():
-            raise RefusedError("it is stuck")
+            raise PageRefusedError("it is stuck")
         self.done.append(command)
         return "done"
 

@@ -4,7 +4,7 @@ import jsonschema
 import pytest
 
 from mdms_host.page import commands
-from mdms_host.page.commands import COMMANDS, RefusedError, command_from, schema
+from mdms_host.page.commands import COMMANDS, PageRefusedError, command_from, schema
 from mdms_model.scenario.fault import Fault
 
 SCHEMA = schema(tuple(COMMANDS))
@@ -61,24 +61,24 @@ def test_a_command_that_the_schema_allows_is_taken(message):
 def test_a_command_that_the_schema_forbids_is_refused(message):
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(message, SCHEMA)
-    with pytest.raises(RefusedError):
+    with pytest.raises(PageRefusedError):
         command_from(message)
 
 
 @pytest.mark.parametrize("message", [None, [], "stop_all", 3, {"command": ["stop_all"]}])
 def test_a_message_that_is_no_command_is_refused(message):
-    with pytest.raises(RefusedError):
+    with pytest.raises(PageRefusedError):
         command_from(message)
 
 
 def test_numbers_that_are_none_are_refused():
     for number in (float("nan"), float("inf")):
-        with pytest.raises(RefusedError, match="x_m"):
+        with pytest.raises(PageRefusedError, match="x_m"):
             command_from({"command": "goal", "parcel": "box", "x_m": number, "y_m": 0.0})
 
 
 def test_refusal_names_the_value_and_the_limit():
-    with pytest.raises(RefusedError, match=r"factor is 1000.*at most 100"):
+    with pytest.raises(PageRefusedError, match=r"factor is 1000.*at most 100"):
         command_from({"command": "speed", "factor": 1000})
 
 
@@ -104,12 +104,12 @@ def test_values_arrive_as_they_were_given():
 )
 def test_name_that_no_parcel_can_have_is_refused(name):
     message = {"command": "name", "parcel": "unknown-1", "name": name}
-    with pytest.raises(RefusedError, match="name is ") as refusal:
+    with pytest.raises(PageRefusedError, match="name is ") as refusal:
         command_from({**message, "length_m": 0.2, "width_m": 0.2})
     assert str(refusal.value).isprintable()
 
 
 def test_disc_with_two_diameters_is_refused():
     message = {"command": "name", "parcel": "unknown-1", "name": "crate", "shape": "disc"}
-    with pytest.raises(RefusedError, match=r"width_m is 0\.2, but a disc has one diameter"):
+    with pytest.raises(PageRefusedError, match=r"width_m is 0\.2, but a disc has one diameter"):
         command_from({**message, "length_m": 0.28, "width_m": 0.2})

@@ -14,7 +14,7 @@ from mdms_host.cli.live_page import table_of
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import CellState
-from mdms_host.page.commands import RefusedError
+from mdms_host.page.commands import PageRefusedError
 from mdms_host.page.description import PARCEL_STATES, PHASES
 from mdms_model.run.folder import BUS_LOG, export_csv, read_run, write_run
 from mdms_model.run.record import Event, Plan, Tile
@@ -146,7 +146,7 @@ def test_run_without_plans_has_the_goals_of_its_scenario(run):
 
 
 def test_nothing_can_be_done_to_the_past(table):
-    with pytest.raises(RefusedError):
+    with pytest.raises(PageRefusedError):
         table.do(commands.Goal("box", 0.0, 0.0))
 
 

@@ -9,7 +9,7 @@ from tests.host.page.bench import Desk
 from mdms_host.cli.simulation.live import slot_of
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import CellState
-from mdms_host.page.commands import RefusedError
+from mdms_host.page.commands import PageRefusedError
 from mdms_host.page.description import PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
@@ -33,7 +33,7 @@ def test_program_does_not_start_beside_another_host_which_goes_on_undisturbed(mo
     desk = Desk(monkeypatch, others=(other,))
     other.start()
     desk.run_until(lambda: other.coordinator.phase.value == "running", 3.0)
-    with pytest.raises(RefusedError, match="another host runs on this bus"):
+    with pytest.raises(PageRefusedError, match="another host runs on this bus"):
         desk.table.do(commands.Start())
     desk.run(0.3)
     assert phase(desk) == "another host drives"
@@ -59,7 +59,7 @@ def test_program_does_not_start_beside_another_host_which_goes_on_undisturbed(mo
     ],
 )
 def test_goal_beyond_the_table_is_refused_and_the_parcel_keeps_the_one_it_had(running, goal, says):
-    with pytest.raises(RefusedError, match=says):
+    with pytest.raises(PageRefusedError, match=says):
         running.table.do(goal)
     assert running.shown["parcel_goal"][0, :2] == pytest.approx([0.1, 0.0])
 
@@ -74,7 +74,7 @@ def test_parcel_beside_whose_goal_its_centre_of_mass_lies_is_not_sent_to_the_edg
         if not refused:
             desk.table.do(edge)
             continue
-        with pytest.raises(RefusedError, match="would tip"):
+        with pytest.raises(PageRefusedError, match="would tip"):
             desk.table.do(edge)
 
 
@@ -171,7 +171,7 @@ def test_stop_during_a_pause_is_the_first_thing_that_happens_after_it(running):
     desk.table.do(commands.Goal("box", -0.1, 0.0, 0.0))
     desk.table.do(commands.Resume())
     desk.run_until(lambda: phase(desk) == "stopped", 1.0)
-    with pytest.raises(RefusedError, match="no program runs"):
+    with pytest.raises(PageRefusedError, match="no program runs"):
         desk.table.do(commands.Goal("box", -0.1, 0.0, 0.0))
     assert not (desk.shown["cell_state"] == CellState.RUNNING).any()
     desk.run(0.5)
@@ -187,7 +187,7 @@ def test_program_that_is_started_right_after_a_stop_comes_up(desk):
     desk.table.do(commands.Start())
     desk.run_until(lambda: phase(desk) == "running", 3.0)
     desk.table.do(commands.StopAll())
-    with pytest.raises(RefusedError, match="runs already"):
+    with pytest.raises(PageRefusedError, match="runs already"):
         desk.table.do(commands.Start())
 
 
@@ -203,7 +203,7 @@ def test_time_that_goes_on_by_a_step_ends_after_it_whatever_else_is_asked_for(de
 
 def test_parcel_is_lifted_once(desk):
     desk.table.do(commands.BeginFault(Fault("lift", parcel="box")))
-    with pytest.raises(RefusedError, match="box is lifted already"):
+    with pytest.raises(PageRefusedError, match="box is lifted already"):
         desk.table.do(commands.BeginFault(Fault("lift", parcel="box")))
     desk.table.do(commands.EndFault(1))
     desk.run(0.1)
@@ -213,7 +213,7 @@ def test_parcel_is_lifted_once(desk):
 def test_objects_are_not_read_while_somebody_else_asks_a_cell(desk):
     desk.run(0.3)
     desk.slot.on_frame(Frame(0x605, bytes.fromhex("4018100400000000")), desk.now_s)
-    with pytest.raises(RefusedError, match="somebody else reads or writes settings"):
+    with pytest.raises(PageRefusedError, match="somebody else reads or writes settings"):
         desk.table.do(commands.ReadObjects(5))
     desk.run(0.25)
     desk.table.do(commands.ReadObjects(5))
@@ -223,12 +223,12 @@ def test_goal_that_is_dropped_where_it_is_refused_leaves_the_parcel_where_it_is(
     running.run_until(lambda: "box has arrived" in running.texts, 6.0)
     running.table.do(commands.Goal("box", -0.15, 0.0, 0.0, held=True))
     running.run(0.3)
-    with pytest.raises(RefusedError, match="would tip there"):
+    with pytest.raises(PageRefusedError, match="would tip there"):
         running.table.do(commands.Goal("box", 0.9, 0.0, 0.0, held=True))
     running.run(0.1)
     dropped = place_of_box(running)
     assert dropped[0] > -0.05
-    with pytest.raises(RefusedError, match=r"would tip there.*; box stays where it is"):
+    with pytest.raises(PageRefusedError, match=r"would tip there.*; box stays where it is"):
         running.table.do(commands.Goal("box", 0.9, 0.0, 0.0))
     running.run(3.0)
     # On its way it goes on as far as it brakes.
@@ -237,7 +237,7 @@ def test_goal_that_is_dropped_where_it_is_refused_leaves_the_parcel_where_it_is(
 
 def test_goal_that_is_refused_without_a_drag_changes_nothing(running):
     goal = running.shown["parcel_goal"][0].copy()
-    with pytest.raises(RefusedError, match=r"would tip there(?!.*stays)"):
+    with pytest.raises(PageRefusedError, match=r"would tip there(?!.*stays)"):
         running.table.do(commands.Goal("box", 0.9, 0.0, 0.0))
     running.run(0.1)
     assert running.shown["parcel_goal"][0] == pytest.approx(goal)

@@ -9,7 +9,7 @@ from tests.host.page.bench import Desk
 
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import CellState
-from mdms_host.page.commands import RefusedError
+from mdms_host.page.commands import PageRefusedError
 from mdms_host.page.description import PARCEL_STATES, PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario, scenario_from
@@ -34,12 +34,12 @@ def test_program_is_started_shown_and_stopped(desk):
     shown = desk.shown
     assert PHASES[shown["phase"][0]] == "running"
     assert set(shown["cell_state"]) == {CellState.RUNNING}
-    with pytest.raises(RefusedError, match="runs already"):
+    with pytest.raises(PageRefusedError, match="runs already"):
         desk.table.do(commands.Start())
     desk.table.do(commands.StopAll())
     desk.run_until(lambda: "stopped" in desk.texts, 1.0)
     assert not (desk.shown["cell_state"] == CellState.RUNNING).any()
-    with pytest.raises(RefusedError, match="no program"):
+    with pytest.raises(PageRefusedError, match="no program"):
         desk.table.do(commands.Stop())
 
 
@@ -69,7 +69,7 @@ def test_new_goal_reaches_the_bus_within_fifty_milliseconds_and_the_parcel_arriv
 
 
 def test_goal_of_nothing_is_refused(desk, running):
-    with pytest.raises(RefusedError, match="no parcel 'crate'"):
+    with pytest.raises(PageRefusedError, match="no parcel 'crate'"):
         running.table.do(commands.Goal("crate", 0.0, 0.0))
 
 
@@ -82,7 +82,7 @@ def test_a_signal_that_is_sent_reaches_the_program_that_waits_for_it(monkeypatch
 
     keys = ["motion.field=program", "run.duration_s=60"]
     desk = Desk(monkeypatch, load_scenario("array18", keys), main=waits)
-    with pytest.raises(RefusedError, match="no program runs"):
+    with pytest.raises(PageRefusedError, match="no program runs"):
         desk.table.do(commands.Signal("scanner", "A"))
     desk.table.do(commands.Start())
     desk.run_until(lambda: "running" in desk.texts, 3.0)
@@ -94,16 +94,16 @@ def test_a_signal_that_is_sent_reaches_the_program_that_waits_for_it(monkeypatch
     assert "signal 'scanner': 'A'" in desk.texts
     for _ in range(1000):
         desk.table.do(commands.Signal("more"))
-    with pytest.raises(RefusedError, match=r"'more': 1000 values wait already"):
+    with pytest.raises(PageRefusedError, match=r"'more': 1000 values wait already"):
         desk.table.do(commands.Signal("more"))
     # In virtual time a run must not depend on anybody's clock.
     desk.slot.coordinator.program.driver.in_virtual_time()
-    with pytest.raises(RefusedError, match="in virtual time"):
+    with pytest.raises(PageRefusedError, match="in virtual time"):
         desk.table.do(commands.Signal("scanner", "B"))
 
 
 def test_a_program_of_goals_takes_no_signal(running):
-    with pytest.raises(RefusedError, match="takes no signals"):
+    with pytest.raises(PageRefusedError, match="takes no signals"):
         running.table.do(commands.Signal("scanner", "A"))
 
 
@@ -113,12 +113,12 @@ def test_unknown_thing_gets_a_goal_only_once_it_has_a_name(monkeypatch):
     desk = Desk(monkeypatch, load_scenario("array54", keys))
     desk.table.do(commands.Start())
     desk.run_until(lambda: any("unknown-1 appeared" in text for text in desk.texts), 4.0)
-    with pytest.raises(RefusedError, match="unknown-1 is unknown, and is not steered"):
+    with pytest.raises(PageRefusedError, match="unknown-1 is unknown, and is not steered"):
         desk.table.do(commands.Goal("unknown-1", 0.0, -0.1))
-    with pytest.raises(RefusedError, match="there is no parcel 'crate'; there are: box"):
+    with pytest.raises(PageRefusedError, match="there is no parcel 'crate'; there are: box"):
         desk.table.do(commands.Goal("crate", 0.0, -0.1))
     for name in ("unknown-7", "\x1b[2Jbox"):
-        with pytest.raises(RefusedError, match="name"):
+        with pytest.raises(PageRefusedError, match="name"):
             desk.table.do(commands.Name("unknown-1", name, 0.28, 0.28))
     desk.table.do(commands.Name("unknown-1", "crate", 0.28, 0.28))
     desk.run_until(lambda: "unknown-1 is crate" in desk.texts, 1.0)
@@ -135,7 +135,7 @@ def test_killed_cell_falls_silent_and_comes_back(desk):
     states = desk.shown["cell_state"]
     assert states[2] == CellState.SILENT
     assert (np.delete(states, 2) == CellState.READY).all()
-    with pytest.raises(RefusedError, match="off already"):
+    with pytest.raises(PageRefusedError, match="off already"):
         desk.table.do(fault("off", cells=(3, 4)))
     (one,) = desk.faults
     assert (one["number"], one["fault"]) == (1, {"kind": "off", "cells": [3]})
@@ -143,7 +143,7 @@ def test_killed_cell_falls_silent_and_comes_back(desk):
     desk.run(0.3)
     assert desk.shown["cell_state"][2] == CellState.READY
     assert desk.faults == []
-    with pytest.raises(RefusedError, match="no fault 1"):
+    with pytest.raises(PageRefusedError, match="no fault 1"):
         desk.table.do(commands.EndFault(1))
 
 
@@ -187,7 +187,7 @@ def test_fault_with_a_duration_ends_by_itself(running):
     ],
 )
 def test_fault_of_a_missing_part_is_refused(desk, wrong, says):
-    with pytest.raises(RefusedError, match=says):
+    with pytest.raises(PageRefusedError, match=says):
         desk.table.do(wrong)
     assert desk.faults == []
 
@@ -208,7 +208,7 @@ def test_parcel_is_lifted_and_set_down_elsewhere(running):
     desk.run(0.1)
     assert np.isnan(desk.shown["parcel_true"]).all()
     assert not desk.shown["cell_presence"].any()
-    with pytest.raises(RefusedError, match="x_m"):
+    with pytest.raises(PageRefusedError, match="x_m"):
         desk.table.do(commands.EndFault(1, x_m=5.0))
     desk.table.do(commands.EndFault(1, x_m=0.12, y_m=0.01, yaw_rad=0.3))
     desk.run(0.1)
@@ -290,7 +290,7 @@ def test_reading_a_cell_that_is_dead_ends(desk):
     (message,) = [message for message in desk.messages if message["kind"] == "objects"]
     assert message["over"]
     assert "no answer" in message["rows"][0]["problem"]
-    with pytest.raises(RefusedError, match="no cell 40"):
+    with pytest.raises(PageRefusedError, match="no cell 40"):
         desk.table.do(commands.ReadObjects(40))
 
 
@@ -314,13 +314,13 @@ def test_an_unannounced_thing_is_shown_as_unknown_and_gets_a_name(monkeypatch):
     size = unknown["size"]
     assert (size["length_m"], size["width_m"]) == pytest.approx((0.28, 0.26), abs=0.03)
     assert 0.001 < size["spread_m"] < 0.02
-    with pytest.raises(RefusedError, match="must be a word"):
+    with pytest.raises(PageRefusedError, match="must be a word"):
         desk.table.do(commands.Name(unknown["name"], " ", 0.28, 0.26))
     shown = desk.shown
     assert PARCEL_STATES[shown["parcel_state"][2]] == "unknown"
     assert shown["parcel_believed"][2, :2] == pytest.approx([0.32, 0.0], abs=0.1)
     assert shown["parcel_true"][1, :2] == pytest.approx([0.32, 0.0], abs=0.01)
-    with pytest.raises(RefusedError, match="nothing unknown is called 'unknown-9'"):
+    with pytest.raises(PageRefusedError, match="nothing unknown is called 'unknown-9'"):
         desk.table.do(commands.Name("unknown-9", "crate", 0.28, 0.26))
     sides = {key: size[key] for key in ("length_m", "width_m")}
     desk.table.do(commands.Name(unknown["name"], "crate", spread_m=size["spread_m"], **sides))

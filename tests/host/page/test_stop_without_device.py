@@ -12,7 +12,7 @@ from mdms_host.can_link.link import DeviceGoneError, NoBusError
 from mdms_host.can_link.returning import ReturningLink
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
-from mdms_host.page.commands import RefusedError, StopAll
+from mdms_host.page.commands import PageRefusedError, StopAll
 from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob, nmt
@@ -76,7 +76,7 @@ class Story:
         if self.first.now_s() > UNPLUGGED_S:
             self.first.unplugged = True
         if not self.link.is_there and not self.answer:
-            with pytest.raises(RefusedError) as refused:
+            with pytest.raises(PageRefusedError) as refused:
                 table.do(StopAll())
             self.answer = str(refused.value)
             self.is_back = True

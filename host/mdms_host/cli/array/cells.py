@@ -34,7 +34,7 @@ from mdms_host.commissioning.status import (
 )
 from mdms_host.commissioning.stop import CUT, StopReport, not_off_text, stop_all
 from mdms_host.commissioning.table_cells import (
-    Heard,
+    HeardCells,
     MissingCells,
     TableBus,
     TableBuses,
@@ -74,10 +74,10 @@ def scan(arguments: Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-def _heard(table: TableBuses, number: int, nodes: Sequence[FoundNode]) -> Heard:
+def _heard(table: TableBuses, number: int, nodes: Sequence[FoundNode]) -> HeardCells:
     """The cells among the nodes of a bus; one that cannot be read may be one."""
     there = [node for node in nodes if node.is_cell or node.identity is None]
-    return Heard(
+    return HeardCells(
         table.buses[number],
         frozenset(node.node_id for node in there),
         {node.node_id: node.neighbours for node in there},
@@ -127,7 +127,7 @@ def stop(arguments: Namespace) -> ExitCode:
     if failed and not table.is_split:
         raise failed[0][1]
     missing = missing_cells(
-        [Heard(bus, frozenset(end.report.heard), end.neighbours) for bus, end in stopped],
+        [HeardCells(bus, frozenset(end.report.heard), end.neighbours) for bus, end in stopped],
         arguments.cells,
     )
     if arguments.json:
@@ -188,7 +188,7 @@ def _missing_of(
 ) -> list[MissingCells]:
     return missing_cells(
         [
-            Heard(bus, frozenset(row.node_id for row in model.rows(0.0)), model.neighbours)
+            HeardCells(bus, frozenset(row.node_id for row in model.rows(0.0)), model.neighbours)
             for bus, model in zip(table.buses, models, strict=True)
         ],
         cells,

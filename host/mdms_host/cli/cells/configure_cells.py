@@ -23,7 +23,7 @@ from mdms_host.commissioning.cell_settings import (
 from mdms_host.commissioning.network import Commissioning, CommissioningError, ranges
 from mdms_host.commissioning.parameters import Parameter
 from mdms_host.commissioning.status import NEIGHBOURS
-from mdms_host.commissioning.table_cells import Heard, TableBus, missing_cells
+from mdms_host.commissioning.table_cells import HeardCells, TableBus, missing_cells
 from mdms_host.coordination.other_host import OtherHostError
 from mdms_host.coordination.supervision import OTHER_HOST
 
@@ -57,7 +57,7 @@ def refuse_absent(
     if nodes_of(arguments.nodes) is not None:
         return
     heard = [
-        Heard(
+        HeardCells(
             bus,
             frozenset(cell.node_id for cell in some),
             {

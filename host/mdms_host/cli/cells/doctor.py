@@ -25,7 +25,7 @@ from mdms_host.commissioning.doctor.findings import KINDS, Finding
 from mdms_host.commissioning.network import Commissioning, ranges
 from mdms_host.commissioning.status import NEIGHBOURS
 from mdms_host.commissioning.table_cells import (
-    Heard,
+    HeardCells,
     MissingCells,
     TableBus,
     TableBuses,
@@ -42,7 +42,7 @@ def run(arguments: Namespace) -> ExitCode:
     if arguments.stop:
         return _stop(arguments)
     table = named_table(arguments)
-    heard: list[Heard] = []
+    heard: list[HeardCells] = []
     findings: list[Finding] = []
     for bus in table.buses:
         examined, found = _examine(table, bus, arguments)
@@ -82,13 +82,13 @@ def _examine(
     return examined, findings
 
 
-def _heard(bus: TableBus, examined: Examination) -> Heard:
+def _heard(bus: TableBus, examined: Examination) -> HeardCells:
     """The cells that answer, though some may speak another protocol or not answer all."""
     there = {*examined.cells, *examined.silent, *examined.other_protocol}
     neighbours = {
         node_id: [cell[place] for place in NEIGHBOURS] for node_id, cell in examined.cells.items()
     }
-    return Heard(bus, frozenset(there), neighbours)
+    return HeardCells(bus, frozenset(there), neighbours)
 
 
 def _absent(missing: MissingCells) -> Finding:

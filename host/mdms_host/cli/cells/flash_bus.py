@@ -75,7 +75,7 @@ def run(arguments: Namespace) -> ExitCode:
     The buses of a table are served one after another. Raises `CommandError` for missing cells.
     """
     from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
-    from mdms_host.commissioning.table_cells import Heard, missing_cells
+    from mdms_host.commissioning.table_cells import HeardCells, missing_cells
 
     table = named_table(arguments)
     if table.is_split and arguments.save is not None:
@@ -85,13 +85,13 @@ def run(arguments: Namespace) -> ExitCode:
             ExitCode.USAGE,
         )
     found: dict[str, dict[str, Any]] = {}
-    heard: list[Heard] = []
+    heard: list[HeardCells] = []
     for bus in table.buses:
         if table.is_split and not arguments.json:
             print(f"bus {bus.name}:", flush=True)
         figures, present = _flash_one_bus(bus.options)
         found[bus.name] = figures
-        heard.append(Heard(bus, present, {}))
+        heard.append(HeardCells(bus, present, {}))
     missing = [] if arguments.nodes else missing_cells(heard, None)
     if arguments.json:
         told = {"buses": found} if table.is_split else next(iter(found.values()))
