@@ -29,7 +29,7 @@ check: $(VENV)/.dev typings/.installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m mdms_protocol.generators.generate --check
-	$(BIN)/python -m mdms_host.cli.reference.pages --check
+	$(BIN)/python -m mdms_host.cli.reference_pages --check
 	$(BIN)/eds-validate protocol/mdms-cell.eds
 	$(BIN)/dcfchk -n 1 protocol/mdms-cell.eds
 	$(BIN)/mypy
@@ -46,7 +46,7 @@ format: $(VENV)/.dev
 
 generate: $(VENV)/.dev
 	$(BIN)/python -m mdms_protocol.generators.generate
-	$(BIN)/python -m mdms_host.cli.reference.pages
+	$(BIN)/python -m mdms_host.cli.reference_pages
 
 bench: $(VENV)/.bench
 	$(BIN)/python -m tests.benchmarks

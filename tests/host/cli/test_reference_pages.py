@@ -8,11 +8,11 @@ from pkgutil import resolve_name
 import pytest
 
 import mdms_array as mdms
-from mdms_host.cli.reference import pages
-from mdms_host.cli.reference.keys import unit_of
+from mdms_host.cli import reference_pages
+from mdms_host.cli.reference_pages import unit_of
 from mdms_protocol.generators.generate import write_or_check
 
-DOCS = Path(__file__).parents[4] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 REFERENCE = re.findall(
     r"auto(?:class|function|exception|module):: (.*)", (DOCS / "python.rst").read_text()
 )
@@ -22,7 +22,7 @@ BARE = {"load", "low", "high", "seconds", "return", "signals", "true_pose", "bel
 
 
 def test_no_page_is_stale(capsys):
-    assert write_or_check(pages.outputs(), ["--check"]) == 0, capsys.readouterr().err
+    assert write_or_check(reference_pages.outputs(), ["--check"]) == 0, capsys.readouterr().err
 
 
 def test_the_short_page_lists_the_names_of_the_package_and_no_others():

@@ -5,8 +5,8 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from mdms_host.cli.reference import pages
-from mdms_host.cli.reference.keys import keys_of, list_in, table_of
+from mdms_host.cli import reference_pages
+from mdms_host.cli.reference_pages import keys_of, list_in, table_of
 from mdms_model.scenario.fault import FAULTS, Fault
 from mdms_model.scenario.scenario import TASKS, Array, Cell, Run, Scenario, Task
 
@@ -52,12 +52,12 @@ def test_a_row_has_the_words_of_the_check():
 
 @pytest.mark.parametrize("kind", TABLES, ids=lambda kind: kind.__name__)
 def test_every_table_of_the_scenario_has_its_section(kind):
-    page = pages.program_text() if kind is Task else pages.scenario_text()
+    page = reference_pages.program_text() if kind is Task else reference_pages.scenario_text()
     assert table_of(kind) in page
 
 
 def test_sections_are_called_as_in_a_file():
-    page = pages.scenario_text()
+    page = reference_pages.scenario_text()
     assert all(f"`[{name}]`" in page for name in ("array", "cell", "motion", "run", "wire"))
     for name in ("parcel", "patch", "fault", "stream", "exit", "task", "cell.wheel"):
         assert f"`[[{name}]]`" in page
