@@ -18,7 +18,7 @@ from micropython import const
 from boards.bus import WAIT_MS
 from boards.wheel import CURRENT_TOO_LARGE_MA
 from mdms_cell.drive import speed_loop
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 #: The watchdog's patience while both bridges sleep, when flash may be written: that stops the
 #: processor, on an STM32 for seconds.
@@ -48,7 +48,7 @@ class CellBoard:
     first, and parity. The tick calls `sample(registers)` and `drive(registers)`. Importing touches
     nothing. A new board has both wheels off, and `start` brings it to life. `memory(asleep)` is
     called for the memory of the settings, and may return None. `slots` are those for firmware over
-    the bus, if there are any. `number` is the board's own, see `mdms_protocol.update.codes`.
+    the bus, if there are any. `number` is the board's own, see `mdms_protocol.codecs.update`.
 
     A family has `WATCHDOG_MS`, the watchdog's patience while a bridge is awake. It is far longer
     than a garbage collection. The family also makes the wheels, the bus and the tick's timer, by
@@ -58,9 +58,9 @@ class CellBoard:
     WATCHDOG_MS = 250
 
     slots = None
-    bytecode = getattr(sys.implementation, "_mpy", 0) & codes.BYTECODE
+    bytecode = getattr(sys.implementation, "_mpy", 0) & update.BYTECODE
 
-    def __init__(self, pins, memory, number=codes.UNKNOWN_BOARD):
+    def __init__(self, pins, memory, number=update.UNKNOWN_BOARD):
         self.number = number
         self._wake = Pin(pins.wake, Pin.OUT, value=0)
         self._wheels = self.wheels(pins)

@@ -10,7 +10,7 @@ from machine import Pin
 
 from boards import can_filters
 from boards.stm32 import Pins, Stm32Board
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 PINS = Pins(
     pwm_timer=2,
@@ -33,7 +33,7 @@ PINS = Pins(
 
 def board():
     """The board with both wheels off; `start` brings it to life."""
-    return Stm32Board(PINS, _no_memory, codes.NUCLEO_G474RE)
+    return Stm32Board(PINS, _no_memory, update.NUCLEO_G474RE)
 
 
 def _no_memory(_asleep):

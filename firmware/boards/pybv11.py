@@ -4,7 +4,7 @@ from machine import Pin
 
 from boards import can_filters, sectors
 from boards.stm32 import Pins, Stm32Board
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 PINS = Pins(
     pwm_timer=12,
@@ -29,7 +29,7 @@ STORAGE = sectors.Storage(address=0x08004000, banks=(0x8000, 0xC000))
 
 def board():
     """The board with both wheels off; `start` brings it to life."""
-    return Stm32Board(PINS, _memory, codes.PYBV11)
+    return Stm32Board(PINS, _memory, update.PYBV11)
 
 
 def _memory(asleep):

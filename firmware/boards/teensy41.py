@@ -14,7 +14,7 @@ from boards.can_filters import shared
 from boards.cell_board import CellBoard
 from boards.wheel import PWM_HZ, Wheel
 from mdms_cell.drive import speed_loop
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 #: The wiring of a board, by the names of its pins. `pulses` are of FlexPWM channels A or B of
 #: different submodules, `encoders` has A and B of each, which the crossbar reaches; the rest see
@@ -62,7 +62,7 @@ _OVERRUNS = 7
 
 def board():
     """The board with both wheels off; `start` brings it to life."""
-    return TeensyBoard(PINS, _memory, codes.TEENSY41)
+    return TeensyBoard(PINS, _memory, update.TEENSY41)
 
 
 def _memory(asleep):

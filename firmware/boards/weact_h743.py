@@ -8,7 +8,7 @@ from machine import Pin
 
 from boards import can_filters, flash
 from boards.stm32 import Pins, Stm32Board
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 PINS = Pins(
     pwm_timer=2,
@@ -31,7 +31,7 @@ PINS = Pins(
 
 def board():
     """The board with both wheels off; `start` brings it to life."""
-    return Stm32Board(PINS, _memory, codes.WEACT_H743)
+    return Stm32Board(PINS, _memory, update.WEACT_H743)
 
 
 def _memory(asleep):

@@ -30,9 +30,8 @@ from mdms_cell.drive.axes import Axes
 from mdms_cell.neighbour_layer import Layer
 from mdms_cell.presence import Presence
 from mdms_protocol import indices, record, signature
-from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.compat import const, micropython
-from mdms_protocol.update import codes
 
 #: The source of `fail` in emergency messages; axes count from 1, then come those of `guard`.
 SOURCE_SYSTEM = 6
@@ -136,7 +135,7 @@ class Cell:
     def _updating(self):
         """Return the receiver of firmware over the bus, on a board with a place for it."""
         if getattr(self._board, "slots", None) is None:
-            return _NoRoom(self._objects, getattr(self._board, "number", codes.UNKNOWN_BOARD))
+            return _NoRoom(self._objects, getattr(self._board, "number", update.UNKNOWN_BOARD))
         from mdms_cell.update import Update  # most boards do without
 
         return Update(self._objects, self._board, self._axes.driving, self._sound, self._attend)
@@ -546,7 +545,7 @@ def _refuse_firmware(_value):
 
 
 def _no_room_status():
-    return codes.status(codes.NO_ROOM, False)
+    return update.status(update.NO_ROOM, False)
 
 
 def _no_leds(_on):

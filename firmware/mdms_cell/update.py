@@ -8,8 +8,7 @@ import hashlib
 
 from mdms_cell import ticks
 from mdms_protocol import indices
-from mdms_protocol.codecs import sdo
-from mdms_protocol.update import bundle, codes
+from mdms_protocol.codecs import bundle, sdo, update
 from mdms_protocol.version import VERSION
 
 #: Firmware on trial without a confirmation for so long makes way for the one before.
@@ -18,15 +17,15 @@ TRIAL_MS = 60_000
 RESTART_MS = 50
 
 _CODES = {
-    codes.DRIVING: sdo.WRONG_STATE,
-    codes.NOT_CLEARED: sdo.WRONG_STATE,
-    codes.NOTHING_TO_START: sdo.WRONG_STATE,
-    codes.NOT_ON_TRIAL: sdo.WRONG_STATE,
-    codes.ON_TRIAL: sdo.WRONG_STATE,
-    codes.SELF_TEST: sdo.WRONG_STATE,
-    codes.FLASH_FAILED: sdo.HARDWARE_ERROR,
-    codes.TOO_LARGE: sdo.TOO_LONG,
-    codes.TRUNCATED: sdo.TOO_SHORT,
+    update.DRIVING: sdo.WRONG_STATE,
+    update.NOT_CLEARED: sdo.WRONG_STATE,
+    update.NOTHING_TO_START: sdo.WRONG_STATE,
+    update.NOT_ON_TRIAL: sdo.WRONG_STATE,
+    update.ON_TRIAL: sdo.WRONG_STATE,
+    update.SELF_TEST: sdo.WRONG_STATE,
+    update.FLASH_FAILED: sdo.HARDWARE_ERROR,
+    update.TOO_LARGE: sdo.TOO_LONG,
+    update.TRUNCATED: sdo.TOO_SHORT,
 }
 
 
@@ -45,7 +44,7 @@ class Update:
         self._sound = sound
         self._attend = attend
         self._target = (board.number, board.bytecode, bundle.version_number(VERSION))
-        self._reason = codes.ROLLED_BACK if self._slots.record.rolled_back else 0
+        self._reason = update.ROLLED_BACK if self._slots.record.rolled_back else 0
         self._cleared = False
         self._receiving = False
         self._received = None
@@ -104,18 +103,18 @@ class Update:
         return self._slots.identification
 
     def _status(self):
-        return codes.status(self._reason, self._receiving)
+        return update.status(self._reason, self._receiving)
 
     # Commands
 
     def _control(self, command):
-        if command == codes.CLEAR:
+        if command == update.CLEAR:
             self._clear()
-        elif command == codes.START:
+        elif command == update.START:
             self._start()
-        elif command == codes.CONFIRM:
+        elif command == update.CONFIRM:
             self._confirm()
-        elif command == codes.RESET:
+        elif command == update.RESET:
             self._refuse_while_driving()
             self._restart_soon()
         else:
@@ -124,7 +123,7 @@ class Update:
     def _clear(self):
         self._refuse_while_driving()
         if self._slots.on_trial:
-            raise self._refusal(codes.ON_TRIAL)
+            raise self._refusal(update.ON_TRIAL)
         self._received = None
         self._store(self._slots.clear)
         self._reason = 0
@@ -134,16 +133,16 @@ class Update:
         self._refuse_while_driving()
         head = self._received
         if head is None:
-            raise self._refusal(codes.NOTHING_TO_START)
+            raise self._refusal(update.NOTHING_TO_START)
         self._store(lambda: self._slots.arm(head.digest, head.counter))
         self._restart_soon()
 
     def _confirm(self):
         """Confirm the running firmware, which has come up, was identified, and is sound."""
         if not self._slots.on_trial:
-            raise self._refusal(codes.NOT_ON_TRIAL)
+            raise self._refusal(update.NOT_ON_TRIAL)
         if not self._asked or not self._sound():
-            raise self._refusal(codes.SELF_TEST)
+            raise self._refusal(update.SELF_TEST)
         self._store(self._slots.confirm)
         self._reason = 0
 
@@ -156,7 +155,7 @@ class Update:
         """A sink for a bundle."""
         self._refuse_while_driving()
         if not self._cleared:
-            raise self._refusal(codes.NOT_CLEARED)
+            raise self._refusal(update.NOT_CLEARED)
         self._cleared, self._receiving = False, True
         return _Receipt(self._slots, self._admit, self._on_received, self._refusal)
 
@@ -176,7 +175,7 @@ class Update:
 
     def _open_key(self, size):
         """A sink for the array's key, which takes the place of none."""
-        if size is not None and size != codes.KEY_SIZE:
+        if size is not None and size != update.KEY_SIZE:
             raise sdo.AbortError(sdo.WRONG_LENGTH)
         return _KeySink(self._keep_key)
 
@@ -186,7 +185,7 @@ class Update:
         if kept == key:
             return
         if kept:
-            raise self._refusal(codes.OTHER_KEY)
+            raise self._refusal(update.OTHER_KEY)
         self._store(lambda: self._slots.keep_key(key))
 
     # Refusals
@@ -194,13 +193,13 @@ class Update:
     def _refuse_while_driving(self):
         """A wheel that brakes still counts, too."""
         if self._driving() or not self._slots.may_write():
-            raise self._refusal(codes.DRIVING)
+            raise self._refusal(update.DRIVING)
 
     def _store(self, action):
         try:
             action()
         except OSError:
-            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904 - MicroPython has no `from`
+            raise self._refusal(update.FLASH_FAILED)  # noqa: B904 - MicroPython has no `from`
 
     def _refusal(self, reason):
         """The error for a refusal, whose reason stands in 0x1F57 from now on."""
@@ -218,12 +217,12 @@ class _KeySink:
     def write(self, piece):
         """Take some bytes; raises AbortError if they are too many."""
         self._key += piece
-        if len(self._key) > codes.KEY_SIZE:
+        if len(self._key) > update.KEY_SIZE:
             raise sdo.AbortError(sdo.TOO_LONG)
 
     def finish(self):
         """Keep the key; raises AbortError."""
-        if len(self._key) < codes.KEY_SIZE:
+        if len(self._key) < update.KEY_SIZE:
             raise sdo.AbortError(sdo.TOO_SHORT)
         self._keep(self._key)
 
@@ -232,7 +231,7 @@ class _KeySink:
 
 
 def _running():
-    return codes.START
+    return update.START
 
 
 class _Receipt:
@@ -261,33 +260,33 @@ class _Receipt:
             piece, self._start = self._start[bundle.HEAD_SIZE :], b""
         slot.left -= len(piece)
         if slot.left < 0:
-            raise self._refusal(codes.TOO_LARGE)
+            raise self._refusal(update.TOO_LARGE)
         try:
             slot.file.write(piece)
         except OSError:
-            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904 - MicroPython has no `from`
+            raise self._refusal(update.FLASH_FAILED)  # noqa: B904 - MicroPython has no `from`
 
     def _open(self):
         try:
             return _Slot(self._admit(self._start), self._slots.create())
         except OSError:
-            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904
+            raise self._refusal(update.FLASH_FAILED)  # noqa: B904
 
     def finish(self):
         """End the bundle; raises AbortError if its bytes differ from the signed ones."""
         slot = self._slot
         if slot is None:
             known = self._start[:4] == bundle.MAGIC
-            raise self._refusal(codes.TRUNCATED if known else codes.NO_BUNDLE)
+            raise self._refusal(update.TRUNCATED if known else update.NO_BUNDLE)
         if slot.left:
-            raise self._refusal(codes.TRUNCATED)
+            raise self._refusal(update.TRUNCATED)
         try:
             slot.file.close()
             found = self._slots.digest()
         except OSError:
-            raise self._refusal(codes.FLASH_FAILED)  # noqa: B904
+            raise self._refusal(update.FLASH_FAILED)  # noqa: B904
         if found != (slot.head.size, slot.head.digest):
-            raise self._refusal(codes.DAMAGED)
+            raise self._refusal(update.DAMAGED)
         self._received(slot.head)
 
     def cancel(self):
@@ -346,26 +345,26 @@ def _refusal_of(data, key, target, counter, room):
     """
     head = bundle.unpack(data)
     if head is None:
-        return codes.NO_BUNDLE
+        return update.NO_BUNDLE
     if not key:
-        return codes.NO_KEY
+        return update.NO_KEY
     if head.key_id != key_id(key):
-        return codes.FOREIGN
+        return update.FOREIGN
     code = sign(key, data[: bundle.SIGNED_SIZE])
     if not _same(code, data[bundle.SIGNED_SIZE : bundle.HEAD_SIZE]):
-        return codes.FORGED
+        return update.FORGED
     return _unfit(head, *target) or _unwanted(head, target[2], counter, room)
 
 
 def _unfit(head, board, bytecode, _version):
     if not head.boards >> board & 1:
-        return codes.OTHER_BOARD
-    return codes.OTHER_BYTECODE if head.bytecode != bytecode else 0
+        return update.OTHER_BOARD
+    return update.OTHER_BYTECODE if head.bytecode != bytecode else 0
 
 
 def _unwanted(head, version, counter, room):
     if head.counter <= counter:
-        return codes.REPLAYED
+        return update.REPLAYED
     if head.version < version and not head.flags & bundle.OLDER_ALLOWED:
-        return codes.OLDER
-    return codes.TOO_LARGE if head.size > room[0] or head.image_size > room[1] else 0
+        return update.OLDER
+    return update.TOO_LARGE if head.size > room[0] or head.image_size > room[1] else 0

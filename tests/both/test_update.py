@@ -12,8 +12,7 @@ from update_bench import (
 )
 
 from mdms_cell.update import sign
-from mdms_protocol.codecs import cia402, cob, sdo
-from mdms_protocol.update import bundle, codes
+from mdms_protocol.codecs import bundle, cia402, cob, sdo, update
 from mdms_protocol.version import VERSION
 
 NEWER = bytes([number * 11 & 0xFF for number in range(900)])
@@ -34,7 +33,7 @@ def test_signature_is_that_of_rfc_4231():
 
 def test_bundle_is_started_on_trial_and_stays_once_it_is_confirmed():
     bench = Bench()
-    assert (bench.read(0x1F56, 1), bench.read(0x3030, 7)) == (0, codes.INSTALLED)
+    assert (bench.read(0x1F56, 1), bench.read(0x3030, 7)) == (0, update.INSTALLED)
     bench.start_trial(bundle_of())
     assert bench.read(0x1F56, 1) == identification(PACKED)
     assert (bench.read(0x3030, 7), bench.read(0x3030, 8)) == (1, 1)
@@ -55,7 +54,7 @@ def test_firmware_on_trial_that_nobody_confirms_makes_way_for_the_one_before():
     bench.start_trial(bundle_of(NEWER, counter=2))
     bench.power_up()
     assert bench.read(0x1F56, 1) == identification(PACKED)
-    assert bench.reason() == codes.ROLLED_BACK
+    assert bench.reason() == update.ROLLED_BACK
     # It may be tried again, and then its message is gone.
     bench.start_trial(bundle_of(NEWER, counter=2))
     assert bench.reason() == 0
@@ -72,7 +71,7 @@ def test_trial_ends_by_itself_after_a_minute():
     bench.pass_ms(1)
     assert bench.board.restarts == 1
     bench.power_up()
-    assert bench.read(0x3030, 7) == codes.INSTALLED
+    assert bench.read(0x3030, 7) == update.INSTALLED
 
 
 def test_trial_ends_after_a_minute_also_without_a_node_id():
@@ -90,18 +89,18 @@ def test_trial_ends_after_a_minute_also_without_a_node_id():
 
 def test_firmware_is_confirmed_only_after_a_question_and_punctual_beats():
     bench = Bench()
-    assert bench.control(codes.CONFIRM) == sdo.WRONG_STATE
-    assert bench.reason() == codes.NOT_ON_TRIAL
+    assert bench.control(update.CONFIRM) == sdo.WRONG_STATE
+    assert bench.reason() == update.NOT_ON_TRIAL
     bench.start_trial(bundle_of())
     bench.pass_ms(300)
-    assert bench.control(codes.CONFIRM) == sdo.WRONG_STATE
-    assert bench.reason() == codes.SELF_TEST
+    assert bench.control(update.CONFIRM) == sdo.WRONG_STATE
+    assert bench.reason() == update.SELF_TEST
     bench.read(0x1F56, 1)
     bench.now_ms += 1_000  # in which the tick was not called
     bench.pass_ms(1)
-    assert bench.control(codes.CONFIRM) == sdo.WRONG_STATE
+    assert bench.control(update.CONFIRM) == sdo.WRONG_STATE
     bench.pass_ms(10_000)
-    assert bench.control(codes.CONFIRM) is None
+    assert bench.control(update.CONFIRM) is None
 
 
 def test_slot_that_is_not_whole_is_never_started():
@@ -116,31 +115,31 @@ def test_slot_that_is_not_whole_is_never_started():
         assert bench.prove() is None
         bench.files.content[path] = damage(bench.files.content[path])
         bench.power_up()
-        assert (bench.read(0x1F56, 1), bench.read(0x3030, 7)) == (0, codes.INSTALLED)
+        assert (bench.read(0x1F56, 1), bench.read(0x3030, 7)) == (0, update.INSTALLED)
 
 
 def test_bundle_that_is_not_for_this_cell_is_refused_with_the_reason():
     good = bundle_of()
     for data, reason in (
-        (b"no bundle at all" + bytes(200), codes.NO_BUNDLE),
-        (b"short", codes.NO_BUNDLE),
-        (good[:50], codes.TRUNCATED),
-        (good[:-1], codes.TRUNCATED),
-        (good + b"x", codes.TOO_LARGE),
-        (good[:-1] + bytes((good[-1] ^ 1,)), codes.DAMAGED),
-        (good[:8] + b"\xff" + good[9:], codes.FORGED),
-        (good[: bundle.HEAD_SIZE - 1] + b"x" + good[bundle.HEAD_SIZE :], codes.FORGED),
-        (bundle_of(key=bytes(32)), codes.FOREIGN),
-        (bundle_of(boards=1 << codes.WEACT_H743), codes.OTHER_BOARD),
-        (bundle_of(bytecode=0x0B06), codes.OTHER_BYTECODE),
-        (bundle_of(version=VERSION_NOW - 1), codes.OLDER),
-        (bundle_of(counter=0), codes.REPLAYED),
-        (bundle_of(bytes(ROOM + 1)), codes.TOO_LARGE),
-        (bundle_of(image_size=2 * ROOM + 1), codes.TOO_LARGE),
+        (b"no bundle at all" + bytes(200), update.NO_BUNDLE),
+        (b"short", update.NO_BUNDLE),
+        (good[:50], update.TRUNCATED),
+        (good[:-1], update.TRUNCATED),
+        (good + b"x", update.TOO_LARGE),
+        (good[:-1] + bytes((good[-1] ^ 1,)), update.DAMAGED),
+        (good[:8] + b"\xff" + good[9:], update.FORGED),
+        (good[: bundle.HEAD_SIZE - 1] + b"x" + good[bundle.HEAD_SIZE :], update.FORGED),
+        (bundle_of(key=bytes(32)), update.FOREIGN),
+        (bundle_of(boards=1 << update.WEACT_H743), update.OTHER_BOARD),
+        (bundle_of(bytecode=0x0B06), update.OTHER_BYTECODE),
+        (bundle_of(version=VERSION_NOW - 1), update.OLDER),
+        (bundle_of(counter=0), update.REPLAYED),
+        (bundle_of(bytes(ROOM + 1)), update.TOO_LARGE),
+        (bundle_of(image_size=2 * ROOM + 1), update.TOO_LARGE),
     ):
         bench = Bench()
         assert bench.load(data) == reason
-        assert bench.control(codes.START) == sdo.WRONG_STATE
+        assert bench.control(update.START) == sdo.WRONG_STATE
         assert bench.board.slots.record.trial == 0
         assert "mdms_slots/1" not in bench.files.content
 
@@ -151,8 +150,8 @@ def test_bundle_that_was_used_before_is_refused_also_after_another():
     for each in (first, second):
         bench.start_trial(each)
         assert bench.prove() is None
-        assert bench.load(each) == codes.REPLAYED
-    assert bench.load(first) == codes.REPLAYED
+        assert bench.load(each) == update.REPLAYED
+    assert bench.load(first) == update.REPLAYED
 
 
 def test_older_firmware_is_taken_where_its_signature_says_so():
@@ -161,19 +160,19 @@ def test_older_firmware_is_taken_where_its_signature_says_so():
     assert bench.load(older) == 0
     forged = bytearray(bundle_of(version=VERSION_NOW - 1))
     forged[5] |= bundle.OLDER_ALLOWED
-    assert bench.load(bytes(forged)) == codes.FORGED
+    assert bench.load(bytes(forged)) == update.FORGED
 
 
 def test_nothing_is_taken_without_a_key_and_a_key_is_replaced_by_none():
     bench = Bench(key=b"")
     assert bench.read(0x3030, 2) == 0
-    assert bench.load(bundle_of()) == codes.NO_KEY
+    assert bench.load(bundle_of()) == update.NO_KEY
     assert bench.send(0x3030, 1, b"short") == sdo.WRONG_LENGTH
     assert bench.send(0x3030, 1, OUR_KEY) is None
     assert bench.send(0x3030, 1, OUR_KEY) is None
     assert bench.read(0x3030, 2) != 0
     assert bench.send(0x3030, 1, bytes(32)) == sdo.INVALID_VALUE
-    assert bench.reason() == codes.OTHER_KEY
+    assert bench.reason() == update.OTHER_KEY
     assert bench.ask(sdo.read_request(0x3030, 1))[4:] == sdo.WRITE_ONLY.to_bytes(4, "little")
     assert bench.load(bundle_of()) == 0
 
@@ -181,7 +180,7 @@ def test_nothing_is_taken_without_a_key_and_a_key_is_replaced_by_none():
 def test_firmware_is_taken_into_a_cleared_slot_only_and_while_no_motor_is_on():
     bench = Bench()
     assert bench.send(0x1F50, 1, bundle_of()) == sdo.WRONG_STATE
-    assert bench.reason() == codes.NOT_CLEARED
+    assert bench.reason() == update.NOT_CLEARED
     bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
     enable(bench.cell)
     assert states(bench) == [cia402.OPERATION_ENABLED] * 2
@@ -195,18 +194,18 @@ def test_nothing_is_taken_while_a_wheel_brakes():
 
 
 def refuses_while_driving(bench):
-    for command in (codes.CLEAR, codes.START, codes.RESET):
+    for command in (update.CLEAR, update.START, update.RESET):
         assert bench.control(command) == sdo.WRONG_STATE
-        assert bench.reason() == codes.DRIVING
+        assert bench.reason() == update.DRIVING
     for index, sub, data in ((0x1F50, 1, bundle_of()), (0x3030, 1, OUR_KEY)):
         assert bench.send(index, sub, data) == sdo.WRONG_STATE
-        assert bench.reason() == codes.DRIVING
+        assert bench.reason() == update.DRIVING
 
 
 def test_no_axis_is_enabled_while_firmware_comes_in_or_is_on_trial():
     bench = Bench()
     bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
-    assert bench.control(codes.CLEAR) is None
+    assert bench.control(update.CLEAR) is None
     bench.ask(b"\xc2\x50\x1f\x01" + (2000).to_bytes(4, "little"))
     enable(bench.cell)
     # No request for a statusword comes between two of the transfer.
@@ -228,9 +227,9 @@ def test_transfer_that_ends_with_its_first_frame_is_over():
     for request in (b"\x23\x50\x1f\x01MDMB", b"\x23\x50\x1f\x01once"):
         bench = Bench()
         bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
-        assert bench.control(codes.CLEAR) is None
+        assert bench.control(update.CLEAR) is None
         assert code_in(bench.ask(request)) is not None
-        assert not bench.read(0x1F57, 1) & codes.BUSY
+        assert not bench.read(0x1F57, 1) & update.BUSY
         enable(bench.cell)
         assert states(bench) == [cia402.OPERATION_ENABLED] * 2
 
@@ -238,30 +237,30 @@ def test_transfer_that_ends_with_its_first_frame_is_over():
 def test_firmware_on_trial_is_not_written_over():
     bench = Bench()
     bench.start_trial(bundle_of())
-    assert bench.control(codes.CLEAR) == sdo.WRONG_STATE
-    assert bench.reason() == codes.ON_TRIAL
+    assert bench.control(update.CLEAR) == sdo.WRONG_STATE
+    assert bench.reason() == update.ON_TRIAL
 
 
 def test_flash_that_fails_is_reported_and_the_old_firmware_runs_on():
     bench = Bench()
     bench.files.fails = True
-    assert bench.control(codes.CLEAR) == sdo.HARDWARE_ERROR
-    assert bench.reason() == codes.FLASH_FAILED
+    assert bench.control(update.CLEAR) == sdo.HARDWARE_ERROR
+    assert bench.reason() == update.FLASH_FAILED
     bench.files.fails = False
     assert bench.load(bundle_of()) == 0
     bench.files.fails = True
-    assert bench.control(codes.START) == sdo.HARDWARE_ERROR
+    assert bench.control(update.START) == sdo.HARDWARE_ERROR
     bench.power_up()
-    assert bench.read(0x3030, 7) == codes.INSTALLED
+    assert bench.read(0x3030, 7) == update.INSTALLED
 
 
 def test_trial_that_cannot_be_noted_is_not_begun():
     bench = Bench()
     assert bench.load(bundle_of()) == 0
-    assert bench.control(codes.START) is None
+    assert bench.control(update.START) is None
     bench.files.fails = True
     bench.power_up()
-    assert bench.read(0x3030, 7) == codes.INSTALLED
+    assert bench.read(0x3030, 7) == update.INSTALLED
 
 
 def test_board_without_room_refuses_by_its_own_reason():
@@ -278,12 +277,12 @@ def test_board_without_room_refuses_by_its_own_reason():
         assert board.take() == [(0x580 + NODE, expected)]
     cell.on_frame(0x600 + NODE, sdo.read_request(0x1F57, 1), 60)
     (answer,) = board.take()
-    assert codes.reason_of(int.from_bytes(answer[1][4:], "little")) == codes.NO_ROOM
+    assert update.reason_of(int.from_bytes(answer[1][4:], "little")) == update.NO_ROOM
 
 
 def test_restart_is_a_command_too():
     bench = Bench()
-    assert bench.control(codes.RESET) is None
+    assert bench.control(update.RESET) is None
     assert bench.board.restarts == 0
     bench.pass_ms(60)
     assert bench.board.restarts == 1

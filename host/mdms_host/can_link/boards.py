@@ -1,17 +1,17 @@
 """The boards that cells report in 0x3030:3."""
 
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 NAMES = {
-    codes.UNKNOWN_BOARD: "a board without a name of its own",
-    codes.TEENSY41: "Teensy 4.1",
-    codes.WEACT_H743: "WeAct MiniSTM32H743",
-    codes.PYBV11: "PYBv1.1",
-    codes.NUCLEO_G474RE: "NUCLEO-G474RE",
-    codes.VIRTUAL: "virtual",
+    update.UNKNOWN_BOARD: "a board without a name of its own",
+    update.TEENSY41: "Teensy 4.1",
+    update.WEACT_H743: "WeAct MiniSTM32H743",
+    update.PYBV11: "PYBv1.1",
+    update.NUCLEO_G474RE: "NUCLEO-G474RE",
+    update.VIRTUAL: "virtual",
 }
 #: A beat of the neighbour layer takes most of their processor; docs/firmware.md, 'Figures'.
-STEERED_BY_HOST = (codes.PYBV11, codes.NUCLEO_G474RE)
+STEERED_BY_HOST = (update.PYBV11, update.NUCLEO_G474RE)
 
 
 def cannot_steer(board: int) -> str | None:

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from mdms_host.flashing.board_survey import ARCHITECTURES
 from mdms_host.flashing.firmware import START, FirmwareError, compiled_firmware, rom_image
-from mdms_protocol.update import bundle, codes
-from mdms_protocol.update.codes import KEY_SIZE
+from mdms_protocol.codecs import bundle, update
+from mdms_protocol.codecs.update import KEY_SIZE
 from mdms_protocol.version import VERSION
 
 _ID = b"MDMS update key"
@@ -83,7 +83,7 @@ _ELSEWHERE = ("boards/pybv11", "boards/nucleo_g474re", "boards/sectors")
 _WINDOW_BITS = 12
 _SIZE_BYTES = 4
 #: The boards that have room for a second firmware.
-ROOMY = (codes.TEENSY41, codes.WEACT_H743, codes.VIRTUAL)
+ROOMY = (update.TEENSY41, update.WEACT_H743, update.VIRTUAL)
 
 
 class BundleError(Exception):

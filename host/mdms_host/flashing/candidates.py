@@ -14,7 +14,7 @@ from mdms_host.commissioning.network import (
     RefusedError,
 )
 from mdms_protocol import indices
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 _USB = "USB it is: mdms flash"
 
@@ -31,7 +31,7 @@ class Candidate:
     identity: Identity
     identification: int = 0
     key_id: bytes = b""
-    board: int = codes.UNKNOWN_BOARD
+    board: int = update.UNKNOWN_BOARD
     bytecode: int = 0
     room: int = 0
     counter: int = 0

@@ -10,38 +10,37 @@ from typing import Protocol
 from mdms_host.can_link.sdo_client import Read, SdoClient, Setting
 from mdms_host.flashing.bundles import Bundle
 from mdms_protocol import indices
-from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.update import codes
 
 REASONS = {
-    codes.NO_ROOM: "its board has no room for a second firmware",
-    codes.NO_KEY: "it has no update key; mdms commission --key FILE gives it one",
-    codes.NO_BUNDLE: "the received bytes are no bundle",
-    codes.FOREIGN: "the bundle is signed with another array's key",
-    codes.FORGED: "the bundle differs from the signed one",
-    codes.OTHER_BOARD: "the bundle is for other boards",
-    codes.OTHER_BYTECODE: "the bundle is for another version of MicroPython or another processor",
-    codes.OLDER: "the bundle is older than its firmware; --allow-older signs that this is meant",
-    codes.REPLAYED: "the bundle, or a later one, has been used before",
-    codes.TOO_LARGE: "the bundle is larger than its slot",
-    codes.TRUNCATED: "the bundle is not whole",
-    codes.DAMAGED: "its flash differs from the signed bundle",
-    codes.DRIVING: "its motors are on, or brake still; turn them off first: mdms stop",
-    codes.FLASH_FAILED: "its flash cannot be written",
-    codes.NOT_CLEARED: "its slot was not cleared before",
-    codes.NOTHING_TO_START: "it has no new firmware to start",
-    codes.NOT_ON_TRIAL: "no firmware is on trial",
-    codes.SELF_TEST: "it does not pass its self-test",
-    codes.ROLLED_BACK: "the new firmware did not prove itself, and the one before runs again",
-    codes.OTHER_KEY: "it has another array's key, which goes over USB only: remove update.key",
-    codes.ON_TRIAL: "other firmware is on trial; it ends within a minute",
+    update.NO_ROOM: "its board has no room for a second firmware",
+    update.NO_KEY: "it has no update key; mdms commission --key FILE gives it one",
+    update.NO_BUNDLE: "the received bytes are no bundle",
+    update.FOREIGN: "the bundle is signed with another array's key",
+    update.FORGED: "the bundle differs from the signed one",
+    update.OTHER_BOARD: "the bundle is for other boards",
+    update.OTHER_BYTECODE: "the bundle is for another version of MicroPython or another processor",
+    update.OLDER: "the bundle is older than its firmware; --allow-older signs that this is meant",
+    update.REPLAYED: "the bundle, or a later one, has been used before",
+    update.TOO_LARGE: "the bundle is larger than its slot",
+    update.TRUNCATED: "the bundle is not whole",
+    update.DAMAGED: "its flash differs from the signed bundle",
+    update.DRIVING: "its motors are on, or brake still; turn them off first: mdms stop",
+    update.FLASH_FAILED: "its flash cannot be written",
+    update.NOT_CLEARED: "its slot was not cleared before",
+    update.NOTHING_TO_START: "it has no new firmware to start",
+    update.NOT_ON_TRIAL: "no firmware is on trial",
+    update.SELF_TEST: "it does not pass its self-test",
+    update.ROLLED_BACK: "the new firmware did not prove itself, and the one before runs again",
+    update.OTHER_KEY: "it has another array's key, which goes over USB only: remove update.key",
+    update.ON_TRIAL: "other firmware is on trial; it ends within a minute",
 }
 
 
 def reason_text(status: int) -> str | None:
     """The reason that 0x1F57:1 gives, in words; None for none."""
-    number = codes.reason_of(status)
+    number = update.reason_of(status)
     return REASONS.get(number, f"reason {number}") if number else None
 
 
@@ -314,14 +313,14 @@ class CellUpdate:
         self.loaded = True
         yield self._gate
         self._boot = Waiting(_BOOT_S, f"it has not come back within {_BOOT_S:g} s")
-        refused = yield from self._attempt(codes.START)
+        refused = yield from self._attempt(update.START)
         if refused and not self._boot.done:
             raise UpdateError(refused)
         yield self._boot
         _check(self._boot)
         yield from self._verify()
         yield Waiting(_TEST_S)
-        refused = yield from self._attempt(codes.CONFIRM)
+        refused = yield from self._attempt(update.CONFIRM)
         if (yield from self._read(indices.UPDATE, 8)):
             raise UpdateError(refused or "it is on trial still")
         yield from self._verify()
@@ -329,7 +328,7 @@ class CellUpdate:
     def _load(self) -> Generator[UpdateTask, None, None]:
         """Clear and send, again if the way was the reason that it failed."""
         for _ in range(_ATTEMPTS):
-            refused = yield from self._attempt(codes.CLEAR)
+            refused = yield from self._attempt(update.CLEAR)
             if refused:
                 raise UpdateError(refused)
             task = BlockDownload(self.node_id, indices.PROGRAM_DATA, 1, self.bundle.data)

@@ -10,8 +10,8 @@ import struct
 from mdms_boot.slots import Slots
 from mdms_cell.drive import speed_loop
 from mdms_cell.runner import BUS_OFF
+from mdms_protocol.codecs import update
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.update import codes
 
 #: Frames that a board keeps when the bus does not take them.
 TRANSMIT_QUEUE = 64
@@ -33,7 +33,7 @@ class VirtualBoard:
     runs. The simulation starts a `restarting` board anew.
     """
 
-    number = codes.VIRTUAL
+    number = update.VIRTUAL
     #: As MicroPython 1.29 has it on a Teensy 4.1: version 6.3, armv7emdp.
     bytecode = 6 | 3 << 8 | 8 << 10
 

@@ -16,7 +16,7 @@ _FAKED += ("can_fd",)
 FAKES = tuple(Path(__file__).parents[2] / "firmware" / "fakes" / f"{name}.py" for name in _FAKED)
 BOARD = "pybv11"
 #: Modules of boards with room for a second firmware; `main` loads `mdms_boot` from files.
-ROOMY = ("mdms_cell.update", "mdms_protocol.update.bundle", "mdms_boot")
+ROOMY = ("mdms_cell.update", "mdms_protocol.codecs.bundle", "mdms_boot")
 OTHERS = ("boards.nucleo", "boards.weact", "boards.teensy")
 #: From files, from a ROMFS in flash, and from a slot, whose image lies in the heap besides.
 WAYS = ("copies", "romfs", "slot")

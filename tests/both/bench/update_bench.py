@@ -7,8 +7,7 @@ from cell_bench import NODE, Board
 from mdms_boot.slots import KEY, Slots
 from mdms_cell.cell import Cell
 from mdms_cell.update import key_id, sign
-from mdms_protocol.codecs import sdo
-from mdms_protocol.update import bundle, codes
+from mdms_protocol.codecs import bundle, sdo, update
 from mdms_protocol.version import VERSION
 
 OUR_KEY = bytes(range(32))
@@ -69,7 +68,7 @@ class _File:
 class SlotsBoard(Board):
     """A board as after power-up: what `files` hold is started."""
 
-    number = codes.TEENSY41
+    number = update.TEENSY41
     bytecode = BYTECODE
 
     def __init__(self, files):
@@ -146,11 +145,11 @@ class Bench:
 
     def reason(self):
         """Why it has refused."""
-        return codes.reason_of(self.read(0x1F57, 1))
+        return update.reason_of(self.read(0x1F57, 1))
 
     def load(self, data):
         """Clear, and bring a bundle; the reason of a refusal, 0 for none."""
-        assert self.control(codes.CLEAR) is None
+        assert self.control(update.CLEAR) is None
         refused = self.send(0x1F50, 1, data)
         assert (refused is None) == (self.reason() == 0)
         return self.reason()
@@ -158,7 +157,7 @@ class Bench:
     def start_trial(self, data):
         """Bring a bundle and start it, as the board does by a restart."""
         assert self.load(data) == 0
-        assert self.control(codes.START) is None
+        assert self.control(update.START) is None
         self.pass_ms(60)
         assert self.board.restarts == 1
         self.power_up()
@@ -167,7 +166,7 @@ class Bench:
         """Ask what runs, wait, and confirm; the abort code, or None."""
         self.read(0x1F56, 1)
         self.pass_ms(300)
-        return self.control(codes.CONFIRM)
+        return self.control(update.CONFIRM)
 
 
 def code_in(answer):
@@ -179,7 +178,7 @@ def bundle_of(packed=PACKED, key=OUR_KEY, **changes):
     fields = {
         "flags": 0,
         "bytecode": BYTECODE,
-        "boards": 1 << codes.TEENSY41,
+        "boards": 1 << update.TEENSY41,
         "version": bundle.version_number(VERSION),
         "counter": 1,
         "size": len(packed),

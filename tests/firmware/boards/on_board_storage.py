@@ -14,8 +14,7 @@ from mdms_boot.slots import Slots
 from mdms_cell.cell import Cell
 from mdms_cell.update import key_id, sign
 from mdms_protocol import pdo
-from mdms_protocol.codecs import cia402, sdo
-from mdms_protocol.update import bundle
+from mdms_protocol.codecs import bundle, cia402, sdo
 from mdms_protocol.version import VERSION
 
 KEY = bytes(range(32))

@@ -14,10 +14,9 @@ from mdms_host.places import all_values
 from mdms_model.buses import WATCHED_HEARTBEAT_S
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import indices, pdo, record
-from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs import cia402, cob, update
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.neighbours import messages
-from mdms_protocol.update import codes
 
 
 def tell_place(array, row: int) -> None:
@@ -66,8 +65,8 @@ def test_cells_that_steer_are_told_their_places_whatever_they_had(rolling_array)
 def run_with_slow_boards(rolling_array, coordinator):
     """The array after a run on which the boards of cells 3 and 17 are too slow to steer."""
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
-    array.cells[2].objects.put(indices.UPDATE, 3, codes.PYBV11)
-    array.cells[16].objects.put(indices.UPDATE, 3, codes.NUCLEO_G474RE)
+    array.cells[2].objects.put(indices.UPDATE, 3, update.PYBV11)
+    array.cells[16].objects.put(indices.UPDATE, 3, update.NUCLEO_G474RE)
     array.run(coordinator, 3.0, lambda: coordinator.stopped or coordinator.phase == Phase.RUNNING)
     return array
 
@@ -97,7 +96,7 @@ def test_the_host_steers_any_board(rolling_array) -> None:
 def test_cell_that_comes_back_with_a_board_that_cannot_steer_is_not_taken() -> None:
     identification = Identification(1, axes=2, asks_board=True)
     objects = Objects()
-    objects.put(indices.UPDATE, 3, codes.NUCLEO_G474RE)
+    objects.put(indices.UPDATE, 3, update.NUCLEO_G474RE)
     objects.reset(1, record.FROM_NODE)
     server = SdoServer(objects, identification.on_response)
     for _ in range(3):

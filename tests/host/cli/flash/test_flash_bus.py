@@ -14,8 +14,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.flashing.bundles import make_key, read_key, sign
 from mdms_protocol import indices
-from mdms_protocol.codecs import cob, nmt, sdo
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.version import VERSION
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
@@ -103,7 +102,7 @@ def test_a_cell_that_was_left_on_trial_does_not_count_as_done(commissioned, flas
     commissioned()
 
     def end_before_a_confirmation(frame):
-        wanted = sdo.write_request(indices.PROGRAM_CONTROL, 1, bytes((codes.CONFIRM,)))
+        wanted = sdo.write_request(indices.PROGRAM_CONTROL, 1, bytes((update.CONFIRM,)))
         if frame.can_id == cob.SDO_REQUEST_BASE + 2 and frame.data == wanted:
             raise KeyboardInterrupt
 
@@ -159,16 +158,16 @@ def test_key_that_is_not_there_is_made_by_commissioning_alone(commissioned, flas
     code, printed = commissioned(key=tmp_path / "new.key")
     assert code == ExitCode.OK
     assert "out of version control" in printed
-    assert len(read_key(tmp_path / "new.key")) == codes.KEY_SIZE
+    assert len(read_key(tmp_path / "new.key")) == update.KEY_SIZE
     assert flash(key=tmp_path / "new.key")[0] == ExitCode.OK
 
 
 def test_board_without_room_is_refused_by_name(flash, monkeypatch):
-    monkeypatch.setattr(VirtualBoard, "number", codes.PYBV11)
+    monkeypatch.setattr(VirtualBoard, "number", update.PYBV11)
     monkeypatch.setattr(VirtualBoard, "slots_room", lambda self: 0)
     with Commissioning(None, MonotonicClock()) as bus:
         for node in (1, 2, 3):
-            bus.write(node, 0x1F51, 1, codes.RESET)
+            bus.write(node, 0x1F51, 1, update.RESET)
     code, told, said = flash()
     assert code == ExitCode.NODE_FAULT
     assert "PYBv1.1 has no room for a second firmware beside the first; USB it is" in said

@@ -19,7 +19,7 @@ from boards import flash
 from mdms_cell.drive import speed_loop
 from mdms_cell.queues import Inbox
 from mdms_cell.runner import FRAMES_PER_TURN
-from mdms_protocol.update import codes
+from mdms_protocol.codecs import update
 
 #: Of a Teensy 4.1: MicroPython's heap there is 768 KB (ports/mimxrt/boards/MIMXRT1062.ld), and
 #: `boards.cell_board` leaves 128 KB of it. Code of 64 bits takes 1.4 times as much as a board's.
@@ -31,8 +31,8 @@ SIZE = 12
 class PipeBoard:
     """As `boards.cell_board.CellBoard`, and the bus of that."""
 
-    number = codes.TEENSY41
-    bytecode = sys.implementation._mpy & codes.BYTECODE
+    number = update.TEENSY41
+    bytecode = sys.implementation._mpy & update.BYTECODE
     serial = 0x00000055
     slots = None
     bus_off = False

@@ -1,1 +1,0 @@
-"""Firmware over the bus: objects, codes, and the head of a bundle."""
