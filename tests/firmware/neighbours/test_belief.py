@@ -2,6 +2,7 @@
 
 from math import cos, degrees, hypot, pi, sin
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -160,6 +161,24 @@ def test_three_edges_show_where_a_parcel_is(x_um, y_um, turn_um):
         crossing(belief, (0, 0, 0), sensor_um)
     assert hypot(*belief.pose[:2]) < 1_500
     assert degrees(abs(belief.pose[2]) / ARM_UM) < 0.8
+
+
+@given(st.integers(-3000, 3000), st.integers(-60_000, 60_000), st.integers(-60_000, 60_000))
+def test_edge_changes_the_covariance_as_the_kalman_filter_does(turn_um, along_um, across_um):
+    """P - (P h)(P h)' / (h' P h + r), after two edges that tie x, y and yaw together."""
+    belief = believing(0, 0, turn_um)
+    for sensor_um in ((180_000, along_um), (across_um, 150_000)):
+        assert crossing(belief, (0, 0, 0), sensor_um)
+    xx, yy, tt, xy, xt, yt = belief.covariance
+    before = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]], float)
+    assert belief.variance() == (xx + yy + tt) // 3
+    assert crossing(belief, (0, 0, 0), (-180_000, along_um))
+    h = np.array(belief.normal) / 1024
+    gain = before @ h / (h @ before @ h + EDGE)
+    after = before - np.outer(gain, before @ h)
+    xx, yy, tt, xy, xt, yt = belief.covariance
+    found = [[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]
+    assert np.allclose(found, after, rtol=0.02, atol=30)
 
 
 def test_edge_far_away_is_not_believed_but_makes_unsure():
