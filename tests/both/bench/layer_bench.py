@@ -167,3 +167,29 @@ class Middle:
             if self.losing:
                 return
             self.cell.on_frame(cob.TPDO_BASES[1] + NEIGHBOURS[direction], state, self.now_ms)
+
+
+def targets_um_s(middle):
+    registers = middle.cell._registers
+    return registers[speed_loop.TARGET], registers[speed_loop.AXIS + speed_loop.TARGET]
+
+
+def state(middle):
+    """Of axis 1, as the statusword has it."""
+    return middle.cell._objects.reader(indices.STATUSWORD, 0)[0]() & 0x6F
+
+
+def estimates(middle):
+    """The estimates that the cell has sent since the last call."""
+    found = []
+    for can_id, data in middle.board.take():
+        if can_id == cob.TPDO_BASES[2] + NODE:
+            fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+            assert wire.unpack_estimate(data, fields, 0)
+            found.append(list(fields))
+    return found
+
+
+def run(middle, beats, moving=True):
+    for _ in range(beats):
+        middle.beat(moving)

@@ -2,9 +2,8 @@
 
 from array import array
 
-from layer_bench import IDENTITY, NEIGHBOURS, NODE, STEPS, Middle
+from layer_bench import IDENTITY, NEIGHBOURS, NODE, STEPS, Middle, targets_um_s
 
-from mdms_cell.drive import speed_loop
 from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 
@@ -13,11 +12,6 @@ OTHERS = [each for each in range(1, wire.IDENTITY_MAX + 1) if each != IDENTITY]
 #: Where others lie and are to go, in steps of the wire: far from the cell, and over it.
 FAR = ((20_000, 20_000), (21_000, 20_000))
 NEAR = ((0, 1400), (0, -1400))
-
-
-def targets_um_s(middle):
-    registers = middle.cell._registers
-    return registers[speed_loop.TARGET], registers[speed_loop.AXIS + speed_loop.TARGET]
 
 
 def last_estimate(middle):

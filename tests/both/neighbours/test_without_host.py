@@ -1,0 +1,368 @@
+"""One cell of nine whose host falls silent, on every interpreter: what goes on, and what ends."""
+
+from array import array
+
+from layer_bench import (
+    IDENTITY,
+    LENGTH_UM,
+    NEIGHBOURS,
+    NODE,
+    WIDTH_UM,
+    Middle,
+    estimates,
+    run,
+    state,
+    targets_um_s,
+)
+
+from mdms_protocol import indices, pdo
+from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.neighbours import frames as wire
+
+SPEED_UM_S = 100_000
+
+
+#: Watched beside the host, as the controller of a plant may be.
+OTHER_NODE = 100
+
+
+def heartbeat(middle):
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", middle.now_ms)
+
+
+def watched(middle, flags=0):
+    """The host is watched from now on, and its program has these flags."""
+    limit = (cob.HOST_NODE << 16) | 75
+    middle._write(indices.CONSUMER_TIMES, 1, 4, limit)
+    middle.program_flags = flags
+    middle.sequence = 2
+    middle._pages()
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle)[0] > 90_000
+    return middle
+
+
+def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle.speed_um_s = 0
+    run(middle, 20)
+    assert targets_um_s(middle)[0] > 90_000
+    for _ in range(60):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_twice_the_planned_time_of_the_slowest_longest_way_is_over_some_time():
+    middle = Middle(0)
+    middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+    middle.sequence = middle.its_sequence = 2
+    length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
+    # 5 mm/s over 4 m.
+    middle._page((IDENTITY, wire.PARCEL, 2, wire.RECTANGLE, length, width, 44, 1, wire.GO_ON))
+    middle._page((IDENTITY, wire.GOAL, 2, 16_000, 0, 0, 0, 0, 0))
+    heartbeat(middle)
+    run(middle, 20)
+    assert targets_um_s(middle)[0] > 0
+    middle.cell._layer._leading.alone_ms = 1 << 20  # a quarter of an hour, which nobody waits for
+    run(middle, 40)
+    assert targets_um_s(middle) == (0, 0)
+
+
+def held(beats):
+    """A parcel that goes on without its host, and has stood for so long for want of a promise."""
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    run(middle, 20)
+    middle.silent = NEIGHBOURS[0]
+    run(middle, 10)
+    middle.speed_um_s = 0
+    for _ in range(beats // 10):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    middle.silent = None
+    return middle
+
+
+def test_parcel_that_stood_without_its_host_while_others_had_the_right_of_way_goes_on_then():
+    middle = held(800)
+    run(middle, 100)
+    assert targets_um_s(middle)[0] > 90_000
+
+
+def test_parcel_that_others_held_for_too_long_without_its_host_moves_no_more():
+    middle = held(3600)
+    run(middle, 100)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def ended():
+    """A parcel whose time without its host is over; it has left the cell since."""
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle.speed_um_s = 0
+    for _ in range(60):
+        run(middle, 10)
+        middle.board.take()
+    assert targets_um_s(middle) == (0, 0)
+    return middle
+
+
+def fastest_while_it_rolls_over(middle, sequence):
+    """The same identity begins anew out of the cell's reach, and comes over it later."""
+    middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
+    middle.sequence = middle.its_sequence = sequence
+    middle.program_flags = 0
+    heartbeat(middle)
+    middle._pages()
+    fastest = 0
+    while middle.x_um < 60_000:
+        heartbeat(middle)
+        middle.beat()
+        middle.board.take()
+        if middle.x_um > -60_000:
+            fastest = max(fastest, abs(targets_um_s(middle)[0]))
+    return fastest
+
+
+def test_parcel_that_had_its_time_moves_again_by_a_new_program_that_comes_before_it():
+    middle = ended()
+    middle._page((IDENTITY, wire.END, 2, 0, 0, 0, 0, 0, 0))
+    assert fastest_while_it_rolls_over(middle, 3) > 90_000
+
+
+def test_parcel_that_had_its_time_moves_again_after_the_cell_was_stopped_and_started():
+    middle = ended()
+    for command in (2, 1):
+        middle.cell.on_frame(cob.NMT, bytes((command, NODE)), middle.now_ms)
+    for word in (0x80, cia402.SHUTDOWN, cia402.SWITCH_ON):
+        middle.cell.on_frame(
+            cob.RPDO_BASES[1] + NODE, pdo.CONTROLWORD.encode((word, word)), middle.now_ms
+        )
+    assert fastest_while_it_rolls_over(middle, 2) > 90_000
+
+
+#: Where the parcel is put, and north of that, in steps of the wire.
+NEAR, NORTH = (-240, 0, 0), (-240, 400, 0)
+
+
+def goal_fields(place, leg):
+    """A page of the way of two legs."""
+    x, y, yaw = place
+    return (IDENTITY, wire.GOAL, 2, x, y, yaw, leg, 1, 0)
+
+
+def standing(flags=wire.GO_ON):
+    """The parcel stands where the first of two legs ends."""
+    middle = Middle(0)
+    middle.x_um = NEAR[0] * wire.STEP_UM
+    middle._pages()
+    limit = (cob.HOST_NODE << 16) | 75
+    middle._write(indices.CONSUMER_TIMES, 1, 4, limit)
+    heartbeat(middle)
+    middle.sequence, middle.program_flags = 2, flags
+    middle._page((IDENTITY, wire.PARCEL, 2, wire.RECTANGLE, 1440, 1200, 44, 20, flags))
+    middle._page(goal_fields(NEAR, 0))
+    return middle
+
+
+def leg(middle):
+    middle._page(goal_fields(NORTH, 1))
+
+
+def beats(middle, count, with_host):
+    """The last estimate of so many beats."""
+    last = None
+    for _ in range(count):
+        if with_host:
+            heartbeat(middle)
+        middle.beat()
+        last = (estimates(middle) or [last])[-1]
+    return last
+
+
+def test_cell_takes_the_next_leg_when_the_host_is_gone_and_not_before():
+    middle = standing()
+    leg(middle)
+    last = beats(middle, 60, with_host=True)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (2, wire.ARRIVED)
+    last = beats(middle, 90, with_host=False)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.ARRIVED) == (3, 0)
+    along, across = targets_um_s(middle)
+    assert across > 50_000
+    assert abs(along) < 5_000
+
+
+def test_cell_that_misses_another_watched_node_than_the_host_takes_no_leg():
+    middle = standing()
+    leg(middle)
+    middle._write(indices.CONSUMER_TIMES, 2, 4, (OTHER_NODE << 16) | 75)
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + OTHER_NODE, b"\x05", middle.now_ms)
+    last = beats(middle, 150, with_host=True)
+    assert last[wire.SEQUENCE] != 3
+    assert targets_um_s(middle) == (0, 0)
+
+
+def test_wheel_brakes_when_another_watched_node_than_the_host_is_gone_though_it_is_to_go_on():
+    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
+    middle._write(indices.CONSUMER_TIMES, 2, 4, (OTHER_NODE << 16) | 75)
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + OTHER_NODE, b"\x05", middle.now_ms)
+    for _ in range(10):
+        heartbeat(middle)
+        middle.beat()
+    assert state(middle) == cia402.FAULT_REACTION
+
+
+def test_cell_that_is_not_to_go_on_stays_where_the_leg_ends():
+    middle = standing(flags=0)
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    beats(middle, 40, with_host=False)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_cell_that_lacks_the_next_leg_says_so_and_stays_until_a_neighbour_hands_it_on():
+    middle = standing()
+    last = beats(middle, 60, with_host=True)
+    assert last[wire.FLAGS] & wire.LACKING
+    last = beats(middle, 40, with_host=False)
+    assert last[wire.SEQUENCE] == 2
+    assert targets_um_s(middle) == (0, 0)
+    frame = bytearray(8)
+    wire.pack_program(array("i", goal_fields(NORTH, 1)), 0, frame)
+    middle.cell.on_frame(cob.PROGRAM_BASE + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    last = beats(middle, 40, with_host=False)
+    assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (3, 0)
+    assert targets_um_s(middle)[1] > 50_000
+
+
+def test_cell_without_a_host_follows_a_neighbour_onto_the_next_leg():
+    middle = standing()
+    leg(middle)
+    middle.its_sequence = 2
+    beats(middle, 12, with_host=True)
+    middle.its_sequence = 3
+    last = beats(middle, 4, with_host=True)
+    assert last[wire.SEQUENCE] == 2
+    last = beats(middle, 66, with_host=False)
+    assert last[wire.SEQUENCE] == 3
+
+
+def test_cell_that_alone_misses_its_host_for_a_while_takes_no_next_leg():
+    """Its neighbours would follow, though they hear the host."""
+    middle = standing()
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    # Heartbeats of 0.5 s get lost, and the cell misses the host after 75 ms.
+    last = beats(middle, 50, with_host=False)
+    assert last[wire.SEQUENCE] == 2
+    last = beats(middle, 30, with_host=True)
+    assert last[wire.SEQUENCE] == 2
+    assert targets_um_s(middle) == (0, 0)
+
+
+def rolled_over(middle, goal_direction=None):
+    """The fastest wheel while a parcel is pushed over the cell, with the host's heartbeat there."""
+    middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
+    frame = bytearray(8)
+    wire.pack_program(array("i", (IDENTITY, wire.GOAL, 2, 400, 0, 0, 0, 0, 0)), 0, frame)
+    fastest = 0
+    while middle.x_um < 60_000:
+        heartbeat(middle)
+        middle.beat()
+        middle.board.take()
+        if goal_direction is not None:
+            middle.cell.on_frame(
+                cob.PROGRAM_BASE + NEIGHBOURS[goal_direction], bytes(frame), middle.now_ms
+            )
+        fastest = max(fastest, *map(abs, targets_um_s(middle)))
+    return fastest
+
+
+def away():
+    """The host is gone, and the parcel stands beyond the cell's reach; then the host is back."""
+    middle = Middle(0)
+    middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+    middle.sequence = middle.its_sequence = 2
+    middle.program_flags = wire.GO_ON
+    middle.x_um = -450_000
+    heartbeat(middle)
+    middle._pages()
+    run(middle, 80)
+    middle.board.take()
+    for _ in range(5):
+        heartbeat(middle)
+        middle.beat()
+    return middle
+
+
+def test_host_that_is_back_moves_nothing_at_a_cell_that_a_parcel_of_before_comes_to():
+    """Its time to go on may be over, and only cells that have led it know."""
+    assert rolled_over(away()) == 0
+
+
+def test_after_the_host_was_gone_no_neighbour_gives_a_goal_of_before():
+    assert rolled_over(away(), goal_direction=4) == 0
+
+
+def test_program_of_the_host_that_is_back_leads_the_parcel():
+    middle = away()
+    middle.sequence = middle.its_sequence = 3
+    middle._pages()
+    assert rolled_over(middle) > 90_000
+
+
+def test_program_that_is_ended_takes_its_legs_with_it():
+    middle = standing()
+    leg(middle)
+    beats(middle, 60, with_host=True)
+    middle._page((IDENTITY, wire.END, 2, 0, 0, 0, 0, 0, 0))
+    beats(middle, 40, with_host=False)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+
+
+def test_leg_is_handed_on_to_a_neighbour_that_lacks_it():
+    middle = standing()
+    leg(middle)
+    middle.its_sequence, middle.its_flags = 2, wire.LACKING
+    beats(middle, 8, with_host=True)
+    fields = array("i", [0] * wire.PROGRAM_FIELDS)
+    found = 0
+    for _ in range(8):
+        heartbeat(middle)
+        middle.beat()
+        for can_id, data in middle.board.take():
+            if can_id == cob.PROGRAM_BASE + NODE:
+                assert wire.unpack_program(data, fields, 0)
+                assert tuple(fields)[:8] == goal_fields(NORTH, 1)[:8]
+                found += 1
+    assert found == 2
+
+
+def test_parcel_that_is_not_to_go_on_is_stopped_though_another_is():
+    middle = watched(Middle(SPEED_UM_S))
+    middle._page((9, wire.PARCEL, 1, wire.RECTANGLE, 1200, 1200, 44, 20, wire.GO_ON))
+    middle._page((9, wire.GOAL, 1, 400, 0, 0, 0, 0, 0))
+    run(middle, 12)
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) in (cia402.FAULT_REACTION, cia402.FAULT)
+
+
+def test_goal_of_the_host_with_the_number_of_another_three_before_is_a_new_one():
+    middle = ended()
+    middle._page((IDENTITY, wire.GOAL, 2, 800, 0, 0, 0, 0, 0))
+    heartbeat(middle)
+    middle.speed_um_s, middle.its_sequence = SPEED_UM_S, 2
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle)[0] > 90_000
