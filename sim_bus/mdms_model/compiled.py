@@ -216,7 +216,8 @@ def _alone(folder: Path) -> Iterator[None]:
         if folder in _HELD:
             yield
             return
-        file = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+        # A lock on the folder itself is refused by NFS.
+        file = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(file, fcntl.LOCK_EX)
             _HELD.add(folder)

@@ -70,10 +70,9 @@ def said(process):
 @contextmanager
 def taken(folder):
     """Another process compiles functions of the folder's module."""
-    file = os.open(folder, os.O_RDONLY)
-    fcntl.flock(file, fcntl.LOCK_EX)
-    yield
-    os.close(file)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 @needs_numba
