@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 from mdms_sim.referee.referee import Referee
 from mdms_sim.referee.truth import Truth
@@ -18,6 +19,9 @@ from mdms_sim.referee.truth import Truth
 settings.register_profile("explore", deadline=None)
 settings.register_profile("mdms", deadline=None, derandomize=True, database=None, max_examples=50)
 settings.load_profile("mdms")
+# Hypothesis draws numbers out of modules, too, which are those that tests before have loaded. So
+# the examples of a law would depend on the workers of a run. There is no setting for it.
+providers._get_local_constants = lambda: providers._local_constants
 
 # Tests end servers as Ctrl-C does; a shell that starts them in the background has that ignored.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -28,7 +32,7 @@ MDMS = Path(sys.executable).with_name("mdms")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """In a fresh clone one process at a time compiles, for a minute, and others wait for it.
+    """In a fresh clone what many tests need is compiled for a minute, and others wait for it.
 
     So one worker begins with what compiles most. The firmware's tests, which come next and need
     nothing that is compiled, are for the others.

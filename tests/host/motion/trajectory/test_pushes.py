@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from tests.host.motion.driving import BOX, LAYOUT, mass_of
 
@@ -29,7 +29,10 @@ def test_wheels_carry_the_loads_of_the_simulator(poses: np.ndarray, mass: Mass) 
         supports = np.flatnonzero(away_m < 0)
         spots_m = LAYOUT.wheel_positions_m[supports] - pose[:2] - pushes.arm_m[sample]
         normal_n = np.zeros(len(supports))
-        assert press(np.ascontiguousarray(spots_m), WEIGHT_N, normal_n)
+        stands = press(np.ascontiguousarray(spots_m), WEIGHT_N, normal_n)
+        # With its mass off the centre it tips at some places.
+        assert stands or mass is OFF_CENTRE
+        assume(stands)
         carried_n = np.zeros(len(LAYOUT.wheel_positions_m))
         carried_n[pushes.wheels] = pushes.normal_n[sample]
         np.testing.assert_allclose(carried_n[supports], normal_n, atol=1e-6)
