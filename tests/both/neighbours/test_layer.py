@@ -8,6 +8,8 @@ from layer_bench import (
     LENGTH_UM,
     NEIGHBOURS,
     NODE,
+    PITCH_UM,
+    STEPS,
     WIDTH_UM,
     Middle,
     estimates,
@@ -414,6 +416,47 @@ def test_parcel_that_stands_for_want_of_a_cell_goes_to_a_goal_that_is_before_it(
     middle.goes(100)
     assert estimates(middle)[-1][wire.FLAGS] & wire.ARRIVED
     assert abs(middle.x_um + 121_500) < 1_000
+
+
+class Behind(Middle):
+    """The parcel is to go 4 mm along x, short of the cells in the east, where another lies."""
+
+    placed_x_um = -135_000
+    other = IDENTITY + 2
+    its_x_um = None
+
+    def _pages(self):
+        length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
+        for identity in (IDENTITY, self.other):
+            self._page((identity, wire.PARCEL, 1, wire.RECTANGLE, length, width, 44, 20, 0))
+        x = self.placed_x_um // wire.STEP_UM
+        self._page((IDENTITY, wire.PLACE, 1, x, 0, 0, 0, 0, 0))
+        self._page((IDENTITY, wire.GOAL, 1, x + 4_000 // wire.STEP_UM, 0, 0, 0, 0, 0))
+
+    def _estimate(self, direction):
+        frame = super()._estimate(direction)
+        if STEPS[direction][0] <= 0:
+            return frame
+        if self.its_x_um is None:
+            return None
+        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        wire.unpack_estimate(frame, fields, 0)
+        fields[wire.IDENTITY] = self.other
+        fields[wire.X] = (self.its_x_um - PITCH_UM) // wire.STEP_UM
+        data = bytearray(8)
+        wire.pack_estimate(fields, 0, data, 0)
+        return bytes(data)
+
+
+def test_parcel_that_comes_within_6_mm_of_another_asks_for_the_cells_of_that():
+    in_the_east = 1 << 0 | 1 << 1 | 1 << 7
+    for gap_um, asked in ((8_000, in_the_east), (30_000, 0)):
+        middle = Behind(0)
+        run(middle, 12)
+        assert not estimates(middle)[-1][wire.WANTS] & in_the_east
+        middle.its_x_um = middle.placed_x_um + LENGTH_UM + gap_um
+        run(middle, 40)
+        assert estimates(middle)[-1][wire.WANTS] & in_the_east == asked
 
 
 def test_cell_whose_setting_is_written_while_it_is_operational_rests_and_begins_anew():
