@@ -19,8 +19,8 @@ from mdms_sim.referee.truth import Truth
 settings.register_profile("explore", deadline=None)
 settings.register_profile("mdms", deadline=None, derandomize=True, database=None, max_examples=50)
 settings.load_profile("mdms")
-# Hypothesis draws numbers out of modules, too, which are those that tests before have loaded. So
-# the examples of a law would depend on the workers of a run. There is no setting for it.
+# Hypothesis also draws numbers from the modules that are loaded. Other tests of a worker decide
+# which these are, and so the examples of a law. Hypothesis has no setting against it.
 providers._get_local_constants = lambda: providers._local_constants
 
 # Tests end servers as Ctrl-C does; a shell that starts them in the background has that ignored.

@@ -37,6 +37,7 @@ from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
 from mdms_host.routes.planner import planner_compiled_beside
+from mdms_model.compiled import WAITING
 from mdms_model.errors import InputError
 from mdms_model.log import LOG
 from mdms_model.run.folder import BUS_LOG, fresh_folder
@@ -65,6 +66,8 @@ class Compiled:
 def compiling_watched() -> Iterator[Compiled]:
     """Measures the compilation meanwhile; a long one is announced on a terminal, once.
 
+    So is the time in which another process compiles the same.
+
     Raises `Error` without the compiler.
     """
     require(COMPILER, "a simulation")
@@ -74,10 +77,7 @@ def compiling_watched() -> Iterator[Compiled]:
     compiled, clock = Compiled(), MonotonicClock()
 
     class Stopwatch(Listener):
-        """Functions that others call are compiled while those are, so only the outermost counts.
-
-        The lock is also held while another process compiles the same, and while code is loaded.
-        """
+        """Functions that others call are compiled while those are, so only the outermost counts."""
 
         depth = 0
         start_s = 0.0
@@ -101,7 +101,8 @@ def compiling_watched() -> Iterator[Compiled]:
                 self.reported = True
                 LOG.warning(NOTICE)
 
-    with install_listener("numba:compiler_lock", Stopwatch()):
+    stopwatch = Stopwatch()
+    with install_listener("numba:compile", stopwatch), install_listener(WAITING, stopwatch):
         yield compiled
 
 

@@ -18,6 +18,7 @@ from typing import Any, TypeVar, cast
 numba: Any
 try:
     import numba
+    from numba.core import event
     from numba.core.compiler_lock import global_compiler_lock
     from numba.extending import intrinsic
 except ImportError:
@@ -32,6 +33,8 @@ COMPILING = numba is not None and not numba.config.DISABLE_JIT
 OWN_IMPORT = re.compile(r"^from (mdms_\w+(?:\.\w+)*) import (\([^)]*\)|.*)", re.MULTILINE)
 #: Code of sources that have changed since is kept so long after its last use [s].
 KEPT_S = 7 * 24 * 3600.0
+#: Numba's event while this process waits for another that compiles the same.
+WAITING = "mdms:waiting for another compiler"
 #: Folders of modules that this process is compiling functions of.
 _HELD: set[Path] = set()
 
@@ -219,7 +222,11 @@ def _alone(folder: Path) -> Iterator[None]:
         # A lock on the folder itself is refused by NFS.
         file = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
-            fcntl.flock(file, fcntl.LOCK_EX)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                with event.trigger_event(WAITING):
+                    fcntl.flock(file, fcntl.LOCK_EX)
             _HELD.add(folder)
             yield
         finally:

@@ -1,5 +1,6 @@
 """The same scenario and seed give the same bytes on the bus, whatever else differs."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -7,6 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.micropython_builds import skipping_without_micropython
 
 from mdms_host.cli import main
@@ -64,3 +67,25 @@ def test_kind_of_cells_has_no_say(run_of, command):
 def test_another_seed_gives_other_bytes(run_of):
     one, other = (run_of(BY_HOST, "--seed", seed) for seed in "12")
     assert one["bus"]["log_sha256"] != other["bus"]["log_sha256"]
+
+
+@given(st.tuples(*[st.integers()] * 20))
+def law(numbers):
+    """It holds for all, and keeps the examples."""
+    EXAMPLES.append(numbers)
+
+
+EXAMPLES = []
+
+
+def test_a_law_is_tried_on_the_same_examples_whatever_is_loaded(tmp_path, monkeypatch):
+    law()
+    before = EXAMPLES.copy()
+    EXAMPLES.clear()
+    numbers = "".join(f"A{number} = {7919 * number}\n" for number in range(1, 60))
+    (tmp_path / "loaded_by_another.py").write_text(numbers)
+    monkeypatch.syspath_prepend(tmp_path)
+    importlib.import_module("loaded_by_another")
+    law()
+    assert len(before) > 10
+    assert before == EXAMPLES

@@ -323,7 +323,9 @@ def planner_compiled_beside() -> Iterator[None]:
     if is_kept(interval_search.__name__):
         yield
         return
-    command = [sys.executable, "-c", f"import {__name__} as planner; planner.compile_planner()"]
+    code = f"import {__name__} as planner; planner.compile_planner()"
+    # With -P no file of the current folder is taken for a module of Python.
+    command = [sys.executable, "-P", "-c", code]
     process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
     try:
         yield

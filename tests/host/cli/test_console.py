@@ -12,6 +12,7 @@ from mdms_array.simulation import NOTICE, compiling_watched
 from mdms_host.cli import main
 from mdms_host.cli.console import bars, progress, working
 from mdms_host.cli.streams import open_streams
+from mdms_model.compiled import WAITING
 
 COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 COLOUR = re.compile(r"\x1b\[[0-9;]*3[0-9]")
@@ -84,6 +85,18 @@ def compile_something():
         once_s = compiled.seconds
         inner(1)
     assert 0.0 < once_s == compiled.seconds
+
+
+def test_a_wait_for_another_compiler_counts_as_compiling_and_loading_code_does_not():
+    from numba.core.event import trigger_event
+
+    with compiling_watched() as compiled:
+        with trigger_event("numba:compiler_lock"):
+            assert compiled.seconds == 0.0
+        assert compiled.seconds == 0.0
+        with trigger_event(WAITING):
+            pass
+        assert compiled.seconds > 0.0
 
 
 @pytest.fixture

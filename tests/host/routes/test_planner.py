@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -175,31 +176,44 @@ def test_what_is_compiled_beside_a_run_is_all_that_its_planner_needs() -> None:
     assert not later
 
 
-@pytest.fixture
-def companions(monkeypatch: pytest.MonkeyPatch) -> list[subprocess.Popen[bytes]]:
-    """The processes that are started to compile; they compile nothing here."""
-    started: list[subprocess.Popen[bytes]] = []
+Companions = list[subprocess.Popen[bytes]]
 
-    def start(command: list[str], **_: int) -> subprocess.Popen[bytes]:
-        started.append(subprocess.Popen([command[0], "-c", "import time; time.sleep(60)"]))
+
+@pytest.fixture
+def companions(monkeypatch: pytest.MonkeyPatch) -> Companions:
+    """The processes that are started to compile."""
+    started: Companions = []
+
+    def start(command: list[str], **streams: int) -> subprocess.Popen[bytes]:
+        started.append(subprocess.Popen(command, **streams))  # type: ignore[call-overload]
         return started[-1]
 
     monkeypatch.setattr(planner_module, "Popen", start)
     return started
 
 
+def test_the_process_that_compiles_beside_a_run_plans_wherever_it_is_started(
+    companions: Companions, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(planner_module, "is_kept", lambda module: False)
+    (tmp_path / "random.py").write_text("raise SystemExit('this is no module of Python')")
+    monkeypatch.chdir(tmp_path)
+    with planner_compiled_beside():
+        (companion,) = companions
+        assert companion.wait(300) == 0
+
+
 def test_the_process_that_compiles_beside_a_run_ends_with_it(
-    companions: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+    companions: Companions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(planner_module, "is_kept", lambda module: False)
     with planner_compiled_beside():
         (companion,) = companions
-        assert companion.poll() is None
     assert companion.poll() is not None
 
 
 def test_no_process_compiles_what_is_on_disk(
-    companions: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
+    companions: Companions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(planner_module, "is_kept", lambda module: True)
     with planner_compiled_beside():

@@ -164,6 +164,28 @@ def test_code_for_given_types_refuses_others():
         for_types_of(total, np.zeros(3))([1.0, 2.0])
 
 
+@needs_numba
+def test_a_wait_for_another_process_is_told_as_an_event():
+    from numba.core.event import Listener, install_listener
+
+    told = []
+    with (module._folder(total.__module__) / "lock").open("w") as lock:
+
+        class Releasing(Listener):
+            def on_start(self, _):
+                told.append("waits")
+                fcntl.flock(lock, fcntl.LOCK_UN)
+
+            def on_end(self, _):
+                told.append("goes on")
+
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with install_listener(module.WAITING, Releasing()):
+            assert total(np.ones(2, np.int16)) == 2.0
+            assert total(np.ones(2, np.int32)) == 2.0
+    assert told == ["waits", "goes on"]
+
+
 def test_a_module_depends_on_all_that_it_imports_of_ours():
     import mdms_sim.nodes.python_bank
 
