@@ -43,7 +43,8 @@ from mdms_sim.nodes.virtual_board import VirtualBoard
 from mdms_sim.referee.rules import Violation
 from mdms_sim.referee.truth import HostReport
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of
-from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
+from tests.storms.draw import draw
+from tests.storms.storm import Storm, Table, load, parts_of, scenario_of, written
 from tests.virtual_array import SimulatedArray, virtual_time
 
 __all__ = ["Ended", "run"]

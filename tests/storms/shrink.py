@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from mdms_model.errors import InputError
+from tests.storms.draw import draw
 from tests.storms.run import report, run
-from tests.storms.storm import Storm, Table, draw, load, parts_of, scenario_of, written
+from tests.storms.storm import Storm, Table, load, parts_of, scenario_of, written
 
 Fails = Callable[[Storm], bool]
 

@@ -14,9 +14,10 @@ from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.referee.referee import Referee
 from mdms_sim.simulation import NS_PER_S, Simulation
+from tests.storms.draw import draw
 from tests.storms.run import Ended, run
 from tests.storms.shrink import shrink
-from tests.storms.storm import Storm, draw, load, parts_of, scenario_of, written
+from tests.storms.storm import Storm, load, parts_of, scenario_of, written
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.toml"))
 LASTS_S = 10.0

@@ -18,9 +18,9 @@ from multiprocessing import get_context
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from tests.storms.draw import draw, draw_cut
 from tests.storms.run import Ended
 from tests.storms.run import run as run_storm
-from tests.storms.storm import draw, draw_cut
 
 from mdms_sim.referee.rules import RULES
 
