@@ -1,13 +1,13 @@
 """What clients of OPC UA may write and call, with a client of asyncua."""
 
 import asyncio
-import socket
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from asyncua import ua
+from tests.free_port import free_port
 from tests.host.line.played_table import PlayedTable, plant_in
 from tests.system.line.opcua import opcua_client
 
@@ -49,9 +49,7 @@ def with_client(folder: Path, talk: Callable[[Served], Awaitable[None]]) -> None
     async def serve() -> None:
         async with plant_in(folder) as (plant, table):
             server = OpcUaServer(plant, "a table")
-            with socket.create_server(("127.0.0.1", 0)) as free:
-                port = free.getsockname()[1]
-            await server.open("127.0.0.1", port, settings)
+            await server.open("127.0.0.1", free_port(), settings)
             try:
                 async with await opcua_client(server.address, folder) as client:
                     own = await client.get_namespace_index(LINE_URI)

@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.free_port import free_port
+
 EXAMPLES = Path(__file__).parents[3] / "examples" / "line"
 MDMS = [sys.executable, "-c", "import sys; from mdms_host.entry import main; sys.exit(main())"]
 PATIENCE_S = 120
@@ -80,7 +82,7 @@ class Table:
 
     def __init__(self, folder: Path, protocols: tuple[str, ...] = ("modbus", "opcua")) -> None:
         self.folder = folder
-        self.ports = dict(zip(protocols, free_ports(), strict=False))
+        self.ports = {name: free_port() for name in protocols}
         self.process: subprocess.Popen[str] | None = None
         self._controllers: list[Controller] = []
 
@@ -145,11 +147,3 @@ def admit_user(folder: Path) -> None:
     assert (folder / "key.pem").stat().st_mode & 0o777 == 0o600
     (folder / "users.txt").write_text("plc:secret\n")
     (folder / "users.txt").chmod(0o600)
-
-
-def free_ports() -> tuple[int, int]:
-    with (
-        socket.create_server(("127.0.0.1", 0)) as one,
-        socket.create_server(("127.0.0.1", 0)) as two,
-    ):
-        return one.getsockname()[1], two.getsockname()[1]
