@@ -139,7 +139,7 @@ class BeliefEvent(StrEnum):
     EXPLAINED = "explained"
     #: Another thing was taken for a parcel that was to come.
     WITHDRAWN = "withdrawn"
-    #: Two that look alike both lay elsewhere than told: which is which is a guess.
+    #: Two that sensors cannot tell apart both lay elsewhere than told: which is which is a guess.
     GUESSED = "guessed"
     #: A thing that was named as a parcel does not have its outline.
     MISFIT = "misfit"

@@ -205,7 +205,7 @@ class Tracker:
         found = self._parcel_search.step(now_s, valid, self._known, groups, coverage.taken)
         for name in found:
             self._note_coming(now_s, name)
-        self._note_guesses([name for name in found if name in sought])
+        self._note_guesses(valid, [name for name in found if name in sought])
         if found:
             # Sensors that contradict them are not believed any more.
             valid = self._presence.valid(now_s)
@@ -345,12 +345,16 @@ class Tracker:
         lay_there = 2 * before.sum() > len(under)
         (self._lay_there.add if lay_there else self._lay_there.discard)(name)
 
-    def _note_guesses(self, names: list[str]) -> None:
-        """Parcels have been found for the first time: each may be another that looks like it."""
+    def _note_guesses(self, valid: Bools, names: list[str]) -> None:
+        """Parcels have been found for the first time: sensors may show each where another lies."""
+        covered = self._presence.covered
         moved = {name: each for name, each in self._known.items() if each.elsewhere}
         for name, other in combinations(moved, 2):
             one, two = moved[name], moved[other]
-            if {name, other} & {*names} and one.estimator.footprint == two.estimator.footprint:
+            if {name, other} & {*names} and all(
+                there.estimator.may_be(here.estimator.footprint, covered, valid)
+                for here, there in ((one, two), (two, one))
+            ):
                 change = BeliefChange(name, BeliefEvent.GUESSED, one.place, other=other)
                 self._changes.append(change)
 

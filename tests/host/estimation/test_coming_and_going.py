@@ -397,8 +397,13 @@ def test_an_unknown_thing_over_cells_that_fall_silent_lies_there_still(table, co
 
 @pytest.mark.parametrize(
     ("two_m", "length_m", "guessed"),
-    [((0.3, 0.2), 0.36, True), ((0.3, 0.0), 0.36, False), ((0.3, 0.2), 0.42, False)],
-    ids=["both elsewhere", "one where it was told", "of two sizes"],
+    [
+        ((0.3, 0.2), 0.36, True),
+        ((0.3, 0.0), 0.36, False),
+        ((0.3, 0.2), 0.42, False),
+        ((0.3, 0.2), 0.38, True),
+    ],
+    ids=["both elsewhere", "one where it was told", "of two sizes", "of nearly one size"],
 )
 def test_which_of_two_alike_is_which_is_a_guess_where_both_lie_elsewhere(
     two_m, length_m, guessed

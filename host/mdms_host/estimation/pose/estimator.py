@@ -281,6 +281,20 @@ class ParcelEstimator:
             wrong[numbers] = shows & (abs(distance_m) > self._deep_m)
         return wrong
 
+    def may_be(self, other: Footprint, covered: Bools, valid: Bools) -> bool:
+        """Whether nothing that `valid` sensors (S,) show speaks against another outline here.
+
+        A covered sensor beside the parcel may show a third one, so it does not count.
+        """
+        view, pose = self.view(self._at_s), self.pose_at(self._at_s)
+        if view is None or pose is None:
+            return False
+        numbers = view.near.sensors
+        distance_m = other.distance_m(view.near.sensors_m, pose)
+        shows = valid[numbers] & (~covered[numbers] | (view.distance_m < 0))
+        wrong = shows & ((distance_m < 0) != covered[numbers])
+        return not (wrong & (abs(distance_m) > self._deep_m)).any()
+
     def moves_to_feel(self, usable: Bools) -> tuple[Floats, ...]:
         """Moves, (3,), that would make the place surer, best first; none where it is sure."""
         if self._filter is None:
