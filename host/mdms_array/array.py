@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mdms_array.checks import motor_of
 from mdms_array.host import Cells
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.commissioning.array_file import (
@@ -18,7 +17,7 @@ from mdms_host.commissioning.array_file import (
 )
 from mdms_host.commissioning.parameters import WIRING
 from mdms_model.errors import InputError
-from mdms_model.loop_margin import GainError, Observer, check_gain, observer_for
+from mdms_model.loop_margin import GainError, Observer, check_gain, motor_of, observer_for
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError

@@ -1,9 +1,9 @@
-"""A real or served table: its buses, and a thread that drives it while a program thinks."""
+"""A real or served table, and a thread that drives it while a program thinks."""
 
 from argparse import Namespace
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future, wait
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event, Thread, current_thread
@@ -13,16 +13,16 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mdms_array.array import BelievedArray, believe
-from mdms_array.checks import check_load, refuse_tipping
+from mdms_array.bus_load import check_load
+from mdms_array.checks import refuse_tipping
 from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
 from mdms_array.source import Source, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
-from mdms_host.can_link.link import AnyLink, Incidents, Link, open_bus
-from mdms_host.can_link.links import Links
-from mdms_host.can_link.returning import ReturningLink
-from mdms_host.clock import Clock, MonotonicClock
+from mdms_host.can_link.link import AnyLink
+from mdms_host.can_link.links import open_links
+from mdms_host.clock import Clock
 from mdms_host.commissioning.array_file import read_array
 from mdms_host.coordination.operation import Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
@@ -40,66 +40,6 @@ FOUND_S = 30.0
 LOOK_S = 0.1
 #: The errors that end a table by hand, and not one call alone.
 ENDS = ("fault", "lost", "stopped", "failed")
-
-
-@contextmanager
-def open_link(options: Namespace) -> Iterator[tuple[Link, Clock]]:
-    """The bus that python-can's options name. Raises NoBusError, DeviceGoneError."""
-    clock = MonotonicClock()
-    with Link(open_bus(options), clock) as link:
-        yield link, clock
-
-
-@contextmanager
-def open_links(options: Namespace, channels: Sequence[str] = ()) -> Iterator[tuple[AnyLink, Clock]]:
-    """The bus that the options name, or several that differ in their channels.
-
-    Raises NoBusError, DeviceGoneError.
-    """
-    if not channels:
-        with open_link(options) as (link, clock):
-            yield link, clock
-        return
-    clock = MonotonicClock()
-    with _links(options, channels, clock) as links:
-        yield links, clock
-
-
-@contextmanager
-def open_returning(
-    options: Namespace, channels: Sequence[str] = ()
-) -> Iterator[tuple[ReturningLink, Clock]]:
-    """The same, opened again whenever a device has gone and is there again.
-
-    Raises NoBusError where it is not there at the beginning.
-    """
-    clock = MonotonicClock()
-
-    def open_link(noted: list[tuple[float, str]]) -> Link | Links:
-        if not channels:
-            return Link(open_bus(options), clock, incidents=Incidents(clock, noted))
-        return _links(options, channels, clock, noted)
-
-    with ReturningLink(open_link, clock) as link:
-        yield link, clock
-
-
-def _links(
-    options: Namespace,
-    channels: Sequence[str],
-    clock: Clock,
-    noted: list[tuple[float, str]] | None = None,
-) -> Links:
-    """Several buses that differ in their channels. Raises NoBusError."""
-    with ExitStack() as opened:
-        buses = []
-        for channel in channels:
-            bus = open_bus(Namespace(**vars(options) | {"channel": channel}))
-            opened.callback(bus.shutdown)
-            buses.append(bus)
-        # From here on the links close their buses.
-        opened.pop_all()
-        return Links(buses, channels, clock, noted)
 
 
 @contextmanager

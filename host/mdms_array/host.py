@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from mdms_array.checks import goal_of, motor_of, timing_of
+from mdms_array.bus_load import timing_of
+from mdms_array.checks import goal_of
 from mdms_host.can_link.sdo_client import Setting
 from mdms_host.commissioning.parameters import BY_NAME
 from mdms_host.coordination.bring_up import ExpectedCells
@@ -40,7 +41,7 @@ from mdms_model.buses import Addresses, address_cells
 from mdms_model.errors import InputError
 from mdms_model.fields import ReferenceCommand, accepted
 from mdms_model.log import LOG
-from mdms_model.loop_margin import largest_gain, observer_for
+from mdms_model.loop_margin import largest_gain, motor_of, observer_for
 from mdms_model.motor import drive_of
 from mdms_model.parcel import parcel_records
 from mdms_model.scenario.belief import believed

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Protocol
 
 from mdms_array.array import BelievedArray
-from mdms_array.checks import check_load, refuse_tipping
-from mdms_array.connection import open_links
+from mdms_array.bus_load import check_load
+from mdms_array.checks import refuse_tipping
 from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
 from mdms_array.recording import PlanLog
 from mdms_array.run import Run
 from mdms_host.can_link.bus_log import LogWriter, open_log
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts
+from mdms_host.can_link.links import open_links
 from mdms_host.can_link.recent import Recent
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator

@@ -10,12 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from mdms_array.checks import (
-    refuse_large_gain,
-    refuse_overload,
-    refuse_pushless,
-    refuse_tipping,
-)
+from mdms_array.bus_load import refuse_overload
+from mdms_array.checks import refuse_large_gain, refuse_pushless, refuse_tipping
 from mdms_host.programs.program import Main
 from mdms_model.errors import InputError
 from mdms_model.run.folder import told_of_run

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.arrays import Floats
+from mdms_model.motor import drive_of, rim_mass_kg
+from mdms_model.scenario.scenario import Cell
 from mdms_protocol import indices
 from mdms_protocol.dictionary import ENTRIES
 
@@ -77,6 +79,17 @@ class WheelMotor:
     def braking_n_s_per_m(self) -> float:
         """Be + Ke^2 / Rm: how a shorted motor resists its wheel [N s/m]."""
         return self.damping_n_s_per_m + self.force_n_per_a**2 / self.resistance_ohm
+
+
+def motor_of(cell: Cell) -> WheelMotor:
+    """The motor of a scenario's cells as its wheel's rim sees it."""
+    drive = drive_of(cell)
+    return WheelMotor(
+        force_n_per_a=drive.ke,
+        resistance_ohm=cell.resistance_ohm,
+        damping_n_s_per_m=drive.be,
+        mass_kg=rim_mass_kg(cell),
+    )
 
 
 def observer_for(motor: WheelMotor) -> Observer:

@@ -42,6 +42,11 @@ def test_deciding_packages_need_no_bus_library(package):
     assert imported_by(modules).isdisjoint({"can", "canopen", "serial", "rich"})
 
 
+def test_a_stop_waits_for_no_compiler():
+    """Loading it takes as long as all else before the first frame of `mdms stop`."""
+    assert imported_by(["mdms_host.cli.array.cells"]).isdisjoint(FORBIDDEN)
+
+
 #: Verbs for a table of real cells, and their reading of a scenario.
 HARDWARE = sorted(
     module.name

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from mdms_array.checks import refuse_overload, refuse_tipping
+from mdms_array.bus_load import refuse_overload
+from mdms_array.checks import refuse_tipping
 from mdms_model.scenario.file import read_tree, scenario_from
 from mdms_model.scenario.scenario import Scenario
 

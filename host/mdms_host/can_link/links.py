@@ -1,7 +1,8 @@
 """Several buses as one link: the host of a table whose cells are on more than one."""
 
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from queue import SimpleQueue
 from types import TracebackType
 from typing import Self
@@ -11,13 +12,15 @@ import can
 from mdms_host.can_link.delays import Delays
 from mdms_host.can_link.link import (
     QUEUE_WAIT_S,
+    AnyLink,
     DeviceGoneError,
     Incidents,
     Link,
     LinkCounts,
     hand_over,
+    open_bus,
 )
-from mdms_host.clock import Clock
+from mdms_host.clock import Clock, MonotonicClock
 from mdms_model.participant import BusesParticipant, Participant
 from mdms_protocol.codecs.frame import Frame
 
@@ -190,3 +193,44 @@ class _JointDelays:
         """The evidence of heartbeats alone on the first bus where they come late."""
         reasons = ((name, delays.slow_reason(now_s)) for name, delays in self._arrivals)
         return next((f"{name}: {reason}" for name, reason in reasons if reason), None)
+
+
+@contextmanager
+def open_link(options: Namespace) -> Iterator[tuple[Link, Clock]]:
+    """The bus that python-can's options name. Raises NoBusError, DeviceGoneError."""
+    clock = MonotonicClock()
+    with Link(open_bus(options), clock) as link:
+        yield link, clock
+
+
+@contextmanager
+def open_links(options: Namespace, channels: Sequence[str] = ()) -> Iterator[tuple[AnyLink, Clock]]:
+    """The bus that the options name, or several that differ in their channels.
+
+    Raises NoBusError, DeviceGoneError.
+    """
+    if not channels:
+        with open_link(options) as (link, clock):
+            yield link, clock
+        return
+    clock = MonotonicClock()
+    with links_of(options, channels, clock) as links:
+        yield links, clock
+
+
+def links_of(
+    options: Namespace,
+    channels: Sequence[str],
+    clock: Clock,
+    noted: list[tuple[float, str]] | None = None,
+) -> Links:
+    """Links to several buses that differ in their channels. Raises NoBusError."""
+    with ExitStack() as opened:
+        buses = []
+        for channel in channels:
+            bus = open_bus(Namespace(**vars(options) | {"channel": channel}))
+            opened.callback(bus.shutdown)
+            buses.append(bus)
+        # From here on the links close their buses.
+        opened.pop_all()
+        return Links(buses, channels, clock, noted)

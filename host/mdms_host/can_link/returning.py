@@ -4,16 +4,27 @@ Until then frames are dropped and nothing comes. Nothing is started again: the r
 device has ended by then, and a person or a controller begins the next one.
 """
 
-from collections.abc import Callable
-from contextlib import suppress
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from types import TracebackType
 from typing import Any, Protocol, Self
 
 from mdms_host.can_link.delays import Delays
-from mdms_host.can_link.link import AnyDelays, AnyLink, DeviceGoneError, LinkCounts, LinkError
-from mdms_host.clock import Clock
+from mdms_host.can_link.link import (
+    AnyDelays,
+    AnyLink,
+    DeviceGoneError,
+    Incidents,
+    Link,
+    LinkCounts,
+    LinkError,
+    open_bus,
+)
+from mdms_host.can_link.links import links_of
+from mdms_host.clock import Clock, MonotonicClock
 from mdms_protocol.codecs.frame import Frame
 
 #: A device is tried again so often [s].
@@ -168,3 +179,22 @@ def _sum(one: LinkCounts, other: LinkCounts) -> LinkCounts:
         one.waited + other.waited,
         one.unsent + other.unsent,
     )
+
+
+@contextmanager
+def open_returning(
+    options: Namespace, channels: Sequence[str] = ()
+) -> Iterator[tuple[ReturningLink, Clock]]:
+    """One bus or several, opened again whenever a device has gone and is there again.
+
+    Raises NoBusError where it is not there at the beginning.
+    """
+    clock = MonotonicClock()
+
+    def open_link(noted: list[tuple[float, str]]) -> OwnLink:
+        if not channels:
+            return Link(open_bus(options), clock, incidents=Incidents(clock, noted))
+        return links_of(options, channels, clock, noted)
+
+    with ReturningLink(open_link, clock) as link:
+        yield link, clock

@@ -7,14 +7,14 @@ from math import inf
 from typing import Any
 
 from mdms_array.array import BelievedArray
-from mdms_array.checks import timing_of
-from mdms_array.connection import open_links, open_returning
+from mdms_array.bus_load import timing_of
 from mdms_array.figures import raise_for_end
 from mdms_array.host import coordinator_of, estimates_of, layout_of, parcels_of
 from mdms_array.operation import watch_program
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
-from mdms_host.can_link.returning import ReturningLink
+from mdms_host.can_link.links import open_links
+from mdms_host.can_link.returning import ReturningLink, open_returning
 from mdms_host.cli.exits import CommandError, ExitCode, interrupted
 from mdms_host.cli.kept import Kept, keeping
 from mdms_host.cli.line import has_line, opened_line

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from tests.system.links.served_array import serve
 
-from mdms_array.connection import open_links
 from mdms_array.host import coordinator_of
+from mdms_host.can_link.links import open_links
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import operate

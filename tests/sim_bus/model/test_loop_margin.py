@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_array.checks import motor_of
 from mdms_cell.drive import speed_loop, tuning
 from mdms_model import loop_margin
 from mdms_model.loop_margin import (
@@ -21,6 +20,7 @@ from mdms_model.loop_margin import (
     Observer,
     check_gain,
     largest_gain,
+    motor_of,
     phase_margin,
 )
 from mdms_model.scenario.scenario import Cell

@@ -13,10 +13,9 @@ from dataclasses import asdict, dataclass, replace
 
 from rich.live import Live
 
-from mdms_array.checks import warn_of_load, wire_of
-from mdms_array.connection import open_links
+from mdms_array.bus_load import warn_of_load, wire_of
 from mdms_host.can_link.link import AnyLink, LinkError, drive, open_bus
-from mdms_host.can_link.links import OnEachBus
+from mdms_host.can_link.links import OnEachBus, open_links
 from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
 from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, ExitCode

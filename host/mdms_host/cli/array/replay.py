@@ -3,10 +3,10 @@
 import json
 from argparse import Namespace
 
-from mdms_array.connection import open_link
 from mdms_array.extras import PAGE, SIMULATION, require
 from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.can_link.link import drive
+from mdms_host.can_link.links import open_link
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.commissioning.network import ForeignStops
 from mdms_host.commissioning.stop import not_off_text, stop_all

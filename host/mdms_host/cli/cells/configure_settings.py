@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from rich import box
 from rich.table import Table
 
-from mdms_array.checks import motor_of
 from mdms_host.cli.cells.configure_cells import (
     agreed,
     of_buses,
@@ -35,7 +34,7 @@ from mdms_host.commissioning.parameters import (
     find_parameters,
     parse_assignments,
 )
-from mdms_model.loop_margin import GainError, Observer, check_gain
+from mdms_model.loop_margin import GainError, Observer, check_gain, motor_of
 from mdms_model.scenario.file import load_scenario
 
 LEGEND = "* not the default   ! cells differ"

@@ -5,7 +5,6 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
-from mdms_array.checks import motor_of
 from mdms_array.host import settings_of
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
@@ -33,6 +32,7 @@ from mdms_host.commissioning.table_cells import (
     missing_cells,
 )
 from mdms_host.commissioning.wheel_turn import BusyError, refuse_busy
+from mdms_model.loop_margin import motor_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 

@@ -4,7 +4,7 @@ from argparse import Namespace
 
 import pytest
 
-from mdms_array.checks import load_of, warn_of_load, wire_of
+from mdms_array.bus_load import load_of, warn_of_load, wire_of
 from mdms_array.simulation import run_scenario
 from mdms_array.source import open_program
 from mdms_host.cli import main
