@@ -23,12 +23,10 @@ from mdms_model.statics.support_margin import TIP_M
 MARGIN_M = 0.010
 #: Wheels count as supports only this far under the parcel, which may be as much beside its way [m].
 INSET_M = 0.002
-#: A parcel may be so far beside its way [m], where its wheels slip and as its belief is off. A box
-#: with sides of 0.28 m does not tip so far beside any.
-BESIDE_M = 0.006
 #: A parcel is taken to be within so many deviations of where it is believed to be, but no farther
-#: than it may be beside a way. A shift is looked at in so many places.
+#: than this [m]. A shift is looked at in so many places.
 _DEVIATIONS = 2.5
+_BESIDE_M = 0.006
 _SHIFTS = 8
 #: Wheels at one place are one support; rows nearer to each other than this are one [m].
 _SAME_M = 1e-9
@@ -69,11 +67,6 @@ class Footholds:
         self._wheels_m: Floats = places_m[np.lexsort((places_m[:, 0], places_m[:, 1]))]
         self._along = _line_of(places_m)
 
-    @property
-    def in_line(self) -> bool:
-        """Whether all wheels stand in one line: the paper's model, in which nothing tips beside."""
-        return self._along is not None
-
     def margins_m(self, poses: Floats, inset_m: float) -> Floats:
         """How far the centre of mass is inside the hull of its supports at poses (K, 3), (K,).
 
@@ -92,7 +85,7 @@ class Footholds:
     def stand(self, belief: Belief, move: Floats) -> bool:
         """Whether a parcel that is shifted so from where it is believed to be tips nowhere."""
         deviation_m = sqrt(np.linalg.eigvalsh(belief.covariance[:2, :2])[1])
-        unsure_m = min(_DEVIATIONS * deviation_m, BESIDE_M)
+        unsure_m = min(_DEVIATIONS * deviation_m, _BESIDE_M)
         poses = belief.pose + np.linspace(0.0, 1.0, _SHIFTS)[:, None] * move
         return bool((self.margins_m(poses, unsure_m) >= MARGIN_M).all())
 

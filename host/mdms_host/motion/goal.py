@@ -10,10 +10,9 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower
 from mdms_host.motion.trajectory.grip import Grip
-from mdms_host.motion.trajectory.path import shorter_turn_rad
+from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.traction import Traction
-from mdms_host.motion.way_search import WaySearch
 from mdms_model.arrays import Floats
 
 #: So often a parcel moves to have its place made sure; a goal without a yaw is where it is then. If
@@ -77,7 +76,7 @@ def next_move(
 
 
 class GoalController:
-    """Takes one parcel to a goal, straight where it can; `arrived` once it is there.
+    """Takes one parcel to a goal, straight; `arrived` once it is there.
 
     Translation and rotation are one motion, so that both end together. A parcel that has arrived is
     held until a sensor shows it outside twice the tolerance. A parcel that is `paused` is brought
@@ -86,8 +85,7 @@ class GoalController:
     A place is not sure enough while a move of `feel` would show it better. A parcel there moves so
     first, three times at most, and back. If it may still be beside its goal, it moves once more.
     `moves` counts that, until it has arrived for sure. `leg` counts these ways, and each time that
-    the parcel has been put elsewhere. If it might tip on the straight way, it stands until another
-    has been found.
+    the parcel has been put elsewhere.
     """
 
     def __init__(self, goal: GoalPose, traction: Traction, mass: Mass) -> None:
@@ -104,7 +102,6 @@ class GoalController:
         self.moves = 0
         self.leg = 0
         self._follower: Follower | None = None
-        self._search: WaySearch | None = None
         self._left_m = inf
         self._within_s = 0.0
         self._pose: Floats | None = None
@@ -146,7 +143,6 @@ class GoalController:
     def _put_elsewhere(self) -> None:
         """Forget the slip, which may have been the parcel's leaving; its way begins anew."""
         self.grip = Grip()
-        self._search = None
         self.leg += 1
 
     def step(self, belief: Belief, step_s: float) -> Carried | None:
@@ -178,25 +174,18 @@ class GoalController:
         if follower is not None and not follower.at_rest:
             return follower
         if self._still:
-            self._follower = self._search = None
+            self._follower = None
             return None
         if follower is None or follower.off_path or self._leads_elsewhere(follower, belief.pose):
             if follower is not None and follower.off_path:
                 self.leg += 1
-            self._follower = self._found(belief)
+            self._follower = self._straight(belief)
         return self._follower
 
-    def _found(self, belief: Belief) -> Follower | None:
-        """The follower of the way from here; None while a way is sought."""
-        if self._search is None:
-            footholds = Footholds(self._traction.layout, belief.outline, self._mass.centre_m)
-            self._search = WaySearch(footholds, belief, self._target(belief.pose))
-        path = self._search.step()
-        if path is None:
-            return None
-        self._search = None
-        if len(path.pieces) > 1:
-            self.leg += 1
+    def _straight(self, belief: Belief) -> Follower:
+        """The follower of the straight way from here."""
+        ends = np.array([belief.pose, self._target(belief.pose)])
+        path = Path(ends, belief.outline.reach_m)
         profile = self._traction.profile(path, belief.outline, self._mass)
         return Follower(self._traction, profile, self.grip)
 

@@ -51,5 +51,3 @@ def test_on_wheels_in_one_line_only_the_way_along_it_counts() -> None:
     modelled_m = support_margins_m(row.wheel_positions_m, outline, (0.01, 0.0), poses)
     assert modelled_m[0] > 0.05
     np.testing.assert_allclose(footholds.margins_m(poses, 0.0), modelled_m, atol=1e-9)
-    assert footholds.in_line
-    assert not Footholds(LAYOUT, BOX, (0.0, 0.0)).in_line

@@ -9,7 +9,6 @@ from tests.host.motion.believing import beliefs
 from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
 
 from mdms_host.estimation.belief import Belief, Standing
-from mdms_host.estimation.tracker import Parcel
 from mdms_host.motion.goal import GoalController, GoalPose
 from mdms_host.motion.trajectory.follower import Carried, Follower
 from mdms_host.motion.trajectory.path import straight
@@ -247,16 +246,3 @@ def test_a_parcel_goes_on_with_the_motion_that_it_has() -> None:
     assert controller.arrived
     assert speeds_m_s[0] > 0.2
     assert table.pose == pytest.approx(end, abs=0.002)
-
-
-def test_a_box_that_would_tip_on_the_straight_way_goes_around_and_gets_on_all_the_time() -> None:
-    parcel = Parcel("box", 0.28, 0.22)
-    controller = GoalController(GoalPose(-0.08, -0.026, -0.8), traction_of(), mass_of(parcel))
-    table = Table(np.array([0.14, -0.008, 0.3]), parcel)
-    left_m = []
-    for _ in range(800):
-        table.step(controller.step)
-        assert not table.tipped
-        left_m.append(controller.left_m)
-    assert controller.arrived
-    assert max(np.diff(left_m[30:])) < 0.002
