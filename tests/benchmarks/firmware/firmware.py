@@ -265,7 +265,6 @@ def _estimate() -> Row:
         "arithmetic of a tick at worst, estimate for STM32F405",
         tick_us,
         "us",
-        bound=30,
         instructions=round(instructions),
         cycles_each=CYCLES,
     )
