@@ -275,7 +275,7 @@ class Simulation:
 
     @property
     def reported_presence(self) -> Bits:
-        """PresenceReader bits (cells,), as the cells have last reported them on their buses."""
+        """Presence bits (cells,), as the cells have last reported them on their buses."""
         return self._presence.bits
 
     def outcome(self) -> Outcome:
