@@ -63,7 +63,7 @@ class Bus:
         return self._can.send(can_id, data)
 
     def drop_sent(self):
-        """Drop what the controller would send late, if it holds more than one of an identifier."""
+        """Drop waiting frames of a controller that may hold several of one identifier."""
 
     def may_restart(self) -> bool:
         """Whether `CAN.restart` returns at once."""

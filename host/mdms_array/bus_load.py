@@ -1,4 +1,4 @@
-"""The load of a bus: what a run of cells needs, and refusals and warnings of too much."""
+"""The load of a bus by the cells of a run, with refusals and warnings of an overload."""
 
 from argparse import Namespace
 from collections.abc import Iterator

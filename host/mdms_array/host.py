@@ -434,7 +434,7 @@ def layout_of(scenario: Scenario, cells: Cells | None = None) -> Layout:
 
 
 def settings_of(cell: Cell) -> tuple[Setting, ...]:
-    """The settings that the host relies on, whatever was saved in a cell before.
+    """The settings that the host relies on; they override those saved in a cell.
 
     Raises `InputError`.
     """
@@ -494,7 +494,7 @@ def _setting(index: int, meaning: str, value: float) -> Setting:
 def parcels_of(scenario: Scenario) -> tuple[Parcel, ...]:
     """The parcels as the host gets them: size, and where each was put.
 
-    One that lies elsewhere is found there. Where it was put counts if something else looks alike.
+    A parcel that lies elsewhere is found there. Its given place counts if something looks alike.
     """
     return tuple(
         Parcel(

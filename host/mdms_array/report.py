@@ -1,6 +1,6 @@
 """A report of the last minute of a table: a run folder that may be posted in public.
 
-The process that drives the table only copies what it has in memory. Another one writes the folder:
+The process that drives the table only copies its memory. Another process writes the folder:
 `python -m mdms_array.report SNAPSHOT FOLDER`.
 """
 
@@ -68,7 +68,7 @@ class Snapshot:
 class Reporter:
     """Writes reports of a table into `folder`: on request, and after a fault.
 
-    `recent` is what the table keeps, and `job` is its scenario and program. `note(text)` is told
+    `recent` has the table's last minute, and `job` its scenario and program. `note(text)` is told
     where a report is, or why there is none. `counts` are those of the link, once there is one.
     Nothing of it waits but `close`.
     """

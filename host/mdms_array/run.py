@@ -76,8 +76,8 @@ class Incident:
 class ParcelRun:
     """One parcel over a run: poses x, y, yaw [m, m, rad; table frame].
 
-    `time_s` is of shape (T,), `true` and `believed` are of shape (T, 3), NaN where nothing is
-    known; on hardware nothing is true. `goal` is where it was steered last, and `reached_s` since
+    `time_s` is of shape (T,). `true` and `believed` are of shape (T, 3), NaN where nothing is
+    known. On hardware `true` is NaN. `goal` is where it was steered last, and `reached_s` since
     when it has been there, by the truth if there is one.
     """
 
@@ -194,7 +194,7 @@ class Run:
     def raise_for_status(self) -> None:
         """Raise the `RunError` of the status; an endless job may end by its time limit.
 
-        Raises ViolationError after a broken rule, whatever the status.
+        Raises ViolationError after a broken rule, at any status.
         """
         if self.violations:
             first = self.violations[0]

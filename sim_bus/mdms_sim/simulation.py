@@ -1,8 +1,8 @@
 """The one place where buses, cells and physics meet: a scenario in virtual time.
 
-Every millisecond the world moves under the voltages of the last one, the cells sample it and answer
-with new voltages; in between, frames travel over the bus in their real time. Nothing here decides
-anything: cells and participants do.
+Every millisecond the world moves under the voltages of the last one. The cells sample it, and
+answer with new voltages. In between, frames travel over the bus in their real time. Nothing here
+decides anything: cells and participants do.
 """
 
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -135,10 +135,9 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What is kept of a run: the frames in `bus_log`, and samples, thinned to `most_samples`.
+    """The kept parts of a run: frames in `bus_log`, and samples, thinned to `most_samples`.
 
-    `estimates` returns the poses [m, m, rad] that somebody believes the parcels to have, shape
-    (P, 3), NaN where unknown.
+    `estimates` returns the believed poses of the parcels (P, 3), NaN where unknown [m, m, rad].
     """
 
     bus_log: BinaryIO | None = None

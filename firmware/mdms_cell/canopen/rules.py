@@ -58,7 +58,7 @@ def check_parameter(direction, sub, value, can_id):
 
 
 def check_pdo(objects, parameters, mapping, direction):
-    """Raises AbortError if the objects of a PDO define one that is not allowed."""
+    """Raises AbortError if parameters or mapping of a PDO are not allowed."""
     for sub in (COB_ID, TYPE):
         check_parameter(direction, sub, objects.number(parameters, sub), None)
     count = objects.number(mapping)

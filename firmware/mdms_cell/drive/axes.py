@@ -253,7 +253,7 @@ class Axes:
                 emcy.clear(source)
 
     def lose_supply(self):
-        """Take the supply of axes that are on for too low, whatever is measured."""
+        """Take the supply of axes that are on for too low, at any measured voltage."""
         for source, drive in enumerate(self._drives, 1):
             if drive.state in _ON:
                 drive.fail(UNDERVOLTAGE)

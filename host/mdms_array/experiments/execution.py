@@ -292,7 +292,7 @@ class LocalPool(ProcessPoolExecutor):
     def check_started(self) -> None:
         """Raises `InputError` if no worker of a broken pool came as far as its first run.
 
-        One that was killed may have better luck the next time.
+        Killed workers raise nothing: new ones may have better luck.
         """
         # The thread of the pool waits for the processes, and has their exit codes then.
         self.shutdown(wait=True, cancel_futures=True)
@@ -339,7 +339,7 @@ class Workers:
     def submit(self, job: Job) -> "Future[dict[str, Any]]":
         """Send a run to the executor, opened if it is not open yet.
 
-        Raises `InputError`, and `ExecutorEndedError` for one that was shut down.
+        Raises `InputError`, and `ExecutorEndedError` if the executor was shut down.
         """
         if self._given is not None:
             try:

@@ -407,7 +407,7 @@ class _Used:
 
 
 def _inside_function(function: Any) -> dict[str, Any]:
-    """What a function uses: defaults, its closure and globals."""
+    """Values that a function uses: defaults, its closure and globals."""
     closure = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
     names = sorted({*_globals_in(function.__code__)} & {*function.__globals__})
     return {
@@ -418,7 +418,7 @@ def _inside_function(function: Any) -> dict[str, Any]:
 
 
 def _inside_class(kind: Any) -> dict[str, Any]:
-    """What a class uses: its bases, its functions, and values but those that Python adds."""
+    """Values that a class uses: its bases, its functions, and values but those that Python adds."""
     inside: dict[str, Any] = {"bases": kind.__bases__}
     for name, value in vars(kind).items():
         if isinstance(value, property):
@@ -493,7 +493,7 @@ def measured(run: Run, measure: Measure) -> bool | int | float | str | None:
 
 
 def utf8(text: str) -> str:
-    """The text as a table may have it: what is no letter is written out."""
+    """The text as a table may have it: code points without UTF-8 become escapes."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 

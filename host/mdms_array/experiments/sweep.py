@@ -285,8 +285,8 @@ def sweep(
     with `on_changed` as "mark" they count, and are marked.
 
     Raises `InputError`, and `Error` where an extra is not installed or an executor has failed. A
-    run that raises is a row of the result. One that failed for its machine (a lost worker, a full
-    disk) is run again when the same sweep is called again.
+    run that raises is a row of the result. A run may also fail for its machine (a lost worker, a
+    full disk). The next call of the same sweep runs it again.
     """
     refuse_import()
     require(SWEEP, "mdms_array.sweep")

@@ -70,7 +70,7 @@ class CellsEnv(ParallelEnv[str, Floats, Floats]):  # type: ignore[misc]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Floats], dict[str, dict[str, Any]]]:
-        """Begin an episode: that of `options["scenario"]`, or one that is drawn."""
+        """Begin an episode of `options["scenario"]`, or of a drawn scenario."""
         if seed is not None:
             self._chance = seeding.np_random(seed)[0]
         given = own_option(options, "scenario")

@@ -102,7 +102,7 @@ class Episode:
         return spaces.Dict({"presence": spaces.MultiBinary(cells * len(self._sensors)), **boxes})
 
     def begin(self, k: int, chance: np.random.Generator, scenario: Scenario | None = None) -> None:
-        """Begin another episode at table k: the scenario, or one that is drawn."""
+        """Begin another episode at table k, of `scenario` or of a drawn one."""
         self._begun[k] = False
         scenario = scenario or self._episodes.draw(chance)
         self.tables.begin(k, scenario)
@@ -170,7 +170,7 @@ SORT: Mapping[str, Any] = {
 
 
 def options_of(defaults: Mapping[str, Any], given: Mapping[str, Any]) -> EnvOptions:
-    """The options of an environment. Raises `InputError` for one that there is not."""
+    """The options of an environment. Raises `InputError` for an unknown option."""
     known = [field.name for field in fields(EnvOptions)]
     for name in given:
         if name not in known:
@@ -209,7 +209,7 @@ class _TableEnv(gymnasium.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode: that of `options["scenario"]`, or one that is drawn."""
+        """Begin an episode of `options["scenario"]`, or of a drawn scenario."""
         super().reset(seed=seed)
         given = own_option(options, "scenario")
         scenario = None if given is None else open_scenario(given)

@@ -1,7 +1,7 @@
 """The last minute of a table in memory: frames with their senders, beliefs, events, load.
 
 Frames are packed into a ring of bytes: objects would take ten times the memory, and the garbage
-collector would walk them. Nothing here grows: what is older than the ring holds is overwritten.
+collector would walk them. Nothing here grows: new frames overwrite the oldest.
 """
 
 import struct

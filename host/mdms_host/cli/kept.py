@@ -128,7 +128,7 @@ class Kept:
 
     @property
     def on_hangup(self) -> Callable[[], object] | None:
-        """What SIGHUP does to a service; None where there are no files to open again."""
+        """The reaction of a service to SIGHUP; None where there are no files to open again."""
         return None if self._files is None else self._ask_reopen
 
     def run_by(
@@ -189,7 +189,7 @@ def keeping(
     main: Main | None = None,
     array_file: Path | None = None,
 ) -> Iterator[Kept]:
-    """What a command keeps while it runs. Raises `CommandError`."""
+    """Keep the last minute, log files and reports while a command runs. Raises `CommandError`."""
     kept = Kept(scenario, layout, arguments, main=main, array_file=array_file)
     try:
         yield kept

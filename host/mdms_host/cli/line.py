@@ -99,7 +99,7 @@ def _check_same_table(recipe: str, scenario: Scenario, own: Scenario) -> None:
 
 
 def _without_job(scenario: Scenario) -> Scenario:
-    """The table of a scenario: what is left without its job."""
+    """The scenario without its job: the table alone."""
     return replace(
         scenario,
         title="",

@@ -132,10 +132,10 @@ def show_array(
 ) -> ExitCode:
     """Run the program again and again, as that is asked for, until Ctrl-C or the time limit.
 
-    With a line the program waits for Reset and Start. Raises NoBusError, DeviceGoneError,
-    PageError, LineError, OtherHostError, and `CommandError` for a program that has ended with a
-    fault. Raises `RunError` for one that has failed, or has not ended within the time limit, unless
-    a person has taken it over on the page.
+    With a line the program waits for Reset and Start. Raises `CommandError` for a program that has
+    ended with a fault. Raises `RunError` for a program that has failed or exceeds the time limit,
+    unless a person has taken it over on the page. Also raises NoBusError, DeviceGoneError,
+    PageError, LineError and OtherHostError.
     """
     belief, main = recipes.first
     layout = layout_of(belief.scenario, belief.cells)

@@ -60,7 +60,7 @@ class RotatingFile:
             self._fail(error)
 
     def flush(self) -> None:
-        """Have the system take what was written."""
+        """Hand the written lines to the operating system."""
         try:
             if self._file is not None:
                 self._file.flush()

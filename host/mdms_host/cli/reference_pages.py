@@ -255,8 +255,8 @@ An `await` takes as long as the table takes for it. A started routine goes on be
 is no clock and no thread in a program: use `table.sleep` and `table.now_s`. An impossible order is
 a `ProgramError`: catch it, or the program ends with it and all parcels are brought to rest.
 
-[Many parcels](parcels.md#programs) has what a table and a parcel offer. `mdms_array.tasks` has the
-tasks above as coroutines. [The reference](python.rst) has all of it with types and errors.
+[Many parcels](parcels.md#programs) lists the calls of a table and of a parcel. `mdms_array.tasks`
+has the tasks above as coroutines. [The reference](python.rst) has all of it with types and errors.
 """
 
 
@@ -384,7 +384,8 @@ writes another number into `ClientHeartbeat` at least twice a second. Its status
 `Exits`, `ExitsFull`, `Recipes`, `Parcels` (with `X`, `Y`, `Yaw`, `Kind`) and `Cells` (with
 `Enabled`) show the table. Events of the type `ParcelEvent` report parcels that are found, under
 way, arrived, left, refused or lost. A parcel that was found by mistake is withdrawn, and expected
-again. One that is unannounced is not expected any more: announce it again, if it has not come.
+again. The event `unannounced` says that a parcel is not expected any more. Announce it again, if it
+has not come.
 
 | variable | type | meaning |
 | --- | --- | --- |

@@ -59,8 +59,8 @@ class FiledTable:
 class FiledCell:
     """A cell of a file, settings in the integers of the wire.
 
-    Its place in the grid is its `number`, along x first, or its column and row, all from 1; without
-    either it is the one of its node id. Its `bus` is numbered from 0, and where there are several
+    Its place in the grid is its `number`, along x first, or its column and row, all from 1. Without
+    either its node id gives the place. Its `bus` is numbered from 0. Where there are several buses,
     each has node ids of its own.
     """
 
@@ -308,9 +308,9 @@ def placed_cells(
 ) -> tuple[FiledCell, ...]:
     """The cells on the bus of that channel, with their places, their neighbours and their parts.
 
-    Places, neighbours and turns to take over SYNC are the table's, whatever a cell's own settings
-    say. Places of wheels and sensors come from the table, unless a cell has its own. A file whose
-    table has no columns and rows leaves the cells as they are. Raises ArrayFileError.
+    Places, neighbours and turns to take over SYNC come from the table, and not from a cell's own
+    settings. Places of wheels and sensors come from the table, unless a cell has its own. A file
+    whose table has no columns and rows leaves the cells as they are. Raises ArrayFileError.
     """
     table = file.table
     on_bus = cells_on(file, channel, bus)

@@ -67,7 +67,10 @@ class ForeignStops:
         return sorted(self._has_supply)
 
     def emergency_stop(self, node_id: int) -> str | None:
-        """What the other cells say of it; None without one. A cell itself may measure wrongly."""
+        """The emergency stop that the other cells report; None without one.
+
+        A cell itself may measure wrongly.
+        """
         # Frames come in by another thread.
         others = dict(self._has_supply)
         others.pop(node_id, None)

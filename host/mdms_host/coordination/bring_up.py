@@ -33,7 +33,7 @@ _LED = frozenset((cia402.SWITCHED_ON, cia402.OPERATION_ENABLED))
 
 @dataclass(frozen=True, slots=True)
 class ExpectedCells:
-    """What a run writes to the cells of its layout, and asks them for.
+    """Settings that a run writes to the cells of its layout, and checks of these cells.
 
     `settings` are written to every cell, `own_settings` to the cell of that number besides. All
     other stored settings must be at their defaults. The cell of a number in `serials` must have

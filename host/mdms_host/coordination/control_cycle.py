@@ -116,8 +116,8 @@ class ControlCycle:
     def _braked_m_s(self, speed_m_s: Floats, steered_m_s: Floats | None, now_s: float) -> Floats:
         """The references of a hold: those of a program that steers, while its parcels may move.
 
-        After that, and without such a program, the speeds that wheels had shrink to 0. What a
-        reference has beyond the speed is a push: that would go on to turn the parcel.
+        After that, and without such a program, the speeds that wheels had shrink to 0. References
+        are not kept: their part beyond the speed is a push that would go on to turn the parcel.
         """
         if self._braking is None:
             self._braking = now_s, speed_m_s, np.zeros(speed_m_s.shape, dtype=bool)

@@ -131,7 +131,7 @@ class Recorder:
 
 
 def _flow_event(time_s: float, parcel: str, exit_name: str | None) -> Event:
-    """A parcel came, or left by an exit: the one that it was steered to."""
+    """A parcel came, or left by the exit that it was steered to."""
     if exit_name is None:
         return Event(time_s, "arrival", "came, as sensors show", parcel=parcel)
     return leaving(time_s, parcel, exit_name, wrong=False)

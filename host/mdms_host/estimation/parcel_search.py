@@ -162,7 +162,7 @@ class ParcelSearch:
     ) -> None:
         """A parcel that was found nowhere is where it was, or does not fit its given outline.
 
-        `shown` are sensors (S,) that show what has not been found.
+        `shown` are covered sensors (S,) that no found parcel explains.
         """
         for name in self._roll_call.absent:
             each = known[name]

@@ -107,7 +107,7 @@ class PresenceMap:
         return all(cell in self._ignored for cell in silent)
 
     def ignore(self, cells: Collection[int]) -> None:
-        """These cells (from 1) show nothing, whatever they report or have reported; others do."""
+        """Ignore all reports of these cells (from 1), earlier ones too; others count again."""
         self._ignored = cells
         self._counted[:] = True
         for cell in cells:

@@ -202,7 +202,7 @@ class TrackedParcel:
 
         `shown` is whether any sensor is covered where it is, or was, believed. Then a parcel that
         is doubtful or lost, or that stands at the edge, is still there: its place is not known to
-        the mm. One that was found past its gate is there too: none can lie where it has no support.
+        the mm. A parcel that was found past its gate is there too: none can lie without support.
         """
         if self.gate is None or self.place is None or self.last is None or self.expected:
             return False

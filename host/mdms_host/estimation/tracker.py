@@ -117,8 +117,8 @@ class Tracker:
         """Take an unknown thing for a parcel, which is then found there, if it has that outline.
 
         Raises KeyError if there is nothing of that name. Raises ValueError for a name that is taken
-        or that no parcel can have, for a thing that is just being named, and for a parcel that is
-        far larger than the thing: the search for it would stop the cycle.
+        or that no parcel can have, and for a thing that is just being named. It also refuses a
+        parcel that is far larger than the thing: the search for it would stop the cycle.
         """
         corners_m = self._unknowns.all[unknown].corners_m
         for each in self._known.values():
@@ -425,7 +425,7 @@ class Tracker:
         self._faulty += self._presence.judge(now_s, coverage.distance_m, other, self._alone)
 
     def _expect_obstacles(self, groups: tuple[Ints, ...], coverage: Coverage) -> None:
-        """What lay just beside a parcel before every cell had reported is an obstacle at once.
+        """A thing just beside a parcel from before all cells had reported is an obstacle at once.
 
         The parcel would be there before the thing has been steady long enough.
         """
@@ -447,8 +447,8 @@ class Tracker:
     def _is_anything_at(self, known: TrackedParcel, view: View | None, coverage: Coverage) -> bool:
         """Whether sensors are covered under a parcel, or where a lost one was believed last.
 
-        They are of two cells or more: one alone may be broken, and no parcel lies on one. What
-        another parcel covers there shows no lost one.
+        They are of two cells or more: one alone may be broken, and no parcel lies on one. Sensors
+        that another parcel explains do not show a lost one.
         """
         covered = self._presence.covered
         if view is not None:

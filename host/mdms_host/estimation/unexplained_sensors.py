@@ -92,7 +92,7 @@ class UnexplainedSensors:
         self._wakes.append((now_s, sensors))
 
     def left_standing(self, now_s: float, covered: Bools, changed_s: Floats) -> Iterator[Ints]:
-        """Sensors behind a parcel that has left, by what was believed, and that stands there yet.
+        """Covered sensors behind a parcel believed to have left, once none there changes any more.
 
         They show it no more: something lies there.
         """

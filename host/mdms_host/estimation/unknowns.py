@@ -30,7 +30,7 @@ _INSIDE_M = 0.002
 
 
 def containing_outline_m(covered_m: Floats, free_m: Floats, most_m: float) -> Floats:
-    """Corners of a convex outline of whatever covers the sensors (C, 2) but not (F, 2), (K, 2).
+    """Corners (K, 2) of a convex outline of a thing over the sensors (C, 2) but not (F, 2).
 
     It reaches no farther than `most_m` beyond the covered ones, where nothing shows how far.
     """
@@ -192,8 +192,8 @@ class Unknowns:
     ) -> None:
         """Take in the groups of covered sensors that nothing explains, and which sensors are free.
 
-        What lay over sensors that are `mute`, whose cells say nothing, lies there still. `heaps`
-        are groups that more than one parcel must cover, as bytes; `settled` is whether those that
+        Things over `mute` sensors lie there still: the cells of these say nothing. `heaps` are
+        groups that more than one parcel must cover, as bytes. `settled` is whether the parcels that
         are looked for have been tried on all groups.
         """
         left = self._matched(now_s, groups, free, mute)

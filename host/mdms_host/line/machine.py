@@ -364,7 +364,7 @@ class Machine:
             self.states.on(DONE, self._now_s())
 
     def _end_orders(self) -> None:
-        """The run has ended, if there was one; what is known of its parcels is not kept."""
+        """End the orders of the run, if there was one, and forget its parcels."""
         program = None if self._run is None else self._run.program
         if isinstance(program, TableProgram):
             self.orders.end_run(program.table.parcels, program.is_clear)
@@ -396,7 +396,7 @@ class Machine:
         return None
 
     def _ended(self, run: Coordinator | None, now_s: float) -> tuple[Command, str]:
-        """The machine's way on without a run, or with one that has failed."""
+        """The next command, with its reason: abort at a fault of the run, else stop."""
         fault = None if run is None else self._fault(run, now_s)
         if fault is not None:
             return Command.ABORT, fault
@@ -514,7 +514,7 @@ class Machine:
         }
 
     def shown(self) -> dict[str, Any]:
-        """What a person sees of it: state, reason, alarm, counters by name, and orders as rows."""
+        """The view for a person: state, reason and alarm, counters by name, and orders as rows."""
         states, figures = self.states, self.figures
         effective = effectiveness(states, figures, self._now_s(), self.ideal_per_hour)
         counters: list[tuple[str, str]] = [

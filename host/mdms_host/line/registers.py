@@ -164,8 +164,8 @@ _WRITTEN = {
 class PlantRegisters:
     """The registers of a plant; see `modbus.Registers`.
 
-    Answers are kept in the order book. So a client that goes on writing what it has written before
-    a restart gives no command and no request again.
+    Answers are kept in the order book, and survive a restart. A client that then repeats its old
+    registers gives no command and no request again.
     """
 
     def __init__(self, plant: Plant) -> None:

@@ -19,8 +19,8 @@ from mdms_protocol.neighbours.messages import Estimate, Lost, Page
 class HandlesLostCells(Protocol):
     """A program that must know which cells are lost.
 
-    Their wheels get no reference, whatever a program commands. A parcel on them drags them along,
-    against the friction of motors without power. Their sensors show nothing.
+    Their wheels get no reference, even if a program commands one. A parcel on them drags them
+    along, against the friction of motors without power. Their sensors show nothing.
     """
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:

@@ -121,9 +121,9 @@ def beside(
 ) -> dict[str, Floats]:
     """True poses by the names under which the host has those parcels.
 
-    Like parcels look alike to the host: it calls one that has come by the first free name of its
-    kind. So of each kind the true pose nearest to a belief has that belief's name. `believed` has
-    the poses (x, y, yaw) of parcels that have been found, and `true` of parcels on the table.
+    Like parcels look alike to the host: a newcomer gets the first free name of its kind. So of each
+    kind the true pose nearest to a belief has that belief's name. `believed` has the poses
+    (x, y, yaw) of parcels that have been found, and `true` of parcels on the table.
     """
     named = dict(true)
     ordered = sorted(ends.kinds, key=ends.kinds.__getitem__)

@@ -21,8 +21,8 @@ class LeaveError(Exception):
 class PageClient:
     """Messages on their way to one client: all messages in order, of snapshots the newest only.
 
-    It gets a snapshot when it has confirmed an earlier one (`seen`). So a slow client, or one that
-    does not look, costs nothing and holds nobody up.
+    It gets a snapshot when it has confirmed an earlier one (`seen`). So a slow or idle client costs
+    nothing and holds nobody up.
     """
 
     def __init__(self, name: str) -> None:

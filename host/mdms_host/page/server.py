@@ -39,10 +39,11 @@ _HTTP_PORT = 80
 
 @dataclass(frozen=True, slots=True)
 class AccessGate:
-    """The port and the address of an open page, and the token of those who may move something.
+    """The port and the address of an open page, and the token of clients that may move something.
 
-    A browser that a foreign site has send it here names that site as `Origin`, or, where the
-    site's name leads to this machine, as `Host`. An address in numbers leads nowhere else.
+    A foreign site may have a browser send requests here. The browser names that site as `Origin`.
+    Where the site's name leads to this machine, it names the site as `Host`. An address in numbers
+    leads nowhere else.
     """
 
     port: int

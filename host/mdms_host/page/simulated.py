@@ -93,7 +93,7 @@ class FaultsByHand:
         self._on_change()
 
     def let_go(self) -> None:
-        """Set down a lifted parcel at its place before; one that has tipped there stays off."""
+        """Set down lifted parcels at their places before; parcels that have tipped stay off."""
         for number, begun in list(self._begun.items()):
             if begun.ongoing.fault.kind == "lift" and not begun.by_itself:
                 self.end(EndFault(number))

@@ -211,7 +211,7 @@ class TableProgram:
         return self._traffic.reserved
 
     def set_goal(self, name: str, goal: GoalPose) -> None:
-        """Order a parcel to a place, whatever the program has ordered.
+        """Order a parcel to a place; this replaces any order of the program.
 
         Raises KeyError for a parcel that neither is on the table nor has a goal.
         """

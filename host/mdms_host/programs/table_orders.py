@@ -76,8 +76,8 @@ class Report:
 
     It is withdrawn if it was found by mistake: its identity is expected again. It is unannounced if
     its identity is not expected any more: announce it again, if it has not come. A parcel that was
-    lost, or has left otherwise than the plant wants, is `rejected`. One that lay there from a run
-    before has come then: it is not `new`.
+    lost, or has left otherwise than the plant wants, is `rejected`. A parcel that lay there from a
+    run before came in that run: it is not `new`.
     """
 
     event: str

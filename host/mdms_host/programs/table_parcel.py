@@ -25,7 +25,7 @@ class TableParcel:
     """A parcel on the table, by the `name` that it is called by until it has left.
 
     Its `kind`, `length_m` and `width_m` are as given; `is_round` is whether it is a disc,
-    `has_left` whether it has left. One that is `withdrawn` was found by mistake, and never came.
+    `has_left` whether it has left. A `withdrawn` parcel was found by mistake, and never came.
     """
 
     def __init__(self, name: str, kind: str, length_m: float, width_m: float, shape: str) -> None:

@@ -197,7 +197,7 @@ class Planner:
         kept: Mapping[str, Route],
         seed: int,
     ) -> Iterator[tuple[Mapping[str, PlanningProblem], Sequence[str], bool, Aside]]:
-        """Orders of planning: one that the layout is well-formed by, as given, and by chance.
+        """Orders of planning: first a well-formed one, then the given one, then random ones.
 
         Each comes with whether to keep to ways that are sure, as `Attempt` has it, and when others
         go aside for a parcel without a way. If no order works at first, parcels that cannot come to
@@ -263,8 +263,8 @@ class Planner:
     ) -> dict[str, Route]:
         """The routes of a plan from the parcels' present places, for others to be planned around.
 
-        `progress_m` is without those that are gone. If it has a parcel that is to be planned anew,
-        those that waited for it leave it time for its old way, so that it may find one.
+        `progress_m` is without those that are gone. It may have a parcel that is to be planned
+        anew. Parcels that waited for it leave it time for its old way, so that it may find one.
         """
         return retimed(plan.reservations, progress_m, now_s, self._ground.pace, self._margins.gap_s)
 

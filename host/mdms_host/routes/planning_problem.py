@@ -25,8 +25,8 @@ _WHOLE = 1e-9
 class RouteTask:
     """A parcel on the table, and its goal; without a goal it stays at its place.
 
-    `ahead` (K, 3) are poses that it passes whatever the plan, from its present place to the place
-    where it can stop; of a parcel at rest its pose alone. Goals are (x, y, yaw); a disc's yaw does
+    `ahead` (K, 3) are poses that it passes in any plan, from its present place to the place where
+    it can stop. For a parcel at rest it is its pose alone. Goals are (x, y, yaw); a disc's yaw does
     not matter. A parcel that `leaves` is taken off the table at its goal, `leaves_s` after it has
     come.
     """

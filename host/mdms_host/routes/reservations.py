@@ -1,4 +1,4 @@
-"""The order of parcels on each tile, whatever the clock says, and how far each may go now."""
+"""The order of parcels on each tile, independent of the clock, and how far each may go now."""
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping

@@ -1,4 +1,4 @@
-"""What simulated cells have stored, in a file that outlives them: settings, and their firmware."""
+"""The stored settings and firmware of simulated cells, in a file that outlives them."""
 
 import json
 import os

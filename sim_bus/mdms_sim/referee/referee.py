@@ -59,7 +59,7 @@ class Referee:
             judge.on_fault(fault, begins, now_ns)
 
     def measures_high(self, cell: int) -> None:
-        """A cell, from 0, measures the full supply from now on, whatever it is."""
+        """A cell, from 0, measures the full supply from now on, even when it is low."""
         self._wheels.measures_high(cell)
 
     def on_tick(self, now_ns: int, voltage_uv: Registers) -> None:

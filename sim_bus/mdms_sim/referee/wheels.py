@@ -206,7 +206,7 @@ class WheelReferee:
         self._deliver[frame.can_id](cell, frame.data)
 
     def measures_high(self, cell: int) -> None:
-        """A cell measures the full supply from now on, whatever it is."""
+        """A cell measures the full supply from now on, even when it is low."""
         self._measures_high.add(cell)
         self._load(cell)
 

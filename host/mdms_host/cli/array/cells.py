@@ -163,7 +163,10 @@ class _Stopped:
 
 
 def _stop_bus(bus: TableBus) -> _Stopped | LinkError:
-    """Turn everything off on a bus, and ask its cells who is beside them; or why that failed."""
+    """Turn everything off on a bus, and ask its cells for their neighbours.
+
+    Returns the error if the link fails.
+    """
     try:
         with open_links(bus.options) as (link, clock):
             report, model = stop_all(link, clock), StatusModel(asks_neighbours=True)

@@ -9,7 +9,7 @@ from mdms_host.cli.report_requests import ANSWER_S, ask, running
 
 
 def run(arguments: Namespace) -> ExitCode:
-    """Ask the only command that runs, or the one that was named, and print the folder."""
+    """Ask the named command, or the only one that runs, for a report; print its folder."""
     if not hasattr(socket, "AF_UNIX"):
         raise CommandError(
             "mdms report asks over a Unix socket, which this system has not; a report is written "

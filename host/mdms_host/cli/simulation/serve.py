@@ -242,7 +242,7 @@ def _keep_frames(simulation: Simulation, kept: Kept) -> None:
 
 
 def _kept(server: Server, kept: Kept, over: Callable[[], object]) -> Callable[[], object]:
-    """Look after what is kept, whenever somebody asks whether it is over."""
+    """`over`, which also looks after `kept` at each call."""
     kernel, world = server.simulation.kernel, server.simulation.world
 
     def looked() -> object:

@@ -1,14 +1,13 @@
 """Greatest speed of a parcel along its path, from which friction and motors can still stop it.
 
-Along a straight piece the path's acceleration s'' is bounded by the push of the wheels, whatever
-the speed (up to the cap). Let E(s) be the integral of that bound. A parcel at rest at s0 has at
-most s'^2 = 2 (E(s) - E(s0)) later. A parcel that stops at s1 has at most s'^2 = 2 (E(s1) - E(s))
-before. These are the two passes of time-optimal path parameterisation (Bobrow; Shin and McKay;
-TOPP-RA).
+Along a straight piece the push of the wheels bounds the path's acceleration s'', at any speed up to
+the cap. Let E(s) be the integral of that bound. A parcel at rest at s0 has at most
+s'^2 = 2 (E(s) - E(s0)) later. A parcel that stops at s1 has at most s'^2 = 2 (E(s1) - E(s)) before.
+These are the two passes of time-optimal path parameterisation (Bobrow; Shin and McKay; TOPP-RA).
 
 The reference (s, s') is the wanted place of a parcel on its path, and its speed. It starts at the
-parcel's place, speeds up as the profile's bounds allow, and can at any time stop before the
-movement authority, the path coordinate up to which the way is free.
+parcel's place, and speeds up as the profile's bounds allow. It can at any time stop before the
+movement authority: the path coordinate up to which the way is free.
 """
 
 from bisect import bisect_right
@@ -28,8 +27,8 @@ from mdms_model.arrays import Floats
 class SpeedProfile:
     """Bounds at samples (M,) of the path coordinate `s_m`, rising; corners are among them.
 
-    `acceleration_m_s2` (M - 1,) is the bound between two samples, for starting and stopping alike,
-    `cap_m_s` (M,) that of the speed. `pushes` are the parts of the samples, each as
+    `acceleration_m_s2` (M - 1,) is the bound between two samples, for starting and stopping alike.
+    `cap_m_s` (M,) is the bound of the speed. `pushes` are the parts of the samples, each as
     (index of its first sample, shares). The parcel rests at the path's ends and corners.
     """
 

@@ -175,7 +175,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others: ways lead around them, if any do.
 
-        A parcel on its way to one that is lost now comes to rest, and goes on by another way.
+        A parcel on its way to a newly lost cell comes to rest, and goes on by another way.
         """
         lost = self._dispatch.close(cells)
         for ride in self._rides.values():

@@ -34,7 +34,7 @@ def push(scene: Scene, p: int, impulse_n_s: tuple[float, float], twist_nms: floa
 def lift(scene: Scene, p: int) -> None:
     """Take parcel p off the table: it stands still there, touches nothing and covers no sensor.
 
-    One that has tipped is upright in the hand.
+    A tipped parcel is upright in the hand.
     """
     now = scene.state.parcels[p]
     now.lifted += 1
