@@ -3,8 +3,7 @@
 from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from difflib import get_close_matches
-from math import inf, isfinite, isnan
-from numbers import Real
+from math import inf
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,7 +15,13 @@ from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Condition, Script, ScriptTask, until
 from mdms_host.programs.table_orders import TableOrders
-from mdms_host.programs.table_parcel import Newcomer, Newcomers, ProgramError, TableParcel
+from mdms_host.programs.table_parcel import (
+    Newcomer,
+    Newcomers,
+    ProgramError,
+    TableParcel,
+    number_of,
+)
 from mdms_model.arrays import Floats
 
 __all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
@@ -144,7 +149,7 @@ class Table:
         if newcomer.length_m is None:
             raise ProgramError(f"{newcomer.name} needs a size to be announced")
         if near_m is not None:
-            _check_numbers(newcomer.name, x_m=near_m[0], y_m=near_m[1])
+            near_m = _place_of(newcomer.name, *near_m)
         self._taken_in().announce(newcomer, near_m)
         self.expects = True
 
@@ -171,8 +176,8 @@ class Table:
 
     async def sleep(self, seconds: float) -> None:
         """Let so much time of the array pass, a cycle at least. Raises ProgramError for no time."""
-        if not isinstance(seconds, Real) or isnan(seconds):
-            raise ProgramError(f"sleep is given {seconds!r}, but must be a number of seconds")
+        if seconds != inf:
+            seconds = number_of(seconds, "the time to sleep [s]")
         begun_s = self.now_s
         # Cycles add up to a time by rounding only.
         await until(lambda: self.now_s > begun_s and self.now_s >= begun_s + seconds - 1e-9)
@@ -266,7 +271,9 @@ class Table:
     async def _move(
         self, parcel: TableParcel, x_m: float, y_m: float, yaw_rad: float | None
     ) -> None:
-        _check_numbers(parcel.name, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad or 0.0)
+        x_m, y_m = _place_of(parcel.name, x_m, y_m)
+        if yaw_rad is not None:
+            yaw_rad = number_of(yaw_rad, f"yaw_rad of {parcel.name}")
         if parcel.is_round and yaw_rad:
             raise ProgramError(f"{parcel.name} is round: no sensor shows how it is turned")
         await self._order(parcel, GoalPose(x_m, y_m, None if parcel.is_round else yaw_rad))
@@ -402,11 +409,8 @@ class TableDriver:
         self.table._waiting_under(name).append(value)
 
 
-def _check_numbers(name: str, **values: object) -> None:
-    """Raises ProgramError for values that are no numbers: they would break the table's cycle."""
-    for key, value in values.items():
-        if not (isinstance(value, Real) and isfinite(value)):
-            raise ProgramError(f"{key} of {name} is {value!r}, but must be a number")
+def _place_of(name: str, x_m: object, y_m: object) -> tuple[float, float]:
+    return number_of(x_m, f"x_m of {name}"), number_of(y_m, f"y_m of {name}")
 
 
 def _check_done(order: Order) -> None:

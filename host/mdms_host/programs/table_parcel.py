@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite, nan
 from numbers import Real
 from typing import Any, Protocol
 
@@ -83,6 +83,20 @@ class TableParcel:
         self._belief = belief
 
 
+def number_of(value: object, what: str, wanted: str = "a number") -> float:
+    """A finite number as a float; a cycle that reckons with anything else would break.
+
+    Raises ProgramError.
+    """
+    try:
+        number = float(value) if isinstance(value, Real) else nan
+    except OverflowError:
+        number = inf
+    if not isfinite(number):
+        raise ProgramError(f"{what} is {value!r:.40}, but must be {wanted}")
+    return number
+
+
 @dataclass(frozen=True, slots=True)
 class Newcomer:
     """A parcel that was not in the scenario, and the `name` that it gets.
@@ -101,8 +115,12 @@ class Newcomer:
     def __post_init__(self) -> None:
         for key in ("length_m", "width_m", "mass_kg"):
             value = getattr(self, key)
-            if value is not None and not (isinstance(value, Real) and 0.0 < float(value) < inf):
+            if value is None:
+                continue
+            number = number_of(value, f"{key} of {self.name}", "above 0")
+            if number <= 0.0:
                 raise ProgramError(f"{key} of {self.name} is {value!r}, but must be above 0")
+            object.__setattr__(self, key, number)
         least_kg, most_kg = MASS["at_least"], MASS["at_most"]
         if self.mass_kg is not None and not least_kg <= self.mass_kg <= most_kg:
             raise ProgramError(

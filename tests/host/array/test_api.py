@@ -171,7 +171,7 @@ def test_a_program_by_hand_that_awaits_what_no_table_knows_fails_at_once():
     with mdms.virtual("array18") as table:
         with pytest.raises(mdms.Error, match="awaits int, but a program waits only for its table"):
             table.run(main)
-        with pytest.raises(mdms.ProgramError, match="sleep is given nan"):
+        with pytest.raises(mdms.ProgramError, match=r"time to sleep \[s\] is nan, but must be"):
             table.run(sleeps_for_no_time, limit_s=1.0)
 
 

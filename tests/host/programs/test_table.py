@@ -1,5 +1,8 @@
 """The calls of a table that programs use, and the times at which programs go on."""
 
+from fractions import Fraction
+
+import numpy as np
 import pytest
 from tests.host.programs.hands import Stage
 
@@ -85,7 +88,8 @@ def test_a_refusal_can_be_caught_or_ends_the_program_in_order():
         stage.refuse("box 1", "box 1 is lost")
         stage.run(0.3)
     assert stages[0].program.finished
-    told = "the program was broken off: box 1 is lost, in careless (test_table.py, line 80)"
+    line = careless.__code__.co_firstlineno + 1
+    told = f"the program was broken off: box 1 is lost, in careless (test_table.py, line {line})"
     assert stages[1].program.stuck == told
     assert stages[1].hands.stopped
     assert stages[1].program.take_notices() == [told]
@@ -109,7 +113,17 @@ def test_a_missing_parcel_is_named(wish, text):
         raise AssertionError(stage.program.stuck)
 
 
-@pytest.mark.parametrize("place", [(float("nan"), 0.0), ("0.1", 0.0), (0.0, 0.0, float("inf"))])
+@pytest.mark.parametrize(
+    "place",
+    [
+        (float("nan"), 0.0),
+        ("0.1", 0.0),
+        (0.0, 0.0, float("inf")),
+        (0.0, 0.0, ""),
+        (0.0, 0.0, []),
+        (10**400, 0.0),
+    ],
+)
 def test_a_place_that_is_no_number_is_refused_before_the_cycle_reckons_with_it(place):
     refused = []
 
@@ -123,6 +137,17 @@ def test_a_place_that_is_no_number_is_refused_before_the_cycle_reckons_with_it(p
     stage.run()
     assert stage.log == []
     assert refused[0].endswith("must be a number")
+
+
+def test_a_number_of_any_type_is_a_float_in_the_cycle():
+    async def main(table):
+        await table["box 1"].move(Fraction(1, 10), np.float32(0.5), Fraction(1, 4))
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run()
+    goal = stage.hands.orders["box 1"].goal
+    assert [type(each) for each in (goal.x_m, goal.y_m, goal.yaw_rad)] == [float] * 3
+    assert (goal.x_m, goal.y_m, goal.yaw_rad) == (0.1, 0.5, 0.25)
 
 
 def test_an_error_of_the_programs_own_ends_it_and_is_named_with_its_place():
