@@ -27,8 +27,10 @@ CREATE INDEX orders_by_state ON orders (state);
 CREATE TABLE machine (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 """
 _FIELDS = ("key", "parcel", "exit", "x_m", "y_m", "yaw_rad", "priority")
-#: Closed orders are kept so long, and answer a client that sends them again [s].
+#: Closed orders are kept so long, and answer a client that sends them again [s]. The newest orders
+#: are kept in any case: the clock of a host may be wrong by years until its network is there.
 KEPT_S = 7 * 86400.0
+KEPT = 10_000
 #: How an event of a parcel changes its order.
 _STATES = {
     "accepted": OrderState.ACCEPTED,
@@ -96,8 +98,9 @@ class OrderBook:
         )
         closed = ", ".join("?" * len(CLOSED))
         self._connection.execute(
-            f"DELETE FROM orders WHERE state IN ({closed}) AND changed_unix_s < ?",
-            (*CLOSED, now_s - KEPT_S),
+            f"DELETE FROM orders WHERE state IN ({closed}) AND changed_unix_s < ? "
+            "AND rowid <= (SELECT MAX(rowid) FROM orders) - ?",
+            (*CLOSED, now_s - KEPT_S, KEPT),
         )
         self._connection.execute("COMMIT")
 
@@ -199,10 +202,7 @@ class OrderBook:
 
     def in_state(self, state: OrderState) -> Iterator[LineOrder]:
         """All orders in a state, in the order of their acceptance, as the disk has them."""
-        query = (
-            f"SELECT {', '.join(_FIELDS)} FROM orders WHERE state = ? "
-            "ORDER BY accepted_unix_s, rowid"
-        )
+        query = f"SELECT {', '.join(_FIELDS)} FROM orders WHERE state = ? ORDER BY rowid"
         for row in self._connection.execute(query, (state,)).fetchall():
             yield LineOrder(*row)
 

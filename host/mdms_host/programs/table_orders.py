@@ -8,7 +8,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from math import hypot, pi, radians, remainder
+from math import hypot, isfinite, pi, radians, remainder
 from typing import TYPE_CHECKING, Any
 
 from mdms_host.motion.goal import GoalPose
@@ -67,6 +67,10 @@ class LineOrder:
             return "an order needs a key and a parcel"
         if (self.exit is None) == (self.x_m is None or self.y_m is None):
             return f"order {self.key}: give either exit, or x_m and y_m"
+        pose = {"x_m": self.x_m, "y_m": self.y_m, "yaw_rad": self.yaw_rad}
+        for name, value in pose.items():
+            if value is not None and not isfinite(value):
+                return f"order {self.key}: {name} is {value}, but must be a number"
         return None
 
 

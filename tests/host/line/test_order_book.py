@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from tests.host.line.played_table import full_disk
 
+from mdms_host.line import order_book
 from mdms_host.line.order_book import OrderBook, OrderBookError
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
@@ -40,9 +41,50 @@ def test_orders_without_a_key_or_with_two_goals_are_refused(tmp_path: Path) -> N
             LineOrder("", "P", "east"),
             LineOrder("k", "P"),
             LineOrder("k", "P", "e", 0, 0),
+            LineOrder("k", "P", x_m=float("nan"), y_m=0.0),
+            LineOrder("k", "P", x_m=0.0, y_m=float("inf")),
+            LineOrder("k", "P", x_m=0.0, y_m=0.0, yaw_rad=float("nan")),
         ):
             with pytest.raises(OrderBookError):
                 book.accept(order)
+
+
+def test_a_clock_that_is_set_repeats_no_order_and_changes_no_sequence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A host without a clock of its own begins in 1970, until its network has told the time."""
+    unix_s = [100.0]
+    monkeypatch.setattr(order_book, "time", lambda: unix_s[0])
+    with OrderBook(tmp_path / "book") as book:
+        book.accept(ORDER)
+        book.on_event("o1", "left")
+    unix_s[0] = 1.8e9
+    with OrderBook(tmp_path / "book") as book:
+        assert book.accept(ORDER) == (OrderState.LEFT, False)
+        book.accept(LineOrder("first", "P-2", "east"))
+        unix_s[0] -= 5.0
+        book.accept(LineOrder("second", "P-2", "north"))
+    with OrderBook(tmp_path / "book") as book:
+        waiting = [order.key for order in book.in_state(OrderState.ACCEPTED)]
+    assert waiting == ["first", "second"]
+
+
+def test_old_orders_are_forgotten_behind_many_newer_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unix_s = [1.7e9]
+    monkeypatch.setattr(order_book, "time", lambda: unix_s[0])
+    monkeypatch.setattr(order_book, "KEPT", 3)
+    with OrderBook(tmp_path / "book") as book:
+        for number in range(5):
+            book.accept(LineOrder(f"o{number}", "P-1", "east"))
+            book.on_event(f"o{number}", "left")
+    unix_s[0] += order_book.KEPT_S - 1.0
+    with OrderBook(tmp_path / "book") as book:
+        assert book.counts() == {OrderState.LEFT: 5}
+    unix_s[0] += 2.0
+    with OrderBook(tmp_path / "book") as book:
+        assert [book.state(f"o{number}") is None for number in range(5)] == [True] * 2 + [False] * 3
 
 
 def test_orders_under_way_are_in_doubt_after_the_host_has_ended(tmp_path: Path) -> None:
