@@ -263,6 +263,10 @@ class Axes:
         """Whether any motor is on."""
         return any(drive.state in DRIVING for drive in self._drives)
 
+    def follow(self):
+        """Whether any wheel follows its target."""
+        return any(drive.follows() for drive in self._drives)
+
     def guard(self, may_enable, on_enabled):
         """Enable an axis only while `may_enable()`, and call `on_enabled()` when one is enabled."""
         for drive in self._drives:

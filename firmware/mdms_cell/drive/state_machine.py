@@ -259,6 +259,11 @@ class Drive:
 
     @micropython.native
     def _aim(self):
+        target_um_s = self.target_um_s if self.follows() else 0
+        self.registers[self.base + speed_loop.TARGET] = target_um_s
+
+    @micropython.native
+    def follows(self):
+        """Whether the wheel follows its target: enabled, and not halted."""
         halted = self.controlword & cia402.CONTROL_HALT
-        driven = self.state == cia402.OPERATION_ENABLED and not halted
-        self.registers[self.base + speed_loop.TARGET] = self.target_um_s if driven else 0
+        return self.state == cia402.OPERATION_ENABLED and not halted

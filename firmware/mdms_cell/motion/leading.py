@@ -200,7 +200,10 @@ class Leading:
     def step(self, program, may_go, step_ms):
         """Lead the wheels for a beat; without `may_go` bring the parcel to rest, and switch off."""
         parcel, here, steering = self._parcel, self._place, self.steering
-        if not self._driving:
+        if self._driving and not self._axes.driving():
+            # A fault or another node has switched them off.
+            self._driving = False
+        if not self._driving or not self._axes.follow():
             self._join(may_go)
         steering.read(program)
         steering.find_wish(parcel, here.x_um, here.y_um)
@@ -232,7 +235,11 @@ class Leading:
         self._axes.lead(targets)
 
     def _join(self, may_go):
-        """Begin with the twist that the parcel has; a wheel without anywhere to go stays off."""
+        """Begin with the twist that the parcel has; a wheel without anywhere to go stays off.
+
+        Wheels that come back begin so too. Else they would start with the full speed of the
+        program under a parcel that stands, and it could not stand again where it has to.
+        """
         steering = self.steering
         going = may_go and not steering.arrived
         for axis in range(3):

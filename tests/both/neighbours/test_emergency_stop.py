@@ -1,6 +1,6 @@
 """The motors' supply goes while cells steer, and comes back: wheels wait for a command."""
 
-from layer_bench import NEIGHBOURS, NODE, Middle
+from layer_bench import NEIGHBOURS, NODE, Middle, targets_um_s
 
 from mdms_cell.drive import speed_loop
 from mdms_protocol import indices, pdo
@@ -11,6 +11,8 @@ SPEED_UM_S = 100_000
 SUPPLY_UV = 24_000_000
 BASES = (0, speed_loop.AXIS)
 UNDERVOLTAGE = 0x3220
+#: The program allows 0.44 m/s2: so much faster in each beat [um/s].
+STEP_UM_S = 4_400
 #: How long the button stays pressed [beats]: less than a rest, and more.
 PRESSED_BEATS = (20, 300)
 
@@ -242,3 +244,43 @@ def test_neighbours_whose_supply_is_gone_count_while_they_are_heard():
     # The six others say nothing, and count for 0.22 s.
     middle.beats(40, moving=True)
     assert middle.states() == [cia402.FAULT] * 2
+
+
+def pressed():
+    """The button was pressed under way, and is released."""
+    middle = moving()
+    middle.supply_uv = 0
+    middle.beats(300, moving=False)
+    middle.supply_uv = SUPPLY_UV
+    middle.beats(20, moving=False)
+    return middle
+
+
+def commanded(word):
+    """Another node has given this controlword under way."""
+    middle = moving()
+    middle.control(word)
+    return middle
+
+
+def test_wheels_that_come_back_begin_as_slowly_as_under_any_parcel_that_stands():
+    reset = (cia402.DISABLE_VOLTAGE, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON)
+    enabled = (cia402.SHUTDOWN, cia402.SWITCH_ON)
+    for stop, words in (
+        (pressed, reset),
+        (braking, reset),
+        (lambda: commanded(cia402.QUICK_STOP), enabled),
+        (lambda: commanded(cia402.SHUTDOWN), enabled),
+        (lambda: commanded(cia402.SWITCH_ON | cia402.CONTROL_HALT), enabled[1:]),
+    ):
+        middle = stop()
+        middle.beats(300, moving=False)
+        assert targets_um_s(middle) == (0, 0)
+        middle.control(*words)
+        before_um_s = 0
+        for _ in range(60):
+            middle.beat(moving=False)
+            target_um_s = targets_um_s(middle)[0]
+            assert target_um_s <= before_um_s + 2 * STEP_UM_S, words
+            before_um_s = target_um_s
+        assert before_um_s > 10 * STEP_UM_S

@@ -81,12 +81,14 @@ class Heard(NamedTuple):
 class NeighbourHost:
     """Brings up the cells of a layout and gives the boxes their identities, from 1.
 
-    `places` has the cells that are given another cell's place, by number.
+    `places` has the cells that are given another cell's place, by number. From `reset_s` on it
+    resets the faults of all drives and switches them on again.
     """
 
     layout: Layout
     boxes: Sequence[Box]
     places: Mapping[int, int] = field(default_factory=dict)
+    reset_s: float = math.inf
     wake_s: float = _BEGIN_S
     estimates: list[Heard] = field(default_factory=list)
     emergencies: list[tuple[float, int, bytes]] = field(default_factory=list)
@@ -99,6 +101,7 @@ class NeighbourHost:
         self._answered = [True for _ in buses]
         self._next_sync_s = math.inf
         self._beats = 0
+        self._reset_words = [cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON]
 
     def _settings(self, bus: int) -> Iterator[Frame]:
         for number, (its_bus, node_id) in enumerate(self._addresses, 1):
@@ -157,14 +160,18 @@ class NeighbourHost:
             alive = Frame(cob.HEARTBEAT_BASE + HOST_NODE, bytes((nmt.OPERATIONAL,)))
             yield from self._to_all(alive)
         if self._beats in (10, 12):
-            word = cia402.SHUTDOWN if self._beats == 10 else cia402.SWITCH_ON
-            for bus, node_id in self._addresses:
-                data = pdo.CONTROLWORD.encode((word, word))
-                yield bus, Frame(cob.RPDO_BASES[1] + node_id, data)
+            yield from self._control(cia402.SHUTDOWN if self._beats == 10 else cia402.SWITCH_ON)
+        if self.wake_s > self.reset_s and self._reset_words:
+            yield from self._control(self._reset_words.pop(0))
         if self._beats in _PAGES_BEATS:
             for identity, box in enumerate(self.boxes, 1):
                 for page in pages(identity, box):
                     yield from self._to_all(page)
+
+    def _control(self, word: int) -> Iterator[tuple[int, Frame]]:
+        data = pdo.CONTROLWORD.encode((word, word))
+        for bus, node_id in self._addresses:
+            yield bus, Frame(cob.RPDO_BASES[1] + node_id, data)
 
     def _to_all(self, frame: Frame) -> Iterator[tuple[int, Frame]]:
         return ((bus, frame) for bus in range(self.layout.bus_count))
@@ -345,13 +352,14 @@ def run(
     until_s: float,
     places: Mapping[int, int] | None = None,
     still_after_s: float = math.inf,
+    reset_s: float = math.inf,
 ) -> Run:
     """Run a scenario with cells that steer by themselves.
 
     It ends before `until_s` if nothing has moved for a while after `still_after_s`, which is
-    shorter where all have arrived.
+    shorter where all have arrived. All drives are reset from `reset_s` on.
     """
-    host = NeighbourHost(layout_of(scenario), boxes, places or {})
+    host = NeighbourHost(layout_of(scenario), boxes, places or {}, reset_s)
     with closing(open_bank("cpython", addresses_of(scenario).node_ids)) as bank:
         simulation = Simulation(scenario, bank, [host])
         time_s = still_s = 0.0

@@ -27,3 +27,14 @@ def test_a_box_at_the_highest_speed_of_the_wire_stands_before_another():
     finished = run(scenario_of([fast, other], 9, 3), [fast, other], 5.0)
     assert not finished.touches
     assert finished.is_held()
+
+
+def test_a_box_that_an_emergency_stop_has_held_begins_anew_and_stands_before_another():
+    # Its cells had gone on to reckon with the speed that they would have had by then.
+    box = Box((0.006, 0.0, 0.0), (0.42, 0.0, 0.0), speed_m_s=0.25, acceleration_m_s2=0.44)
+    other = Box((0.335, 0.0, 0.0), (0.335, 0.0, 0.0))
+    pressed = "{kind='supply', start_s=1.0, duration_s=1.0, brake=true}"
+    table = scenario_of([box, other], 9, 3, faults=[pressed])
+    finished = run(table, [box, other], 5.0, reset_s=2.5)
+    assert not finished.touches
+    assert finished.record.pose[-1, 0, 0] > box.start[0] + 0.02
