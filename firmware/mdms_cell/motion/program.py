@@ -150,7 +150,7 @@ class Program:
 
         Sequence numbers come round again after three legs, so they do not tell.
         """
-        if self.complete:
+        if self.has_goal:
             self._drop_from(_GOAL)
             self._look()
 

@@ -366,3 +366,66 @@ def test_goal_of_the_host_with_the_number_of_another_three_before_is_a_new_one()
         heartbeat(middle)
         middle.beat()
     assert targets_um_s(middle)[0] > 90_000
+
+
+class Lossy(Middle):
+    """A page of the parcel may get lost, and neighbours may not be at it yet."""
+
+    loses_parcel = quiet = False
+
+    def _estimate(self, direction):
+        return None if self.quiet else super()._estimate(direction)
+
+    def _page(self, fields):
+        if not (self.loses_parcel and fields[1] == wire.PARCEL):
+            super()._page(fields)
+
+
+def given_a_goal_alone(loses_parcel, quiet):
+    """The cell has the goal of a parcel far away; the page of the parcel may have been lost.
+
+    Another parcel is to go on without the host, which is gone then. The cells at the parcel may be
+    `quiet` meanwhile.
+    """
+    middle = Lossy(0)
+    middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+    middle._page((IDENTITY, wire.END, 1, 0, 0, 0, 0, 0, 0))
+    middle.sequence = middle.its_sequence = 2
+    middle.program_flags = wire.GO_ON
+    middle.x_um = -450_000
+    heartbeat(middle)
+    middle._page((9, wire.PARCEL, 1, wire.RECTANGLE, 1200, 1200, 44, 20, wire.GO_ON))
+    middle._page((9, wire.GOAL, 1, 4000, 0, 0, 0, 0, 0))
+    middle.loses_parcel = loses_parcel
+    middle._pages()
+    middle.loses_parcel, middle.quiet = False, quiet
+    run(middle, 80)
+    middle.quiet = False
+    middle.board.take()
+    return middle
+
+
+def fastest_as_it_comes(middle, beating):
+    """The parcel comes over the cell, and a neighbour hands on its page."""
+    middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
+    length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
+    parcel = (IDENTITY, wire.PARCEL, 2, wire.RECTANGLE, length, width, 44, 20, wire.GO_ON)
+    frame = bytearray(8)
+    wire.pack_program(array("i", parcel), 0, frame)
+    fastest_um_s = 0
+    while middle.x_um < 60_000:
+        if beating:
+            heartbeat(middle)
+        middle.beat()
+        middle.board.take()
+        middle.cell.on_frame(cob.PROGRAM_BASE + NEIGHBOURS[4], bytes(frame), middle.now_ms)
+        fastest_um_s = max(fastest_um_s, *[abs(each) for each in targets_um_s(middle)])
+    return fastest_um_s
+
+
+def test_goal_of_before_moves_nothing_though_the_page_of_its_parcel_was_lost():
+    # The number of a goal comes round after three legs, so it does not tell.
+    for loses_parcel in (False, True):
+        for beating in (False, True):
+            middle = given_a_goal_alone(loses_parcel, quiet=not beating)
+            assert fastest_as_it_comes(middle, beating) == 0, (loses_parcel, beating)
