@@ -264,6 +264,9 @@ class Pages:
             program.take(page)
             if is_goal:
                 self._on_host_goal(program, again)
+            elif page[wire.PAGE] == wire.PARCEL and tracking.identity == identity:
+                # Another parcel of this number may be larger.
+                tracking.take_shape(program)
 
     def _on_host_goal(self, program, again):
         """Take a goal of the host, perhaps the same one again: it is the newest."""

@@ -33,6 +33,9 @@ class Middle:
     neighbours = NEIGHBOURS
     placed_x_um = -60_000
     placed_y_um = 0
+    #: The size of the parcel, and where it is to go [steps of the wire].
+    length_um, width_um = LENGTH_UM, WIDTH_UM
+    goal_x = 400
     #: How sure neighbours are of the parcel, as their estimates have it.
     certainty = 9
 
@@ -88,13 +91,13 @@ class Middle:
         assert self.board.take()[-1][1][0] == 0x60
 
     def _pages(self):
-        size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
+        size = (self.length_um // wire.STEP_UM, self.width_um // wire.STEP_UM)
         shape = wire.RECTANGLE
         number, flags = self.sequence, self.program_flags
         self._page((IDENTITY, wire.PARCEL, number, shape, size[0], size[1], 44, 20, flags))
         y = self.placed_y_um // wire.STEP_UM
         self._page((IDENTITY, wire.PLACE, 1, self.x_um // wire.STEP_UM, y, 0, 0, 0, 0))
-        self._page((IDENTITY, wire.GOAL, self.sequence, 400, 0, 0, 0, 0, 0))
+        self._page((IDENTITY, wire.GOAL, self.sequence, self.goal_x, 0, 0, 0, 0, 0))
 
     def _page(self, fields):
         frame = bytearray(8)
@@ -152,7 +155,7 @@ class Middle:
             return bits
         for sensor, (own_x, own_y) in enumerate(SENSORS_UM):
             along, across = abs(x_um + own_x - self.x_um), abs(y_um + own_y)
-            if along < LENGTH_UM // 2 and across < WIDTH_UM // 2:
+            if along < self.length_um // 2 and across < self.width_um // 2:
                 bits |= 1 << sensor
         return bits
 

@@ -459,6 +459,30 @@ def test_parcel_that_comes_within_6_mm_of_another_asks_for_the_cells_of_that():
         assert estimates(middle)[-1][wire.WANTS] & in_the_east == asked
 
 
+class Westward(Middle):
+    """A small parcel that covers no square in the east, where it does not go either."""
+
+    length_um, width_um = 200_000, 200_000
+    goal_x = -800
+
+
+def test_parcel_page_with_a_larger_size_has_the_cell_ask_for_the_cells_under_that():
+    for is_ended in (True, False):
+        middle = Westward(0)
+        middle.length_um, middle.width_um = LENGTH_UM, WIDTH_UM
+        middle.sequence = middle.its_sequence = 2
+        if is_ended:
+            middle._page((IDENTITY, wire.END, 1, 0, 0, 0, 0, 0, 0))
+        middle._pages()
+        # The eastern cell is promised to nobody, and dead.
+        middle.silent = NEIGHBOURS[0]
+        estimates(middle)
+        run(middle, 60, moving=False)
+        last = estimates(middle)[-1]
+        assert last[wire.WANTS] & 1, is_ended
+        assert (last[wire.HOLD], targets_um_s(middle)) == (0, (0, 0)), is_ended
+
+
 def test_cell_whose_setting_is_written_while_it_is_operational_rests_and_begins_anew():
     middle = Middle()
     run(middle, 40)

@@ -35,6 +35,9 @@ class Stand:
     def next_leg(self):
         pass
 
+    def take_shape(self, _program):
+        pass
+
     def trigger(self, _number):
         self.sending = True
 

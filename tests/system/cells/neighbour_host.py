@@ -352,6 +352,7 @@ def run(
     until_s: float,
     places: Mapping[int, int] | None = None,
     still_after_s: float = math.inf,
+    *,
     reset_s: float = math.inf,
 ) -> Run:
     """Run a scenario with cells that steer by themselves.
