@@ -165,8 +165,11 @@ class TableProgram:
 
     @property
     def endless(self) -> bool:
-        """Whether it waits for events from outside, and would do so for ever."""
-        return self._failure is None and self.driver.waits_for_outside
+        """Whether it waits for events from outside, and would do so for ever.
+
+        Tasks that it has started and does not await do not count: it comes to its end without them.
+        """
+        return self._failure is None and self._task is not None and self._task.waits_for_outside
 
     @property
     def awaits(self) -> Collection[str]:

@@ -54,6 +54,27 @@ def until(condition: Condition) -> Generator[Condition, None, None]:
         yield condition
 
 
+class Outside:
+    """A condition that an event from outside fulfils, so the wait for it may have no end."""
+
+    def __init__(self, condition: Condition) -> None:
+        self._condition = condition
+
+    def __call__(self) -> bool:
+        """Whether the event has come."""
+        return self._condition()
+
+
+class _Done:
+    """The condition that a task is done."""
+
+    def __init__(self, task: "ScriptTask[Any]") -> None:
+        self.task = task
+
+    def __call__(self) -> bool:
+        return self.task.done
+
+
 class ScriptTask(Generic[Result]):
     """A coroutine that goes on by itself; its `await` returns its result or raises its error."""
 
@@ -70,8 +91,15 @@ class ScriptTask(Generic[Result]):
     def __await__(self) -> Generator[Condition, None, Result]:
         self.heed()
         while not self.done:
-            yield lambda: self.done
+            yield _Done(self)
         return self.result()
+
+    @property
+    def waits_for_outside(self) -> bool:
+        """Whether it waits for an event from outside, or for a task that does."""
+        if isinstance(self._condition, _Done):
+            return self._condition.task.waits_for_outside
+        return isinstance(self._condition, Outside) and not self.done
 
     @property
     def where(self) -> str:

@@ -13,7 +13,7 @@ from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import Condition, Script, ScriptTask, until
+from mdms_host.programs.script import Condition, Outside, Script, ScriptTask, until
 from mdms_host.programs.table_orders import TableOrders
 from mdms_host.programs.table_parcel import (
     Newcomer,
@@ -80,7 +80,6 @@ class Table:
         self._unknown: dict[str, tuple[Floats, Footprint]] = {}
         self._parcels: dict[str, TableParcel] = {}
         self._arrived: list[TableParcel] = []
-        self._waiting = 0
         self._signals: dict[str, deque[Any]] = {}
         self._takes_signals = True
 
@@ -240,11 +239,7 @@ class Table:
 
     async def _outside(self, condition: Condition) -> None:
         """Wait for an event from outside: a program that does has no end of its own."""
-        self._waiting += 1
-        try:
-            await until(condition)
-        finally:
-            self._waiting -= 1
+        await until(Outside(condition))
 
     def serve_orders(self) -> None:
         """Carry out the orders of the plant from now on, in the place of the program's own."""
@@ -318,11 +313,6 @@ class TableDriver:
         self.left: Counter[str] = Counter()
         self._flow: deque[tuple[str, str | None]] = deque(maxlen=_MOST_UNTAKEN)
         self._on_blocked: Callable[[str, float], object] = lambda _where, _took_s: None
-
-    @property
-    def waits_for_outside(self) -> bool:
-        """Whether anything in the program waits for a parcel, or for a signal."""
-        return self.table._waiting > 0
 
     @property
     def waits_at(self) -> tuple[str, ...]:

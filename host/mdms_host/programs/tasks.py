@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 
-from mdms_host.programs.script import ScriptTask, until
+from mdms_host.programs.script import Outside, ScriptTask, until
 from mdms_host.programs.table import Newcomer, ProgramError, Table, TableParcel
 
 __all__ = ["Buffer", "buffer", "merge", "name", "singulate", "sort", "swap", "transport"]
@@ -127,7 +127,7 @@ class Buffer:
 
         Returns it when it has left; its place is free as soon as it sets out.
         """
-        await until(lambda: self._wanted(name) is not None)
+        await until(Outside(lambda: self._wanted(name) is not None))
         wanted = self._wanted(name)
         assert wanted is not None
         _, place = self._waiting.pop(wanted.name)

@@ -48,6 +48,24 @@ def test_a_parcel_that_comes_is_returned_once_and_one_that_leaves_is_gone():
     assert not stage.program.finished
 
 
+def test_a_job_is_endless_by_what_it_waits_for_and_not_by_what_waits_beside_it():
+    async def listener(table):
+        await table.signal("button")
+
+    async def beside(table):
+        table.start(listener(table))
+        await table["box 1"].move(0.1, 0.0)
+
+    async def awaited(table):
+        await table.together(listener(table), table["box 1"].move(0.1, 0.0))
+
+    for main, endless in ((beside, False), (awaited, True)):
+        stage = Stage(main, lying=["box 1"])
+        stage.run(0.1)
+        assert stage.program.endless == endless
+        assert not stage.program.finished
+
+
 def test_time_is_the_cycles_own():
     times = []
 
