@@ -106,7 +106,7 @@ def operate_array(
         recent=None if keep is None else keep.recent,
         flow=flow_of(coordinator),
     )
-    with open_links(options, belief.channels) as (link, clock), _broken_off(keep, clock):
+    with open_links(options, belief.channels) as (link, clock), reported(keep, clock):
         if keep is not None:
             keep.counts = lambda: link.counts
         refuse_other_host(link, clock)
@@ -154,10 +154,17 @@ def flow_of(coordinator: Coordinator) -> Callable[[], list[tuple[str, str | None
 
 
 @contextmanager
-def _broken_off(keep: Keeps | None, clock: Clock) -> Iterator[None]:
-    """Say of an error that nobody expected what became of the array."""
+def reported(keep: Keeps | None, clock: Clock) -> Iterator[None]:
+    """Have a report written of a run that its device or a defect ends.
+
+    Raises `BrokenOffError` for a defect, when the array is off.
+    """
     try:
         yield
+    except DeviceGoneError as error:
+        if keep is not None:
+            keep.after_fault(clock.now_s(), str(error))
+        raise
     except (Error, OSError):
         raise
     except Exception as error:

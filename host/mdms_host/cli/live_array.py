@@ -10,7 +10,8 @@ from mdms_array.array import BelievedArray
 from mdms_array.bus_load import timing_of
 from mdms_array.figures import raise_for_end
 from mdms_array.host import coordinator_of, estimates_of, layout_of, parcels_of
-from mdms_array.operation import watch_program
+from mdms_array.operation import reported, watch_program
+from mdms_array.run import RunError
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, drive
 from mdms_host.can_link.links import open_links
@@ -158,7 +159,8 @@ def show_array(
         ):
             if not has_line(arguments):
                 slot.start()
-            incidents, attended_s, late = 0, clock.now_s(), False
+            incidents, attended_s = 0, clock.now_s()
+            verdict = Verdict(slot, table, recipes)
 
             def attended() -> None:
                 nonlocal incidents, attended_s
@@ -172,31 +174,72 @@ def show_array(
                 incidents = len(link.incidents)
                 attend()
                 watched.look(clock.now_s(), attend.line)
+                verdict.look()
 
             def over() -> bool:
-                nonlocal late
                 attended()
                 limited = arguments.limit is not None and clock.now_s() > arguments.limit
-                late = limited and _under_way(slot)
+                if limited:
+                    verdict.at_limit()
                 return limited or attend.failure is not None or pressed() is not None
 
-            _drive_and_end(slot, link, clock, over, attended)
+            with reported(kept, clock):
+                _drive_and_end(slot, link, clock, over, attended)
     if attend.failure is not None:
         raise attend.failure
     run = slot.coordinator
     if run is not None and run.fault is not None:
         raise CommandError(run.fault, ExitCode.NODE_FAULT)
-    if run is not None and run is not table.taken_over and (late or run.stuck is not None):
-        raise_for_end(recipes.jobs[recipes.running][0].scenario, run, late=late)
+    verdict.raise_error()
     return ExitCode.OK
 
 
-def _under_way(slot: RunSlot) -> bool:
-    """Whether a program was to end and has not; one that its line keeps standing may wait."""
-    run = slot.coordinator
-    if run is None or run.stopped or run.phase is Phase.KEEPING:
-        return False
-    return not (run.finished or run.endless)
+class Verdict:
+    """How the program of a slot has ended, as of a run without a page or a line.
+
+    It is judged when it finishes, and else at the time limit. A program that a person has taken
+    over or stopped is not judged, nor one that its line keeps standing.
+    """
+
+    def __init__(
+        self, slot: RunSlot, table: LiveTable, recipes: Recipes[tuple[BelievedArray, Main | None]]
+    ) -> None:
+        self._slot = slot
+        self._table = table
+        self._recipes = recipes
+        self._finished: Coordinator | None = None
+        self._judged: tuple[Coordinator, RunError | None] | None = None
+
+    def look(self) -> None:
+        """Judge a program that has finished just now."""
+        run = self._slot.coordinator
+        if run is not None and run is not self._finished and run.finished:
+            self._finished = run
+            self._judge(run, late=False)
+
+    def at_limit(self) -> None:
+        """Judge a program that the time limit ends."""
+        run = self._slot.coordinator
+        if run is not None and not (run.stopped or run.finished or run.phase is Phase.KEEPING):
+            self._judge(run, late=not run.endless)
+
+    def raise_error(self) -> None:
+        """Raise the `RunError` of the last program, if it has one."""
+        run = self._slot.coordinator
+        if run is None or run is self._table.taken_over:
+            return
+        if run.stuck is not None:
+            self._judge(run, late=False)
+        judged, error = self._judged or (None, None)
+        if judged is run and error is not None:
+            raise error
+
+    def _judge(self, run: Coordinator, *, late: bool) -> None:
+        self._judged = run, None
+        try:
+            raise_for_end(self._recipes.jobs[self._recipes.running][0].scenario, run, late=late)
+        except RunError as error:
+            self._judged = run, error
 
 
 def _opened(
@@ -275,6 +318,10 @@ def _drive_and_end(
             except DeviceGoneError:
                 if link.leave_gone():
                     _stop(slot, link, clock, ended)
+                raise
+            except Exception:
+                # A defect of the program's own leaves a host that can still brake.
+                _stop(slot, link, clock, ended)
                 raise
             _stop(slot, link, clock, ended)
     except DeviceGoneError:

@@ -6,14 +6,19 @@ from types import SimpleNamespace
 import pytest
 from tests.system.simulated_link import SimulatedLink
 
+from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.live_array import SUSPENDED_S
 from mdms_host.page.commands import Goal, StopAll
+from mdms_host.programs.traffic.by_host import TableTraffic
 from mdms_host.programs.traffic.planning import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob
 
 PROGRAM = 'SCENARIO = "array18"\nasync def main(table):\n    {does}\n'
+TO_AND_FRO = "for x_m in (0.1, -0.1): await table['box'].move(x_m, 0.0)"
 LIMIT_S = 4.0
 #: When somebody takes the run over: its cells are up.
 HAND_S = 2.0
@@ -24,6 +29,8 @@ class Hand:
 
     def __init__(self):
         self.command = None
+        #: Other settings of the table than the program's.
+        self.settings = []
 
     @contextmanager
     def opened_page(self, table, _arguments):
@@ -41,7 +48,8 @@ def hand(monkeypatch):
 
     @contextmanager
     def open_links(_options, _channels=()):
-        with SimulatedLink(load_scenario("array18", ["run.fidelity=firmware"])) as link:
+        settings = ["run.fidelity=firmware", *hand.settings]
+        with SimulatedLink(load_scenario("array18", settings)) as link:
             hand.link = link
             yield link, link
 
@@ -81,6 +89,62 @@ def test_a_page_changes_no_exit_code(tmp_path, capsys, page, case):
 def test_a_goal_that_is_missed_with_a_page_is_told(capsys):
     assert run("array18", "--set", "motion.speed_m_s=0.01", "--page", "0") == ExitCode.TIME_LIMIT
     assert "mdms: goal not reached: box is " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", [(), ("--page", "0")])
+def test_a_parcel_that_is_lost_is_told_though_its_job_has_no_end(tmp_path, capsys, hand, page):
+    hand.settings = ["fault=[{kind='lift', parcel='box', start_s=1.5}]"]
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM.format(does="await table.signal('button')"))
+    assert run(program, *page) == ExitCode.FAILURE
+    assert "mdms: lost: box since" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("page", [(), ("--page", "0")])
+def test_a_defect_ends_the_run_in_order_and_is_reported(tmp_path, capsys, hand, monkeypatch, page):
+    step, sent = TableTraffic.step, []
+
+    def broken(traffic, beliefs, step_s):
+        if hand.link.now_s() > HAND_S:
+            raise ValueError("a defect")
+        return step(traffic, beliefs, step_s)
+
+    def send(link, frame, until_s=None):
+        sent.append(frame)
+        link._mailbox.send(frame)
+
+    monkeypatch.setattr(TableTraffic, "step", broken)
+    monkeypatch.setattr(SimulatedLink, "send", send)
+    program = tmp_path / "program.py"
+    program.write_text(
+        PROGRAM.format(does="for x_m in (0.1, -0.1): await table['box'].move(x_m, 0.0)")
+    )
+    logs = tmp_path / "logs"
+    command = ["run", str(program), *page, "--limit", str(LIMIT_S), "--log-dir", str(logs)]
+    assert main(command) == ExitCode.FAILURE
+    told = "mdms: the run was broken off, and the array turned off: ValueError: a defect"
+    assert told in capsys.readouterr().err
+    words = [frame.data for frame in sent if frame.can_id & ~0x7F == cob.RPDO_BASES[1]]
+    assert pdo.CONTROLWORD.decode(words[-1]) == (cia402.DISABLE_VOLTAGE,) * 2
+    assert [*logs.glob("report-*")]
+
+
+@pytest.mark.parametrize("page", [(), ("--page", "0")])
+@pytest.mark.usefixtures("hand")
+def test_a_device_that_goes_away_is_reported(tmp_path, capsys, monkeypatch, page):
+    receive = SimulatedLink.receive
+
+    def gone(link, timeout_s, handle):
+        if link.now_s() > HAND_S:
+            raise DeviceGoneError("the adapter is gone")
+        receive(link, timeout_s, handle)
+
+    monkeypatch.setattr(SimulatedLink, "receive", gone)
+    logs = tmp_path / "logs"
+    slow = ["--set", "motion.speed_m_s=0.01"]
+    assert main(["run", "array18", *slow, *page, "--log-dir", str(logs)]) == ExitCode.NO_DEVICE
+    assert "the adapter is gone" in capsys.readouterr().err
+    assert [*logs.glob("report-*")]
 
 
 @pytest.mark.parametrize("command", [StopAll(), Goal("box", -0.09, 0.0, 0.0)])
