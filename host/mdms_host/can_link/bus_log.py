@@ -3,7 +3,7 @@
 import io
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -38,6 +38,8 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
                     )
                 if not (message.is_extended_id or message.is_remote_frame):
                     time_s = message.timestamp
+                    if not isfinite(time_s):
+                        raise InputError(f"{path}: not a candump log: a time is {time_s}")
                     # Logs of older runs begin at 0.
                     time_s -= START_S if time_s >= START_S else 0
                     yield time_s, Frame(message.arbitration_id, bytes(message.data))

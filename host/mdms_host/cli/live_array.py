@@ -23,6 +23,7 @@ from mdms_host.cli.options import AGAIN
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.operation import all_off
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.run_state import Phase
 from mdms_host.line.attached import Line, LineError
@@ -34,7 +35,6 @@ from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import Main
 from mdms_host.programs.traffic.planning import ThreadExecutor
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol.codecs import nmt
 
 
 class Attendants:
@@ -327,7 +327,7 @@ def _drive_and_end(
     except DeviceGoneError:
         raise
     except BaseException:
-        link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+        all_off(link)
         raise
 
 

@@ -101,7 +101,7 @@ def _operate(
     try:
         drive(participant, link, clock, lambda: not running())
     except KeyboardInterrupt:
-        _all_off(link)
+        all_off(link)
         raise
     except DeviceGoneError:
         if link.leave_gone():
@@ -185,14 +185,16 @@ def _turn_off(
             if not link.leave_gone():
                 raise
         except BaseException:
-            _all_off(link)
+            all_off(link)
             raise
     if gone is not None:
         raise gone
 
 
-def _all_off(link: AnyLink) -> None:
-    link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+def all_off(link: AnyLink) -> None:
+    """Take all cells out of 'operational'; nobody confirms that, so it is said three times."""
+    for _ in range(3):
+        link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
 
 
 def _ending(

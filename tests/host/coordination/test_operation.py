@@ -78,6 +78,25 @@ def test_a_cycle_that_was_broken_off_is_not_entered_again_and_cells_are_off(link
     assert [link.targets_um_s(cell) for cell in range(3)] == [[0, 0]] * 3
 
 
+def test_cells_are_off_after_a_cycle_that_was_broken_off_though_the_command_is_lost_twice(
+    link, monkeypatch
+) -> None:
+    program, send, lost = Broken(np.full(6, 0.05)), link.send, []
+
+    def lose(frame, until_s=None) -> None:
+        if program.steps == 20 and len(lost) < 2:
+            lost.append(frame)
+        else:
+            send(frame, until_s)
+
+    monkeypatch.setattr(link, "send", lose)
+    with pytest.raises(KeyboardInterrupt):
+        operate(Coordinator(LAYOUT, program), link, link, 10.0)
+    link.sleep(0.3)
+    assert len(lost) == 2
+    assert set(link.states.values()) == {nmt.PRE_OPERATIONAL}
+
+
 class HalfGone(CellsLink):
     """Two buses as one link: that of cell 3 loses its device, for which nothing gets through."""
 

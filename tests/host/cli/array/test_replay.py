@@ -230,7 +230,13 @@ def test_player_keeps_the_times_of_the_log():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"), [(None, "no such bus log"), ("no log\n", "not a candump log")]
+    ("text", "told"),
+    [
+        (None, "no such bus log"),
+        ("no log\n", "not a candump log"),
+        ("(nan) can1 080#\n", "not a candump log: a time is nan"),
+        ("(1e400) can1 080#\n", "not a candump log: a time is inf"),
+    ],
 )
 def test_log_that_is_none_is_refused(tmp_path, capsys, text, told):
     if text is not None:
