@@ -97,6 +97,7 @@ def test_parcel_needs_each_cell_that_it_is_over_or_would_be_over_where_it_stands
 def test_wheels_at_the_goal_hold_and_are_switched_off_once() -> None:
     told = []
     axes = SimpleNamespace(lead=lambda _: told.append("lead"), rest=lambda: told.append("rest"))
+    axes.driving = axes.follow = lambda: told[-1:] == ["lead"]
     place, tracking = SomePlace(), Tracking()
     place.x_um = place.y_um = 0
     belief, program = tracking.belief, Program()

@@ -254,6 +254,7 @@ def test_steering_fits_wherever_the_goal_is(goals, poses, place_um, limits, half
         beside = believed(RECTANGLE, (NEAR, -NEAR, 0), (half, half))
         here = SimpleNamespace(x_um=place_um[0], y_um=place_um[1], pitch_um=1_000_000)
         axes = SimpleNamespace(lead=lambda targets: None, rest=lambda: None)
+        axes.driving = axes.follow = lambda: True
         leading = Leading(here, cells, tracking, axes, lambda _direction, one=beside: one)
         worded(leading, Kept)
         steering = worded(leading.steering, Kept)
