@@ -33,6 +33,7 @@ from mdms_array.source import LONGEST_S, SHORTEST_S, Source, check_time, open_so
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
+from mdms_host.coordination.run_state import TROUBLED
 from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
@@ -212,6 +213,7 @@ def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
         return None
     troubles = coordinator.troubles
     stopped = "stopped by a person" if coordinator.stopped else None
+    held = troubles[-1][1] if troubles and coordinator.phase in TROUBLED else None
     return HostReport(
         goals=_poses(coordinator.goals),
         arrived=_poses(coordinator.arrived),
@@ -220,7 +222,7 @@ def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
             for name in coordinator.arrived
             if (pose := coordinator.estimate(name)) is not None
         },
-        reason=coordinator.fault or coordinator.stuck or coordinator.lost or stopped,
+        reason=coordinator.fault or coordinator.stuck or coordinator.lost or held or stopped,
         trouble_s=troubles[-1][0] if troubles else -inf,
         over=coordinator.finished and not coordinator.unsure,
     )
