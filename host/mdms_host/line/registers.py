@@ -4,6 +4,7 @@ The page `docs/line-registers.md` is made of the table. Numbers of two registers
 first. Texts are ASCII, two characters a register, filled up with 0.
 """
 
+import asyncio
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -76,6 +77,7 @@ _STATES = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in State)
 #: Numbers of order states, by their place here.
 ORDER_STATES = tuple(OrderState)
 _ORDER_STATES = ", ".join(f"{number} {each}" for number, each in enumerate(ORDER_STATES, 1))
+_REPEATED = "The last value is refused with other contents."
 ACCEPTED, KNOWN, REFUSED = 0, 1, 2
 ORDER, CANCEL, COMING, ASK, NOT_COMING = range(5)
 
@@ -122,11 +124,11 @@ MAP = (
     ),
     Register(100, "heartbeat", "Write another value at least every 0.5 s."),
     Register(101, "command", f"Command: {_COMMANDS}."),
-    Register(102, "command_counter", "Write another value to give the command."),
+    Register(102, "command_counter", "Write another value to give the command. " + _REPEATED),
     Register(105, "exits_full_set", "Write all full exits, exit 1 in bit 0."),
     Register(106, "mode_set", "Write a mode, in Stopped."),
     Register(107, "recipe_set", "Write a recipe, from 1, in Idle."),
-    Register(200, "request_counter", "Write another value to send the request below."),
+    Register(200, "request_counter", "Write another value to send the request below. " + _REPEATED),
     Register(
         201,
         "request",
@@ -159,23 +161,35 @@ _WRITTEN = {
     if register.value is None
     for address in range(register.address, register.address + register.words)
 }
+#: What each counter stands for: the registers of its command or request.
+_CONTENTS = {
+    "command_counter": slice(_AT["command"], _AT["command"] + 1),
+    "request_counter": slice(_AT["request"], _AT["parcel"] + TEXT_WORDS),
+}
 
 
 class PlantRegisters:
     """The registers of a plant; see `modbus.Registers`.
 
-    Answers are kept in the order book, and survive a restart. A client that then repeats its old
-    registers gives no command and no request again.
+    Answers are kept in the order book with what they answer, and survive a restart. A client that
+    then repeats its old registers gives no command and no request again. One that repeats a counter
+    for something else is refused: another client's answer would look like its own.
     """
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self._values = [0] * _SIZE
+        #: What was given last by each counter.
+        self._given: dict[str, list[int]] = {}
+        self._writing = asyncio.Lock()
         kept = plant.book.kept(_KEPT) or {}
         for each in ANSWERS:
             self._set(each.name, kept.get(each.name, 0))
         self._set("command_counter", self._value("command_answered"))
         self._set("request_counter", self._value("request_answered"))
+        for name, place in _CONTENTS.items():
+            if name in kept:
+                self._given[name] = self._values[place] = kept[name]
 
     def read(self, address: int, count: int) -> list[int]:
         """See `modbus.Registers`: addresses without a meaning are 0."""
@@ -193,7 +207,11 @@ class PlantRegisters:
             self._values[address + place] = value >> 16 * (words - 1 - place) & 0xFFFF
 
     async def write(self, address: int, values: list[int]) -> None:
-        """See `modbus.Registers`."""
+        """See `modbus.Registers`: one write after the other, from whichever client it comes."""
+        async with self._writing:
+            await self._write(address, values)
+
+    async def _write(self, address: int, values: list[int]) -> None:
         changed = {}
         for place, value in enumerate(values, address):
             if place not in _WRITTEN:
@@ -202,6 +220,7 @@ class PlantRegisters:
         mask = dict(enumerate(values, address)).get(_AT["exits_full_set"], 0)
         if mask >> min(len(self._plant.exits), MOST_EXITS):
             raise ModbusError(ILLEGAL_VALUE)
+        self._note_given(address, values, changed)
         self._values[address : address + len(values)] = values
         if changed.get(_AT["heartbeat"]):
             self._plant.beat(CLIENT)
@@ -218,6 +237,16 @@ class PlantRegisters:
             await self._command()
         if changed.get(_AT["request_counter"]):
             await self._request()
+
+    def _note_given(self, address: int, values: list[int], changed: dict[int, bool]) -> None:
+        """Note what the counters of a write give; one of before may only repeat what it gave."""
+        after = self._values.copy()
+        after[address : address + len(values)] = values
+        given = {name: after[_CONTENTS[name]] for name in _CONTENTS if _AT[name] in changed}
+        for name, contents in given.items():
+            if not changed[_AT[name]] and self._given.get(name, contents) != contents:
+                raise ModbusError(ILLEGAL_VALUE)
+        self._given |= {name: given[name] for name in given if changed[_AT[name]]}
 
     def _value(self, name: str) -> int:
         return self._values[_AT[name]]
@@ -267,7 +296,7 @@ class PlantRegisters:
 
     def _keep_answers(self) -> None:
         answers = {each.name: self._value(each.name) for each in ANSWERS}
-        self._plant.book.keep(_KEPT, answers)
+        self._plant.book.keep(_KEPT, answers | self._given)
 
     async def _requested(self, request: int) -> int:
         match request:

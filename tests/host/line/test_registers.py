@@ -3,10 +3,13 @@
 import asyncio
 from pathlib import Path
 
+import pytest
 from tests.host.line.played_table import full_disk, plant_in
 
+from mdms_host.line.modbus import ModbusError
+from mdms_host.line.order_book import OrderBook
 from mdms_host.line.packml import Command
-from mdms_host.line.registers import COMING, PlantRegisters
+from mdms_host.line.registers import ANY_YAW, COMING, ORDER, PlantRegisters
 
 COMMAND, REQUEST = 101, 200
 COMMAND_ANSWER, REQUEST_ANSWER = (103, 2), (224, 2)
@@ -43,6 +46,85 @@ def test_a_command_is_given_though_its_answer_cannot_be_kept(tmp_path: Path) -> 
             with full_disk():
                 await registers.write(COMMAND, [Command.STOP, 1])
             assert registers.read(*COMMAND_ANSWER) == [1, 0]
+            assert len(table.named("command")) == 1
+
+    asyncio.run(talk())
+
+
+def order(counter: int, key: bytes, parcel: bytes, exit: int = 1) -> list[int]:
+    """The registers of an order, from `request_counter` on."""
+    texts = key.ljust(16, b"\0") + parcel.ljust(16, b"\0")
+    words = [int.from_bytes(texts[place : place + 2], "big") for place in range(0, 32, 2)]
+    return [counter, ORDER, exit, 0, 0, 0, ANY_YAW, *words]
+
+
+def test_a_client_that_takes_the_counter_of_another_is_refused(tmp_path: Path) -> None:
+    hold, stop = [Command.HOLD, 6], [Command.STOP, 6]
+    mine, other = order(6, b"A", b"P-1"), order(6, b"B", b"P-2")
+
+    async def collide() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            registers = PlantRegisters(plant)
+            for address, given, refused in ((COMMAND, hold, stop), (REQUEST, mine, other)):
+                await registers.write(address, given)
+                with pytest.raises(ModbusError, match="exception 3"):
+                    await registers.write(address, refused)
+                assert registers.read(address, len(given)) == given
+                await registers.write(address, given)
+            # The same by single registers.
+            await registers.write(COMMAND, stop[:1])
+            with pytest.raises(ModbusError, match="exception 3"):
+                await registers.write(COMMAND + 1, stop[1:])
+            assert [each["command"] for each in table.named("command")] == [Command.HOLD]
+            assert [each["order"]["key"] for each in table.named("order")] == ["A"]
+            assert plant.book.state("B") is None
+
+    async def go_on() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            registers = PlantRegisters(plant)
+            for address, given, refused in ((COMMAND, hold, stop), (REQUEST, mine, other)):
+                await registers.write(address, given)
+                with pytest.raises(ModbusError, match="exception 3"):
+                    await registers.write(address, refused)
+            assert not table.named("command")
+            await registers.write(COMMAND, [Command.STOP, 7])
+            assert registers.read(*COMMAND_ANSWER) == [7, 0]
+
+    asyncio.run(collide())
+    asyncio.run(go_on())
+
+
+def test_a_client_that_waits_for_its_answer_gets_no_answer_of_another(tmp_path: Path) -> None:
+    async def talk() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            registers = PlantRegisters(plant)
+            table.refuses["command"] = "not possible in Stopped"
+            await registers.write(COMMAND, [Command.STOP, 1])
+            assert registers.read(*COMMAND_ANSWER) == [1, 2]
+            del table.refuses["command"]
+            write = asyncio.gather(
+                registers.write(COMMAND, [Command.HOLD, 2]),
+                registers.write(COMMAND, [Command.STOP, 2]),
+                return_exceptions=True,
+            )
+            first, second = await write
+            assert first is None
+            assert isinstance(second, ModbusError)
+            assert [each["command"] for each in table.named("command")] == [3, 4]
+
+    asyncio.run(talk())
+
+
+def test_a_book_of_before_that_has_answers_alone_is_gone_on_with(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "orders.sqlite") as book:
+        book.keep("modbus", {"command_answered": 5, "request_answered": 5})
+
+    async def talk() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            registers = PlantRegisters(plant)
+            await registers.write(COMMAND, [Command.RESET, 5])
+            assert not table.named("command")
+            await registers.write(COMMAND, [Command.RESET, 6])
             assert len(table.named("command")) == 1
 
     asyncio.run(talk())
