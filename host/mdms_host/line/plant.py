@@ -77,6 +77,8 @@ class Plant:
         self._kept_s = 0.0
         self._keeps = True
         self._choosing = asyncio.Lock()
+        #: What clients have set, by name, which a restart must not forget.
+        self._settings: dict[str, Any] = {}
 
     @property
     def out_by_exit(self) -> list[int]:
@@ -102,6 +104,7 @@ class Plant:
             modes = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in Mode)
             raise RequestRefusedError(f"mode {mode} is none; there are: {modes}")
         await self._ask("mode", mode=mode)
+        self._keep_settings(mode=mode)
 
     def beat(self, by: str) -> None:
         """A client lives."""
@@ -157,6 +160,8 @@ class Plant:
         if exit not in self.exits:
             raise RequestRefusedError(self._no_exit(exit))
         await self._ask("exit", exit=exit, full=full)
+        others = [each for each in self._settings.get("exits_full", []) if each != exit]
+        self._keep_settings(exits_full=sorted([*others, exit] if full else others))
 
     async def choose(self, recipe: str) -> None:
         """Have the next run follow a recipe, also after the host was killed.
@@ -182,6 +187,13 @@ class Plant:
         if not 0.0 <= per_hour <= 1e6:
             raise RequestRefusedError(f"{per_hour:g} parcels an hour is not 0 to 1000000")
         await self._ask("ideal", per_hour=per_hour)
+        self._keep_settings(ideal_per_hour=per_hour)
+
+    def _keep_settings(self, **changes: Any) -> None:
+        # Clients repeat settings, and each write takes the disk a while.
+        if self._settings != (settings := self._settings | changes):
+            self._settings = settings
+            self.book.keep("settings", settings)
 
     def _no_exit(self, exit: str) -> str:
         return f"no exit {exit!r:.40}; there are: {', '.join(self.exits) or 'none'}"
@@ -189,10 +201,17 @@ class Plant:
     # The table -----------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Give the table the orders, figures and recipe of before."""
+        """Give the table the orders, figures, recipe and settings of before."""
         kept = self.book.kept("machine")
         if kept is not None:
             self._tell("restore", **kept)
+        self._settings = self.book.kept("settings") or {}
+        for exit in self._settings.get("exits_full", []):
+            self._tell("exit", exit=exit, full=True)
+        if "mode" in self._settings:
+            self._tell("mode", mode=self._settings["mode"])
+        if "ideal_per_hour" in self._settings:
+            self._tell("ideal", per_hour=self._settings["ideal_per_hour"])
         recipe = self.book.kept("recipe")
         if recipe is not None:
             self._tell("chosen", recipe=recipe)

@@ -9,6 +9,8 @@ import pytest
 from tests.host.line.played_table import PlayedTable, full_disk, plant_in
 
 from mdms_host.line import plant as plants
+from mdms_host.line.order_book import OrderBook
+from mdms_host.line.packml import Mode
 from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder
 
@@ -84,3 +86,35 @@ def test_a_cancellation_that_cannot_be_kept_is_refused_until_it_is(tmp_path: Pat
         assert plant.book.state("o1") == "cancelled"
 
     with_plant(tmp_path, talk)
+
+
+def test_full_exits_the_mode_and_the_ideal_rate_hold_after_a_restart(tmp_path: Path) -> None:
+    async def set_all(plant: Plant, table: PlayedTable) -> None:
+        for exit, full in (("north", True), ("east", True), ("east", False)):
+            await plant.set_exit(exit, full)
+        await plant.change_mode(Mode.MAINTENANCE)
+        await plant.set_ideal(900.0)
+        table.refuses |= {"mode": "stop first", "exit": "it is busy"}
+        for refused in (plant.change_mode(Mode.PRODUCTION), plant.set_exit("north", full=False)):
+            with pytest.raises(RequestRefusedError):
+                await refused
+
+    async def begin(_plant: Plant, table: PlayedTable) -> None:
+        assert [(each["exit"], each["full"]) for each in table.named("exit")] == [("north", True)]
+        assert [each["mode"] for each in table.named("mode")] == [Mode.MAINTENANCE]
+        assert [each["per_hour"] for each in table.named("ideal")] == [900.0]
+
+    with_plant(tmp_path, set_all)
+    for _ in range(2):
+        with_plant(tmp_path, begin)
+
+
+def test_a_book_of_before_without_settings_begins_with_none(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "orders.sqlite") as book:
+        book.keep("machine", {"figures": {}, "spent_s": {}, "reason": ""})
+
+    async def begin(plant: Plant, table: PlayedTable) -> None:
+        assert [each["do"] for each in table.told] == ["restore"]
+        await plant.set_exit("north", full=True)
+
+    with_plant(tmp_path, begin)

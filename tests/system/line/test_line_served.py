@@ -126,6 +126,19 @@ def test_a_recipe_is_chosen_in_idle_alone_and_survives_a_kill(table: Table) -> N
     controller.until_state(STOPPED)
 
 
+def test_full_exits_and_maintenance_survive_a_kill(table: Table) -> None:
+    controller = table.controller()
+    controller.write(105, 0b001)
+    controller.write(106, 2)
+    table.kill()
+    table.start()
+    controller = table.controller()
+    controller.until(lambda: (*controller.read(2), *controller.read(6)) == (2, 0b001))
+    assert not controller.command(1)
+    controller.write(106, 1)
+    assert controller.command(1)
+
+
 @needs_node
 def test_modbus_serial_brings_a_parcel_to_its_exit(table: Table) -> None:
     command = [str(NODE), str(HERE / "modbus_client.js"), str(table.ports["modbus"])]
