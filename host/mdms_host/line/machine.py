@@ -264,7 +264,10 @@ class Machine:
         else:
             doubtful = self.orders.in_doubt.pop(values["key"], None)
             if doubtful is None and not self.orders.cancel(values["key"]):
-                raise ProgramError(f"order {values['key']} is under way, or over: hold or stop")
+                raise ProgramError(
+                    f"order {values['key']} is under way, or over: it can be cancelled while its "
+                    "parcel waits before a full exit; else hold or stop"
+                )
 
     def _set_exit(self, name: str, full: bool) -> None:
         if name not in self.exits:

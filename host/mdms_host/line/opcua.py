@@ -163,7 +163,12 @@ LINE_METHODS = (
         "accept an order once by its key: the parcel goes to a pose [m, rad]; yaw NaN: as it comes",
     ),
     LineMethod("GetOrder", (("Key", _TEXT),), (("State", _TEXT), ("Text", _TEXT)), "how it stands"),
-    LineMethod("CancelOrder", (("Key", _TEXT),), (), "drop an order not begun, or in doubt"),
+    LineMethod(
+        "CancelOrder",
+        (("Key", _TEXT),),
+        (),
+        "drop an order not begun, in doubt, or whose parcel waits before a full exit",
+    ),
     LineMethod(
         "ParcelComing", (("Parcel", _TEXT), ("Kind", _TEXT)), (), "identity and kind by the scanner"
     ),

@@ -127,16 +127,16 @@ class Plant:
         return state, is_new
 
     async def cancel(self, key: str) -> None:
-        """Cancel an order that has not begun, or is in doubt. Raises `RequestRefusedError`."""
+        """Cancel an order that has not begun, waits before a full exit, or is in doubt.
+
+        Raises `RequestRefusedError`.
+        """
         state = self.book.state(key)
-        if state in (OrderState.ACCEPTED, OrderState.IN_DOUBT):
+        if state in (OrderState.ACCEPTED, OrderState.UNDER_WAY, OrderState.IN_DOUBT):
             await self._ask("cancel", key=key)
         elif state != OrderState.CANCELLED:
             raise RequestRefusedError(
-                f"order {key} is {state}: only orders that have not begun, or are in doubt, are "
-                "cancelled"
-                if state
-                else f"there is no order {key}"
+                f"order {key} is {state}, and over" if state else f"there is no order {key}"
             )
         self.book.change(key, OrderState.CANCELLED)
         if self.book.trouble is not None:

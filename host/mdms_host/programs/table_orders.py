@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import until
+from mdms_host.programs.script import ScriptTask, until
 from mdms_host.programs.table_parcel import Leave, Move, ProgramError, TableParcel
 
 if TYPE_CHECKING:
@@ -121,7 +121,10 @@ class TableOrders:
         self._runs = False
         self._under_way: dict[str, tuple[LineOrder, TableParcel]] = {}
         self._reports: deque[Report] = deque(maxlen=_MOST_REPORTS)
-        self._waiting: set[str] = set()
+        #: Orders of parcels that wait before a full exit, to the places where they do.
+        self._waiting: set[Order] = set()
+        #: What carries the order of a parcel out, by its name.
+        self._tasks: dict[str, ScriptTask[None]] = {}
         self._serves = False
         #: Parcels that the plant has brought to where they are.
         self._arrived: dict[str, TableParcel] = {}
@@ -135,10 +138,20 @@ class TableOrders:
         self.open[order.key] = order
 
     def cancel(self, key: str) -> bool:
-        """Drop an order that has not begun; returns whether it was dropped."""
-        under_way = any(order.key == key for order, _ in self._under_way.values())
-        if key not in self.open or under_way:
+        """Drop an order that has not begun, or whose parcel waits before its full exit.
+
+        Returns whether it was dropped. Such a parcel stands there, until it is ordered elsewhere.
+        """
+        order = self.open.get(key)
+        if order is None:
             return False
+        for name, (each, _) in list(self._under_way.items()):
+            if each.key == key:
+                # Of an exit that has just become free, the parcel is about to leave.
+                if name not in self.waiting or order.exit not in self.full:
+                    return False
+                del self._under_way[name]
+                self._tasks.pop(name).cancel()
         del self.open[key]
         return True
 
@@ -212,6 +225,7 @@ class TableOrders:
         self._passed_on = None
         # Tasks of the run that are dropped later clean up their own set.
         self._waiting = set()
+        self._tasks.clear()
         self._arrived.clear()
         self._refused.clear()
         self._serves = False
@@ -242,7 +256,7 @@ class TableOrders:
     @property
     def waiting(self) -> frozenset[str]:
         """Names of parcels that wait for a full exit."""
-        return frozenset(self._waiting)
+        return frozenset(order.parcel for order in self._waiting)
 
     @property
     def is_any_under_way(self) -> bool:
@@ -329,7 +343,7 @@ class TableOrders:
         identity = self.identities.pop(parcel.name, None)
         if identity is not None and kind is not None:
             self._expected.appendleft((identity, kind))
-        self._waiting.discard(parcel.name)
+        self._wait_no_more(parcel)
         self._refused.discard(parcel.name)
 
     def on_left(self, parcel: TableParcel, exit: str | None) -> None:
@@ -352,7 +366,7 @@ class TableOrders:
         self.identities.pop(parcel.name, None)
         self._unscanned.pop(parcel.name, None)
         self._announced.pop(parcel.name, None)
-        self._waiting.discard(parcel.name)
+        self._wait_no_more(parcel)
         self._arrived.pop(parcel.name, None)
 
     async def serve(self, table: "Table", move: Move, leave: Leave) -> None:
@@ -364,7 +378,8 @@ class TableOrders:
                 order = self.order_for(parcel)
                 if order is not None and parcel.found and parcel.name not in self._under_way:
                     self._under_way[parcel.name] = order, parcel
-                    table.start(self._carry_out(parcel, order, move, leave))
+                    task = table.start(self._carry_out(parcel, order, move, leave))
+                    self._tasks[parcel.name] = task
             await table.sleep(0.0)
 
     def _confirm(self, parcel: TableParcel) -> None:
@@ -441,12 +456,15 @@ class TableOrders:
         A parcel that has no way there waits where it is.
         """
         order, waiting = give(_before(parcel, gate)), self._waiting
-        waiting.add(parcel.name)
+        waiting.add(order)
         try:
             await until(lambda: gate.name not in self.full or order.replaced or parcel.has_left)
         finally:
-            waiting.discard(parcel.name)
+            waiting.discard(order)
         return order
+
+    def _wait_no_more(self, parcel: TableParcel) -> None:
+        self._waiting.difference_update([o for o in self._waiting if o.parcel == parcel.name])
 
     def _must_wait(self, parcel: TableParcel, gate: Gate) -> bool:
         """Whether a parcel that is not yet at its exit has to stop before it."""

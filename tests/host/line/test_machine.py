@@ -128,6 +128,63 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) ->
     assert line.state is State.EXECUTE
 
 
+@pytest.fixture
+def waiting(line) -> VirtualLine:
+    """A line in Suspended: the box P-1 waits before the full exit north, by its order."""
+    line.do("exit", exit="north", full=True)
+    line.do("coming", parcel="P-1", kind="box")
+    line.do("order", **order("o1", "P-1", exit="north"))
+    line.bring_to_execute()
+    line.until_state(State.SUSPENDED, 40.0)
+    return line
+
+
+def test_a_parcel_before_a_full_exit_follows_its_next_order_once_that_is_cancelled(waiting) -> None:
+    waiting.do("order", **order("o2", "P-1", exit="south", priority=9))
+    waiting.pass_s(1.0)
+    assert (waiting.state, waiting.of_order("o2")) == (State.SUSPENDED, [])
+    waiting.do("cancel", key="o1")
+    with pytest.raises(ProgramError, match="o1 is under way, or over"):
+        waiting.do("cancel", key="o1")
+    waiting.until(lambda: "left" in waiting.of_order("o2"), 20.0)
+    assert waiting.of_order("o1") == ["under way"]
+    assert waiting.of_order("o2") == ["under way", "left"]
+    assert waiting.machine.figures.out["south"] == 1
+    left = next(report for report in waiting.reports if report.event == "left")
+    assert not left.rejected
+    with pytest.raises(ProgramError, match="o2 is under way, or over"):
+        waiting.do("cancel", key="o2")
+
+
+@pytest.mark.parametrize(("first", "exit"), [("free", "north"), ("cancel", "east")])
+def test_of_a_free_exit_and_a_cancellation_in_one_cycle_the_first_counts(
+    waiting, first, exit
+) -> None:
+    if first == "cancel":
+        waiting.do("cancel", key="o1")
+    waiting.do("exit", exit="north", full=False)
+    if first == "free":
+        with pytest.raises(ProgramError, match="o1 is under way, or over"):
+            waiting.do("cancel", key="o1")
+    waiting.until(lambda: "left" in waiting.events("P-1"), 20.0)
+    left = next(report for report in waiting.reports if report.event == "left")
+    assert (left.parcel, left.exit, left.rejected) == ("P-1", exit, False)
+
+
+def test_an_order_of_a_parcel_that_waited_by_the_program_is_cancelled_too(line) -> None:
+    for exit in ("north", "east"):
+        line.do("exit", exit=exit, full=True)
+    line.bring_to_execute()
+    line.until(lambda: "box 1" in line.machine.orders.waiting, 20.0)
+    line.do("order", **order("o1", "box 1", exit="north"))
+    line.pass_s(0.5)
+    assert "box 1" in line.machine.orders.waiting
+    line.do("order", **order("o2", "box 1", exit="south"))
+    line.do("cancel", key="o1")
+    line.until(lambda: "left" in line.of_order("o2"), 20.0)
+    assert line.machine.figures.out["south"] >= 1
+
+
 @pytest.mark.parametrize(
     ("by", "end"), [(Command.HOLD, State.STOPPED), (Command.START, State.ABORTED)]
 )

@@ -118,3 +118,29 @@ def test_a_book_of_before_without_settings_begins_with_none(tmp_path: Path) -> N
         await plant.set_exit("north", full=True)
 
     with_plant(tmp_path, begin)
+
+
+def test_an_order_under_way_is_cancelled_for_good_if_its_parcel_waits(tmp_path: Path) -> None:
+    async def cancel(plant: Plant, table: PlayedTable) -> None:
+        plant.order(ORDER)
+        table.say({"report": {"key": "o1", "event": "under way", "text": ""}})
+        await table.show(plant)
+        table.refuses["cancel"] = "o1 is about to leave"
+        with pytest.raises(RequestRefusedError, match="about to leave"):
+            await plant.cancel("o1")
+        assert plant.book.state("o1") == "under way"
+        del table.refuses["cancel"]
+        await plant.cancel("o1")
+        await plant.cancel("o1")
+        assert len(table.named("cancel")) == 2
+        # The table said so before it was asked.
+        table.say({"report": {"key": "o1", "event": "under way", "text": ""}})
+        await table.show(plant)
+        assert plant.book.state("o1") == "cancelled"
+
+    async def begin(plant: Plant, table: PlayedTable) -> None:
+        assert plant.book.state("o1") == "cancelled"
+        assert not table.named("order") + table.named("in_doubt")
+
+    with_plant(tmp_path, cancel)
+    with_plant(tmp_path, begin)
