@@ -1,11 +1,13 @@
 """The map of holding registers, as one table, and what writing them does.
 
 The page `docs/line-registers.md` is made of the table. Numbers of two registers have the high half
-first. Texts are ASCII, two characters a register, filled up with 0.
+first. Texts are ASCII, two characters a register, filled up with 0. A request with any other
+character is refused: two keys must not become one.
 """
 
 import asyncio
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -257,8 +259,11 @@ class PlantRegisters:
 
     def _text(self, name: str) -> str:
         words = self._values[_AT[name] : _AT[name] + TEXT_WORDS]
-        data = b"".join(word.to_bytes(2, "big") for word in words)
-        return data.rstrip(b"\0 ").decode("ascii", "replace")
+        data = b"".join(word.to_bytes(2, "big") for word in words).rstrip(b"\0 ")
+        try:
+            return data.decode("ascii")
+        except UnicodeDecodeError:
+            raise RequestRefusedError(f"{name} is {data!r}, but must be ASCII") from None
 
     def _set(self, name: str, value: int) -> None:
         self._values[_AT[name]] = value
@@ -284,11 +289,13 @@ class PlantRegisters:
         self._keep_answers()
 
     async def _request(self) -> None:
+        state: Any = None
         try:
             result = await self._requested(self._value("request"))
         except RequestRefusedError:
             result = REFUSED
-        state: Any = self._plant.book.state(self._text("key"))
+        with suppress(RequestRefusedError):
+            state = self._plant.book.state(self._text("key"))
         self._set("order_state", ORDER_STATES.index(state) + 1 if state in ORDER_STATES else 0)
         self._set("request_result", result)
         self._set("request_answered", self._value("request_counter"))

@@ -9,7 +9,15 @@ from tests.host.line.played_table import full_disk, plant_in
 from mdms_host.line.modbus import ModbusError
 from mdms_host.line.order_book import OrderBook
 from mdms_host.line.packml import Command
-from mdms_host.line.registers import ANY_YAW, COMING, ORDER, PlantRegisters
+from mdms_host.line.registers import (
+    ANY_YAW,
+    ASK,
+    CANCEL,
+    COMING,
+    NOT_COMING,
+    ORDER,
+    PlantRegisters,
+)
 
 COMMAND, REQUEST = 101, 200
 COMMAND_ANSWER, REQUEST_ANSWER = (103, 2), (224, 2)
@@ -126,5 +134,27 @@ def test_a_book_of_before_that_has_answers_alone_is_gone_on_with(tmp_path: Path)
             assert not table.named("command")
             await registers.write(COMMAND, [Command.RESET, 6])
             assert len(table.named("command")) == 1
+
+    asyncio.run(talk())
+
+
+def test_texts_that_are_not_ascii_are_refused_and_no_two_become_one(tmp_path: Path) -> None:
+    async def talk() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            registers = PlantRegisters(plant)
+            texts = [("Kä", "P-1"), ("Kü", "P-1"), ("K1", "Pä"), ("K2", "Pü")]
+            for counter, (key, parcel) in enumerate(texts, 1):
+                words = order(counter, key.encode("latin-1"), parcel.encode("latin-1"))
+                await registers.write(REQUEST, words)
+                assert registers.read(224, 3) == [counter, 2, 0]
+            for counter, request in enumerate((CANCEL, COMING, ASK), 5):
+                words = order(counter, "Kä".encode("latin-1"), b"P-1")
+                await registers.write(REQUEST, [counter, request, *words[2:]])
+                assert registers.read(224, 3) == [counter, 2, 0]
+            assert not table.named("order") + table.named("coming") + table.named("cancel")
+            # A request that has no use for the key does not look at it.
+            await registers.write(REQUEST, [8, NOT_COMING])
+            assert registers.read(224, 3) == [8, 0, 0]
+            assert not plant.book.counts()
 
     asyncio.run(talk())
