@@ -71,6 +71,11 @@ class OrderBook:
                 self._connection.close()
                 raise
         except sqlite3.DatabaseError as error:
+            if error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY:
+                raise OrderBookError(
+                    f"{path}: another mdms has this book open; end that one, or choose another "
+                    "folder with --state"
+                ) from None
             raise OrderBookError(
                 f"{path}: {error}; choose another folder with --state, or move the file away"
             ) from None
