@@ -363,7 +363,8 @@ _REGISTERS_HEAD = f"""
 Holding registers from address 0, version {MAP_VERSION} of the map. The functions are 3, 6, 16 and
 23. Numbers of two registers have the high half first. Texts are ASCII, two characters a register,
 filled up with 0. Requests with other characters are refused (`request_result` 2). A write to any
-other register is answered by exception 2, a value that is refused by exception 3.
+other register is answered by exception 2, a value that is refused by exception 3. Such a write
+changes nothing. No state takes a mode and a recipe in one write.
 
 | address | registers | name | access | meaning |
 | --- | --- | --- | --- | --- |

@@ -186,9 +186,9 @@ class PlantRegisters:
         self._writing = asyncio.Lock()
         kept = plant.book.kept(_KEPT) or {}
         for each in ANSWERS:
-            self._set(each.name, kept.get(each.name, 0))
-        self._set("command_counter", self._value("command_answered"))
-        self._set("request_counter", self._value("request_answered"))
+            self._store(each.name, kept.get(each.name, 0))
+        self._store("command_counter", self._value("command_answered"))
+        self._store("request_counter", self._value("request_answered"))
         for name, place in _CONTENTS.items():
             if name in kept:
                 self._given[name] = self._values[place] = kept[name]
@@ -214,41 +214,49 @@ class PlantRegisters:
             await self._write(address, values)
 
     async def _write(self, address: int, values: list[int]) -> None:
-        changed = {}
-        for place, value in enumerate(values, address):
-            if place not in _WRITTEN:
-                raise ModbusError(ILLEGAL_ADDRESS)
-            changed[place] = self._values[place] != value
-        mask = dict(enumerate(values, address)).get(_AT["exits_full_set"], 0)
-        if mask >> min(len(self._plant.exits), MOST_EXITS):
-            raise ModbusError(ILLEGAL_VALUE)
-        self._note_given(address, values, changed)
-        self._values[address : address + len(values)] = values
-        if changed.get(_AT["heartbeat"]):
-            self._plant.beat(CLIENT)
+        written = dict(enumerate(values, address))
+        if not written.keys() <= _WRITTEN:
+            raise ModbusError(ILLEGAL_ADDRESS)
+        changed = {place for place, value in written.items() if self._values[place] != value}
+        given = self._given_by(written, changed)
         try:
-            if _AT["exits_full_set"] in changed:
-                await self._set_exits(mask)
-            if _AT["mode_set"] in changed:
-                await self._plant.change_mode(self._value("mode_set"))
-            if _AT["recipe_set"] in changed:
-                await self._choose(self._value("recipe_set"))
+            await self._set(written)
         except RequestRefusedError:
             raise ModbusError(ILLEGAL_VALUE) from None
-        if changed.get(_AT["command_counter"]):
+        # Nothing of it is refused any more.
+        self._values[address : address + len(values)] = values
+        self._given |= given
+        if _AT["heartbeat"] in changed:
+            self._plant.beat(CLIENT)
+        if "command_counter" in given:
             await self._command()
-        if changed.get(_AT["request_counter"]):
+        if "request_counter" in given:
             await self._request()
 
-    def _note_given(self, address: int, values: list[int], changed: dict[int, bool]) -> None:
-        """Note what the counters of a write give; one of before may only repeat what it gave."""
-        after = self._values.copy()
-        after[address : address + len(values)] = values
-        given = {name: after[_CONTENTS[name]] for name in _CONTENTS if _AT[name] in changed}
-        for name, contents in given.items():
-            if not changed[_AT[name]] and self._given.get(name, contents) != contents:
-                raise ModbusError(ILLEGAL_VALUE)
-        self._given |= {name: given[name] for name in given if changed[_AT[name]]}
+    def _given_by(self, written: dict[int, int], changed: set[int]) -> dict[str, list[int]]:
+        """What new counters of a write give; a counter of before may only repeat what it gave."""
+        after = [written.get(place, value) for place, value in enumerate(self._values)]
+        given = {name: after[_CONTENTS[name]] for name in _CONTENTS if _AT[name] in written}
+        new = {name: each for name, each in given.items() if _AT[name] in changed}
+        if any(self._given.get(name, given[name]) != given[name] for name in given.keys() - new):
+            raise ModbusError(ILLEGAL_VALUE)
+        return new
+
+    async def _set(self, written: dict[int, int]) -> None:
+        """Set exits, mode and recipe; all that can be refused is looked at before any is set."""
+        mask, mode, recipe = (
+            written.get(_AT[name]) for name in ("exits_full_set", "mode_set", "recipe_set")
+        )
+        if mask is not None and mask >> min(len(self._plant.exits), MOST_EXITS):
+            raise RequestRefusedError(f"{mask:#x} has exits that there are none of")
+        if mode is not None and recipe is not None:
+            raise RequestRefusedError("a mode is set in Stopped, and a recipe in Idle")
+        if mode is not None:
+            await self._plant.change_mode(mode)
+        if recipe is not None:
+            await self._choose(recipe)
+        if mask is not None:
+            await self._set_exits(mask)
 
     def _value(self, name: str) -> int:
         return self._values[_AT[name]]
@@ -265,7 +273,7 @@ class PlantRegisters:
         except UnicodeDecodeError:
             raise RequestRefusedError(f"{name} is {data!r}, but must be ASCII") from None
 
-    def _set(self, name: str, value: int) -> None:
+    def _store(self, name: str, value: int) -> None:
         self._values[_AT[name]] = value
 
     async def _set_exits(self, mask: int) -> None:
@@ -284,8 +292,8 @@ class PlantRegisters:
             result = ACCEPTED
         except (RequestRefusedError, ValueError):
             result = REFUSED
-        self._set("command_result", result)
-        self._set("command_answered", self._value("command_counter"))
+        self._store("command_result", result)
+        self._store("command_answered", self._value("command_counter"))
         self._keep_answers()
 
     async def _request(self) -> None:
@@ -296,9 +304,9 @@ class PlantRegisters:
             result = REFUSED
         with suppress(RequestRefusedError):
             state = self._plant.book.state(self._text("key"))
-        self._set("order_state", ORDER_STATES.index(state) + 1 if state in ORDER_STATES else 0)
-        self._set("request_result", result)
-        self._set("request_answered", self._value("request_counter"))
+        self._store("order_state", ORDER_STATES.index(state) + 1 if state in ORDER_STATES else 0)
+        self._store("request_result", result)
+        self._store("request_answered", self._value("request_counter"))
         self._keep_answers()
 
     def _keep_answers(self) -> None:

@@ -20,6 +20,7 @@ from mdms_host.line.registers import (
 )
 
 COMMAND, REQUEST = 101, 200
+EXITS_SET, RECIPE_SET = 105, 107
 COMMAND_ANSWER, REQUEST_ANSWER = (103, 2), (224, 2)
 
 
@@ -156,5 +157,27 @@ def test_texts_that_are_not_ascii_are_refused_and_no_two_become_one(tmp_path: Pa
             await registers.write(REQUEST, [8, NOT_COMING])
             assert registers.read(224, 3) == [8, 0, 0]
             assert not plant.book.counts()
+
+    asyncio.run(talk())
+
+
+@pytest.mark.parametrize(
+    ("exits", "mode", "recipe"),
+    [(0b01, 7, None), (0b01, 2, None), (0b01, 1, 1), (0b100, 1, None), (None, None, 2)],
+)
+def test_a_write_that_is_refused_changes_nothing(
+    tmp_path: Path, exits: int | None, mode: int | None, recipe: int | None
+) -> None:
+    first = EXITS_SET if exits is not None else RECIPE_SET
+    values = [value for value in (exits, mode, recipe) if value is not None]
+
+    async def talk() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            registers = PlantRegisters(plant)
+            table.refuses |= {"mode": "stop first", "recipe": "in Idle alone"}
+            with pytest.raises(ModbusError, match="exception 3"):
+                await registers.write(first, values)
+            assert registers.read(first, len(values)) == [0] * len(values)
+            assert not table.named("exit")
 
     asyncio.run(talk())
