@@ -234,12 +234,16 @@ class PlantRegisters:
             await self._request()
 
     def _given_by(self, written: dict[int, int], changed: set[int]) -> dict[str, list[int]]:
-        """What new counters of a write give; a counter of before may only repeat what it gave."""
+        """What new counters of a write give; a counter of before may only repeat what it gave.
+
+        Zeros are no command and no request: a client may clear its registers under the counter.
+        """
         after = [written.get(place, value) for place, value in enumerate(self._values)]
         given = {name: after[_CONTENTS[name]] for name in _CONTENTS if _AT[name] in written}
         new = {name: each for name, each in given.items() if _AT[name] in changed}
-        if any(self._given.get(name, given[name]) != given[name] for name in given.keys() - new):
-            raise ModbusError(ILLEGAL_VALUE)
+        for name, each in given.items():
+            if name not in new and any(each) and each != self._given.get(name, each):
+                raise ModbusError(ILLEGAL_VALUE)
         return new
 
     async def _set(self, written: dict[int, int]) -> None:

@@ -103,6 +103,21 @@ def test_a_client_that_takes_the_counter_of_another_is_refused(tmp_path: Path) -
     asyncio.run(go_on())
 
 
+def test_a_client_may_clear_what_it_has_given_under_its_counter(tmp_path: Path) -> None:
+    async def talk() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            registers = PlantRegisters(plant)
+            await registers.write(COMMAND, [Command.HOLD, 6])
+            await registers.write(REQUEST, order(6, b"A", b"P-1"))
+            for beat in (1, 2):
+                await registers.write(100, [beat, 0, 6])
+                await registers.write(REQUEST, [6, *[0] * 22])
+            assert len(table.named("beat")) == 2
+            assert len(table.named("command")) == len(table.named("order")) == 1
+
+    asyncio.run(talk())
+
+
 def test_a_client_that_waits_for_its_answer_gets_no_answer_of_another(tmp_path: Path) -> None:
     async def talk() -> None:
         async with plant_in(tmp_path) as (plant, table):
