@@ -54,6 +54,9 @@ _WITHOUT_RUN = (State.STOPPED, State.COMPLETED, State.ABORTED, *_ENDS)
 #: Reasons of Suspended that pass by themselves.
 _BLOCKED = "no parcel can go on: the exit {exits} is full"
 _STARVED = "no parcel comes"
+_CURE_ABORTED = "run `mdms doctor`, mend its findings, then Clear and Reset"
+#: A run has the bus then, so no doctor may look at the cells.
+_CURE_HELD = "mend it, then Unhold (or Stop)"
 
 
 class Recipes(Generic[Job]):
@@ -187,6 +190,8 @@ class Machine:
         self._in_control = ""
         self._stalled_s: dict[str, float] = {}
         self._passing = ""
+        #: Why it is held, if not by a command alone.
+        self._trouble = ""
         self._run: Coordinator | None = None
         #: The slot's count of stops since the run is replaced.
         self._stops: int | None = None
@@ -214,7 +219,7 @@ class Machine:
         self._on(command, f"{command.name.capitalize()} by {by}")
         if command in MOVES:
             self._in_control = by
-        self._passing = ""
+        self._passing = self._trouble = ""
 
     def beat(self, by: str) -> None:
         """A client lives."""
@@ -406,6 +411,8 @@ class Machine:
         return Command.STOP, "stopped by hand"
 
     def _steer(self, run: Coordinator, state: State, now_s: float) -> None:
+        if state in (State.HOLDING, State.HELD) and run.phase in TROUBLED:
+            self._trouble = run.troubles[-1][1]
         if state is State.RESETTING:
             if run.phase is Phase.KEEPING:
                 self.states.on(DONE, now_s)
@@ -440,6 +447,7 @@ class Machine:
         run.keep(True)
         self._on(command, reason)
         self._passing = ""
+        self._trouble = reason if command is Command.HOLD else ""
 
     def _pass_by(self, run: Coordinator, now_s: float) -> None:
         """Leave Suspended by itself when chutes are free, or a parcel comes; never unwatched."""
@@ -511,7 +519,7 @@ class Machine:
             "orders_open": len(self.orders.open),
             "blocked": self._passing not in ("", _STARVED),
             "starved": self._passing == _STARVED,
-            "alarm": _alarm(states, run),
+            "alarm": self._alarm(),
             "parcels": self._parcels(run),
             "cells": [] if run is None else [int(cell.enabled) for cell in run.cells],
         }
@@ -535,10 +543,23 @@ class Machine:
             "state": states.state.name.capitalize(),
             "mode": states.mode.name.capitalize(),
             "reason": states.reason,
-            "alarm": _alarm(states, self._run),
+            "alarm": self._alarm(),
             "counters": counters,
             "orders": self.orders.rows(_SHOWN_ORDERS),
         }
+
+    def _alarm(self) -> dict[str, str] | None:
+        """The alarm of a machine that was aborted, or is held for trouble, with cause and cure."""
+        if self.states.state in (State.ABORTING, State.ABORTED):
+            text, cure = self.states.reason, _CURE_ABORTED
+        elif self.states.state in (State.HOLDING, State.HELD) and self._trouble:
+            text, cure = self._trouble, _CURE_HELD
+        else:
+            return None
+        if self._run is not None and "supply" in text:
+            cut = KINDS["supply-low"]
+            return {"text": text, "cause": cut.cause, "cure": cut.cure}
+        return {"text": text, "cause": text, "cure": cure}
 
     def _parcels(self, run: Coordinator | None) -> list[dict[str, Any]]:
         if run is None or not self._slot.busy or not isinstance(run.program, TableProgram):
@@ -565,14 +586,3 @@ def _in_the_way(run: Coordinator) -> str:
         return ""
     places = [f"{name} at {x_m:.2f}, {y_m:.2f} m" for name, (x_m, y_m) in table.unknown.items()]
     return f"; nobody knows {' and '.join(places[:3])}: take it off"
-
-
-def _alarm(states: StateMachine, run: Coordinator | None) -> dict[str, str] | None:
-    """The alarm of a machine that was aborted or held, with the doctor's cause and cure."""
-    if states.state not in (State.ABORTING, State.ABORTED, State.HOLDING, State.HELD):
-        return None
-    cut = run is not None and "supply" in states.reason
-    row = KINDS["supply-low"] if cut else None
-    cause = row.cause if row else states.reason
-    cure = row.cure if row else "run `mdms doctor`, mend its findings, then Clear and Reset"
-    return {"text": states.reason, "cause": cause, "cure": cure}

@@ -87,8 +87,29 @@ def test_hold_stops_parcels_under_way_and_unhold_takes_them_on(line) -> None:
     line.until_state(State.HELD, 3.0)
     line.pass_s(2.0)
     assert not line.moving()
+    assert line.machine.snapshot()["alarm"] is None
     line.command(Command.UNHOLD)
     line.until(lambda: line.machine.figures.parcels_out >= 1, 20.0)
+
+
+@pytest.mark.parametrize("is_first", [True, False])
+def test_in_held_the_alarm_names_the_trouble_and_a_cure_that_is_taken(is_first) -> None:
+    with VirtualLine(("run.on_lost_cell=hold",)) as line:
+        line.bring_to_execute()
+        if not is_first:
+            line.command(Command.HOLD)
+            line.until_state(State.HELD, 3.0)
+        off = line.begin("off", cells=(3,))
+        line.until(lambda: line.machine.snapshot()["alarm"] is not None, 3.0)
+        line.until_state(State.HELD, 3.0)
+        alarm = line.machine.snapshot()["alarm"]
+        assert "cell 3" in alarm["text"]
+        assert alarm["cure"] == "mend it, then Unhold (or Stop)"
+        line.simulation.faults.end(off)
+        line.pass_s(3.0)
+        line.command(Command.UNHOLD)
+        line.until_state(State.EXECUTE)
+        assert line.machine.snapshot()["alarm"] is None
 
 
 def test_an_emergency_stop_aborts_and_its_release_moves_nothing(line) -> None:
@@ -589,6 +610,7 @@ def test_a_person_sees_state_counters_and_orders_those_under_way_first(line) -> 
     line.until_state(State.ABORTED)
     shown = line.machine.shown()
     assert shown["alarm"]["text"].startswith("Abort by plc")
+    assert shown["alarm"]["cure"].endswith("Clear and Reset")
     assert shown["orders"][0] == ("o1", "P-1", "north", "in doubt")
     line.do("cancel", key="o1")
     assert [row[0] for row in line.machine.shown()["orders"]] == ["o0"]

@@ -250,3 +250,9 @@ def test_a_table_in_a_line_shows_its_state_and_counters(serve, open_page, tmp_pa
     page.click("#start")
     wait_for_text(page, "#machine", "Idle")
     wait_for_text(page, "#line", "started by hand")
+    alarm = {"text": "held", "cause": "cell 3 is gone", "cure": "mend it"}
+    held = {"state": "Held", "mode": "", "reason": "", "alarm": alarm, "counters": [], "orders": []}
+    advice = page.evaluate(
+        "(held) => (page.line.take(held), document.querySelector('#line .advice').innerText)", held
+    )
+    assert advice == "cell 3 is gone · mend it"

@@ -18,7 +18,7 @@ export class LinePanel {
     this.panel.replaceChildren(
       make("h2", {}, state),
       make("p", { class: "help" }, [mode, reason].filter(Boolean).join(" · ")),
-      ...(alarm ? [make("p", { class: "trouble" }, alarm.text), make("p", { class: "advice" }, `${alarm.cause} ${alarm.cure}`)] : []),
+      ...(alarm ? [make("p", { class: "trouble" }, alarm.text), make("p", { class: "advice" }, `${alarm.cause} · ${alarm.cure}`)] : []),
       make("table", {}, make("tbody", {}, ...counters.map(([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", { class: "number" }, String(value)))))),
       make("h2", {}, orders.length ? "Orders" : "No orders"),
       ...(orders.length ? [make("table", { "aria-label": "Orders" },
