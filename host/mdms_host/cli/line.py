@@ -131,6 +131,7 @@ def opened_line(
         "modbus": arguments.modbus,
         "opcua": arguments.opcua,
         "anonymous": arguments.anonymous,
+        "kinds": tuple(dict.fromkeys(each.kind for each in scenario.parcel if each.kind)),
     }
     if arguments.opcua is not None:
         settings |= _security(folder, arguments)

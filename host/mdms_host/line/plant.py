@@ -7,7 +7,7 @@ It runs in the process of the servers. An order is on the disk before it is ackn
 import asyncio
 import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from time import monotonic
 from typing import Any
 
@@ -51,20 +51,32 @@ class RequestRefusedError(Exception):
     """A request that the table or the order book refuses: one line for a person."""
 
 
+@dataclass(frozen=True, slots=True)
+class TableNames:
+    """What a table has by name: exits, recipes that are allowed, and kinds of parcels that come.
+
+    Without any `kinds` a program alone knows what comes.
+    """
+
+    exits: tuple[str, ...]
+    recipes: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+
 class Plant:
-    """The table as the servers see it, with its `exits` and its allowed `recipes` by name."""
+    """The table as the servers see it."""
 
     def __init__(
         self,
         book: OrderBook,
-        exits: tuple[str, ...],
-        recipes: tuple[str, ...],
+        names: TableNames,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
     ) -> None:
         self.book = book
-        self.exits = exits
-        self.recipes = recipes
+        self.exits = names.exits
+        self.recipes = names.recipes
+        self.kinds = names.kinds
         self.snapshot = NOTHING
         #: How many snapshots have come, for clients that watch whether the table lives.
         self.beats = 0
@@ -149,6 +161,8 @@ class Plant:
         _check_texts(parcel, kind)
         if not parcel:
             raise RequestRefusedError("a parcel that comes needs an identity")
+        if kind and self.kinds and kind not in self.kinds:
+            raise RequestRefusedError(f"no kind {kind!r:.40}; there are: {', '.join(self.kinds)}")
         await self._ask("coming", parcel=parcel, kind=kind)
 
     async def not_coming(self, parcel: str) -> None:

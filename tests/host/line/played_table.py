@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mdms_host.line.order_book import OrderBook
-from mdms_host.line.plant import NOTHING, Plant
+from mdms_host.line.plant import NOTHING, Plant, TableNames
 
 _PATIENCE_S = 20.0
 
@@ -48,10 +48,11 @@ class PlayedTable:
 
 @asynccontextmanager
 async def plant_in(folder: Path) -> AsyncIterator[tuple[Plant, PlayedTable]]:
-    """A plant with the exits north and east, whose order book lies in a folder."""
+    """A plant with exits, recipes and kinds of parcels, whose order book lies in a folder."""
     table = PlayedTable()
     with OrderBook(folder / "orders.sqlite") as book:
-        plant = Plant(book, ("north", "east"), ("table", "gentle"), table.reader, table)  # type: ignore[arg-type]
+        names = TableNames(("north", "east"), ("table", "gentle"), ("box", "disc"))
+        plant = Plant(book, names, table.reader, table)  # type: ignore[arg-type]
         plant.begin()
         listening = asyncio.create_task(plant.listen())
         try:

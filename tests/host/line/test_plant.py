@@ -144,3 +144,14 @@ def test_an_order_under_way_is_cancelled_for_good_if_its_parcel_waits(tmp_path: 
 
     with_plant(tmp_path, cancel)
     with_plant(tmp_path, begin)
+
+
+def test_a_kind_that_no_parcel_has_is_refused_and_the_kinds_are_named(tmp_path: Path) -> None:
+    async def talk(plant: Plant, table: PlayedTable) -> None:
+        with pytest.raises(RequestRefusedError, match=r"^no kind 'Box'; there are: box, disc$"):
+            await plant.coming("P-1", "Box")
+        await plant.coming("P-1", "box")
+        await plant.coming("P-2", "")
+        assert [each["kind"] for each in table.named("coming")] == ["box", ""]
+
+    with_plant(tmp_path, talk)

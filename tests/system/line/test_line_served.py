@@ -78,6 +78,7 @@ def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -
     controller = table.controller()
     for number in range(200):
         assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (0, 1)
+    assert controller.order(2, "Box", "P-0")[0] == 2
     assert controller.order(2, "", "P-0")[0] == 0
     assert controller.order(4, "", "P-0")[0] == 0
     assert controller.order(4, "", "P-0")[0] == 2
