@@ -19,7 +19,7 @@ from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User,
 
 from mdms_host.line.packml import Command, Mode, State
 from mdms_host.line.plant import Plant, RequestRefusedError
-from mdms_host.programs.table_orders import LineOrder
+from mdms_host.programs.table_orders import LineOrder, OrderState
 
 NODESET = Path(__file__).parent / "nodesets" / "Opc.Ua.PackML.NodeSet2.xml"
 NODESET_SHA256 = "79016b1468d3288da36fca3604ad5439ebae7fdfca87e4f8def2aa1999e49adf"
@@ -123,7 +123,7 @@ SHOWN = (
         "OrdersInDoubt",
         _V.UInt32,
         "orders that were under way when a run or the host ended",
-        lambda p: p.book.counts().get("in doubt", 0),
+        lambda p: p.book.count(OrderState.IN_DOUBT),
     ),
     LineVariable("Alarm", _V.String, "text of the alarm that stands, else empty", _alarm("text")),
     LineVariable("AlarmCause", _V.String, "its cause", _alarm("cause")),

@@ -5,9 +5,8 @@ An order is accepted once by its key. Orders that were under way when the host e
 
 import json
 import sqlite3
-from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from time import time
 from typing import Any, Self
@@ -31,6 +30,8 @@ _FIELDS = ("key", "parcel", "exit", "x_m", "y_m", "yaw_rad", "priority")
 #: are kept in any case: the clock of a host may be wrong by years until its network is there.
 KEPT_S = 7 * 86400.0
 KEPT = 10_000
+#: After so many accepted orders the old ones are looked for again.
+FORGETS_EVERY = 1000
 #: How an event of a parcel changes its order.
 _STATES = {
     "accepted": OrderState.ACCEPTED,
@@ -63,6 +64,7 @@ class OrderBook:
         #: Changes that are not on the disk: state, text and time of orders, and values as JSON.
         self._late_orders: dict[str, tuple[OrderState, str, float]] = {}
         self._late_values: dict[str, str] = {}
+        self._accepted = 0
         try:
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=1.0)
             try:
@@ -101,13 +103,16 @@ class OrderBook:
             "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? WHERE state = ?",
             (OrderState.IN_DOUBT, "the host ended meanwhile", now_s, OrderState.UNDER_WAY),
         )
+        self._forget_old(now_s)
+        self._connection.execute("COMMIT")
+
+    def _forget_old(self, now_s: float) -> None:
         closed = ", ".join("?" * len(CLOSED))
         self._connection.execute(
             f"DELETE FROM orders WHERE state IN ({closed}) AND changed_unix_s < ? "
             "AND rowid <= (SELECT MAX(rowid) FROM orders) - ?",
             (*CLOSED, now_s - KEPT_S, KEPT),
         )
-        self._connection.execute("COMMIT")
 
     def __enter__(self) -> Self:
         return self
@@ -147,6 +152,11 @@ class OrderBook:
             raise OrderBookError(
                 f"order {order.key} cannot be kept: {error}; make room on the disk of --state"
             ) from None
+        self._accepted += 1
+        if self._accepted % FORGETS_EVERY == 0:
+            # On a full disk the next time: this order is accepted.
+            with suppress(sqlite3.DatabaseError):
+                self._forget_old(now_s)
         return OrderState.ACCEPTED, True
 
     def change(self, key: str, state: OrderState, text: str = "") -> None:
@@ -211,14 +221,17 @@ class OrderBook:
         for row in self._connection.execute(query, (state,)).fetchall():
             yield LineOrder(*row)
 
+    def count(self, state: OrderState) -> int:
+        """How many orders are in a state; no other orders are looked at."""
+        query = "SELECT COUNT(*) FROM orders WHERE state = ?"
+        (count,) = self._connection.execute(query, (state,)).fetchone()
+        for key, (late, _text, _unix_s) in self._late_orders.items():
+            count += (late == state) - (self._written_state(key) == state)
+        return int(count)
+
     def counts(self) -> dict[str, int]:
-        """How many orders are in each state."""
-        query = "SELECT state, COUNT(*) FROM orders GROUP BY state"
-        counts = Counter(dict(self._connection.execute(query).fetchall()))
-        for key, (state, _text, _unix_s) in self._late_orders.items():
-            counts[str(self._written_state(key))] -= 1
-            counts[state] += 1
-        return dict(counts)
+        """How many orders are in each state that any is in; every order is looked at."""
+        return {state: count for state in OrderState if (count := self.count(state))}
 
     def _order(self, key: str) -> LineOrder | None:
         query = f"SELECT {', '.join(_FIELDS)} FROM orders WHERE key = ?"

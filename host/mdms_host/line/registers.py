@@ -71,7 +71,7 @@ def _recipe(plant: Plant) -> int:
 
 
 def _in_doubt(plant: Plant) -> int:
-    return plant.book.counts().get(OrderState.IN_DOUBT, 0)
+    return plant.book.count(OrderState.IN_DOUBT)
 
 
 _COMMANDS = ", ".join(f"{int(each)} {each.name.capitalize()}" for each in Command)

@@ -87,6 +87,45 @@ def test_old_orders_are_forgotten_behind_many_newer_ones(
         assert [book.state(f"o{number}") is None for number in range(5)] == [True] * 2 + [False] * 3
 
 
+def test_a_book_that_stays_open_forgets_old_orders_behind_many_newer_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unix_s = [1.7e9]
+    monkeypatch.setattr(order_book, "time", lambda: unix_s[0])
+    monkeypatch.setattr(order_book, "KEPT", 6)
+    monkeypatch.setattr(order_book, "FORGETS_EVERY", 4)
+    with OrderBook(tmp_path / "book") as book:
+        book.accept(LineOrder("open", "P-1", "east"))
+        for number in range(7):
+            book.accept(LineOrder(f"o{number}", "P-1", "east"))
+            book.on_event(f"o{number}", "left")
+        unix_s[0] += order_book.KEPT_S + 1.0
+        for number in range(7, 11):
+            book.accept(LineOrder(f"o{number}", "P-1", "east"))
+        assert [book.state(f"o{number}") is None for number in range(7)] == [True] * 5 + [False] * 2
+        assert book.counts() == {OrderState.ACCEPTED: 5, OrderState.LEFT: 2}
+
+
+def test_closed_orders_do_not_make_the_count_of_those_in_doubt_longer(tmp_path: Path) -> None:
+    steps: list[int] = []
+    with OrderBook(tmp_path / "book") as book:
+        book._connection.set_progress_handler(lambda: steps.append(1), 1)
+
+        def steps_of_a_count() -> int:
+            steps.clear()
+            assert book.count(OrderState.IN_DOUBT) == 1
+            return len(steps)
+
+        book.accept(ORDER)
+        book.on_event("o1", "in doubt")
+        before = steps_of_a_count()
+        for number in range(2, 100):
+            book.accept(LineOrder(f"o{number}", "P-1", "east"))
+            book.on_event(f"o{number}", "left")
+        # At 3 steps and more for each order there would be hundreds.
+        assert steps_of_a_count() < before + 30
+
+
 def test_orders_under_way_are_in_doubt_after_the_host_has_ended(tmp_path: Path) -> None:
     with OrderBook(tmp_path / "book") as book:
         book.accept(ORDER)
@@ -129,7 +168,8 @@ def test_changes_that_cannot_be_written_hold_and_are_written_later(tmp_path: Pat
             row = book.row("o1")
             assert row is not None
             assert (row["state"], row["text"]) == ("left", "by east")
-            assert book.counts()["left"] == book.counts()["accepted"] == 1
+            assert book.count(OrderState.LEFT) == book.count(OrderState.ACCEPTED) == 1
+            assert book.count(OrderState.UNDER_WAY) == book.count(OrderState.IN_DOUBT) == 0
         book.keep("other", 1)
         assert book.trouble is None
     with OrderBook(tmp_path / "book") as book:
