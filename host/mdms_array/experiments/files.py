@@ -1,6 +1,5 @@
 """Files of sweeps and of tuning: TOML with a scenario, the keys that vary, and what to measure."""
 
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from mdms_array.experiments.sweep import Design, design_of
 from mdms_array.experiments.tuning import MeasureBound, TuningProblem, task_of
 from mdms_array.source import Source
 from mdms_model.errors import InputError
-from mdms_model.scenario.file import builtin_names
+from mdms_model.scenario.file import builtin_names, read_toml
 from mdms_sim.plots.canvas import PictureFormatError, form_of
 
 DISTRIBUTIONS: Mapping[str, Callable[..., Distribution]] = {
@@ -137,14 +136,7 @@ def _bounds(path: Path, table: Any) -> dict[MeasureBound, Measure]:
 
 def read_table(path: Path, known: tuple[str, ...]) -> dict[str, Any]:
     """A file with these keys and no others. Raises `InputError`."""
-    try:
-        tree = tomllib.loads(path.read_text("utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is no text; give a TOML file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    tree = read_toml(path)
     for key in tree:
         if key not in known:
             raise InputError(f"{path}: {key} is not a known key; there are {', '.join(known)}")

@@ -3,6 +3,7 @@
 SIGTERM and SIGHUP end it as Ctrl-C does, but for the exit code.
 """
 
+import errno
 import os
 import signal
 import threading
@@ -78,6 +79,8 @@ def exit_of(error: Exception) -> ExitCode | None:
     """The exit code of an error; None for a defect of the program."""
     if isinstance(error, CommandError):
         return error.code
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        return ExitCode.USAGE
     names = (f"{each.__module__}.{each.__qualname__}" for each in type(error).__mro__)
     return next((EXITS[name] for name in names if name in EXITS), None)
 

@@ -15,7 +15,7 @@ from mdms_host.cli.exits import CommandError, ExitCode
 _BAD_PLACES = frozenset(
     (
         *(errno.ENOENT, errno.EEXIST, errno.ENOTDIR, errno.EISDIR),
-        *(errno.EACCES, errno.EPERM, errno.EROFS),
+        *(errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG),
     )
 )
 

@@ -3,7 +3,6 @@
 The text of a file is the same for the same array: fit for version control.
 """
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from mdms_host.commissioning.parameters import BY_NAME, BY_PLACE, Parameter, Par
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.places import Place, is_place, place_values, sensor_values, wheel_values
 from mdms_model.errors import InputError
+from mdms_model.scenario.file import read_toml
 from mdms_model.scenario.limit import LENGTH, Limit
 from mdms_model.scenario.scenario import ScenarioError, Stop, Wheel
 from mdms_model.scenario.tree import build
@@ -144,11 +144,9 @@ def array_text(cells: Mapping[str, Sequence[CellSettings]]) -> str:
 def read_array(path: Path) -> ArrayFile:
     """All of a file. Raises ArrayFileError."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ArrayFileError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ArrayFileError(f"{path}: {error}") from None
+        document = read_toml(path)
+    except InputError as error:
+        raise ArrayFileError(str(error)) from None
     try:
         unknown = document.keys() - {"array", "stop", "cell"}
         if unknown:

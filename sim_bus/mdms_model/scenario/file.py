@@ -7,6 +7,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from mdms_model.errors import InputError
 from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import build, spell_out
@@ -96,12 +97,27 @@ def _merged(base: Any, own: Any) -> Any:
     return base | {key: _merged(base.get(key), value) for key, value in own.items()}
 
 
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises `InputError` that names the file."""
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text; give a TOML file") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is nested too deeply; take fewer lists in lists") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
 def _tables(path: Path) -> Any:
     try:
-        text = path.read_text("utf-8")
-        return json.loads(text)["scenario"] if path.suffix == ".json" else tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{path}: not valid TOML: {error}") from None
+        if path.suffix != ".json":
+            return read_toml(path)
+        return json.loads(path.read_text("utf-8"))["scenario"]
+    except InputError as error:
+        raise ScenarioError(str(error)) from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -114,9 +130,13 @@ def _locate(name_or_path: str | Path) -> Path:
     if str(name_or_path) in builtin_names():
         return SCENARIOS / f"{name_or_path}.toml"
     path = Path(name_or_path)
-    if (path / "meta.json").is_file():
-        return path / "meta.json"
-    if not path.exists():
+    try:
+        if (path / "meta.json").is_file():
+            return path / "meta.json"
+        there = path.exists()
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
+    if not there:
         close = get_close_matches(str(name_or_path), builtin_names(), n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         raise ScenarioError(

@@ -344,7 +344,7 @@ class Run:
 
     fidelity: str = field(default="row", metadata=Limit(choices=FIDELITIES))
     """The paper's row, ideal wheels in the plane, or cells with firmware, bus and host."""
-    duration_s: float = field(default=20.0, metadata=Limit(above=0.0, at_most=1e5))
+    duration_s: float = field(default=20.0, metadata=Limit(at_least=1e-3, at_most=1e5))
     """Simulated time; of `mdms run` the time limit, without its bring-up."""
     step_s: float = field(default=0.001, metadata=Limit(above=0.0, at_most=1.0))
     """Step of the samples (row), of the physics (ideal: 10 ms at most; firmware: 1 ms)."""

@@ -66,6 +66,38 @@ def test_missing_scenario(mdms, tmp_path, verb):
     assert_refused(done, "none.toml: no such scenario file; built-in scenarios: array18", tmp_path)
 
 
+BUS = ("-i", "virtual", "-c", "nobody")
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ("simulate",),
+        ("limits",),
+        ("sweep",),
+        ("tune",),
+        ("doctor", *BUS, "--array"),
+        ("configure", "load", *BUS),
+        ("commission", *BUS, "--from"),
+    ],
+)
+def test_a_file_that_no_reader_takes(mdms, tmp_path, verb):
+    (tmp_path / "deep.toml").write_text(f"cell = {'[' * 5000}{']' * 5000}\n")
+    (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
+    files = ["binary.toml", "deep.toml"]
+    assert_refused(mdms(*verb, "deep.toml"), "deep.toml: is nested too deeply", tmp_path, files)
+    told = "binary.toml: is no text; give a TOML file"
+    assert_refused(mdms(*verb, "binary.toml"), told, tmp_path, files)
+    assert_refused(mdms(*verb, "a" * 5000), "File name too long", tmp_path, files)
+
+
+def test_a_parcel_that_lies_between_all_wheels_ends_a_run_in_order(mdms):
+    tiny = ("--set", "parcel.0.length_m=0.001", "--set", "parcel.0.width_m=0.001")
+    done = mdms("simulate", "sort54", *tiny, "--set", "run.duration_s=1.5")
+    assert done.returncode == 1
+    assert "tips" in done.stderr
+
+
 def test_override_that_cannot_be(mdms, tmp_path):
     done = mdms("simulate", "paper-fig7", "--out", "run", "--set", "parcel.0.mass_kg=heavy")
     assert_refused(done, "parcel.0.mass_kg is 'heavy', but must be a number", tmp_path)

@@ -41,11 +41,11 @@ def test_every_kind_of_fault_and_task_is_in_the_list(kind, names):
 
 def test_a_row_has_the_words_of_the_check():
     rows = {key.name: tuple(key) for key in keys_of(Run)}
-    assert rows["`duration_s`"][1:5] == ("number", "s", "> 0, <= 100000", "20")
+    assert rows["`duration_s`"][1:5] == ("number", "s", ">= 0.001, <= 100000", "20")
     assert rows["`fidelity`"][1:5] == ("text", "", "`row`, `ideal`, `firmware`", "`row`")
     rows = {key.name: tuple(key) for key in keys_of(Cell)}
     assert rows["`wheel`"][1:5] == ("list of tables", "", "1 to 3 items", "1 with its defaults")
-    assert rows["`current_limit_a`"][1:5] == ("number", "A", "> 0, <= 1000000", "none")
+    assert rows["`current_limit_a`"][1:5] == ("number", "A", ">= 1e-06, <= 1000000", "none")
     assert rows["`damping_nms`"][4] == "3.5e-06"
     assert {key.name: key.default for key in keys_of(Array)}["`columns`"] == "required"
 

@@ -40,10 +40,10 @@ def shell(line, **environment):
             1,
             "mdms: stdout cannot be written: No space",
         ),
-        (f"mdms {REFUSED} >&-", 2, "mdms: none.toml: No such file"),
+        (f"mdms {REFUSED} >&-", 2, "mdms: none.toml: cannot be read: No such file"),
         (f"mdms {REFUSED} 2>&-", 2, ""),
         (f"mdms {REFUSED} 2> /dev/full", 2, ""),
-        (f"mdms {REFUSED} | true; exit 0", 0, "mdms: none.toml: No such file"),
+        (f"mdms {REFUSED} | true; exit 0", 0, "mdms: none.toml: cannot be read: No such file"),
     ],
 )
 def test_closed_or_full_stream_is_no_traceback(line, code, told):

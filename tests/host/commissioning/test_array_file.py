@@ -71,7 +71,7 @@ def test_a_bad_file_is_refused_with_the_place(tmp_path, text, told):
 
 
 def test_missing_file_is_told(tmp_path):
-    with pytest.raises(ArrayFileError, match=r"none.toml: No such file"):
+    with pytest.raises(ArrayFileError, match=r"none.toml: cannot be read: No such file"):
         filed_cells(tmp_path / "none.toml")
 
 
@@ -213,7 +213,7 @@ def test_buses_of_a_file_that_do_not_fit_are_refused(tmp_path, text, told):
     ("text", "told"),
     [
         ('[stop]\nform = "relay"', "stop.form is 'relay', but must be one of short, category_1"),
-        ('[stop]\nform = "short"\nmass_kg = 0', "stop.mass_kg is 0, but must be above 0"),
+        ('[stop]\nform = "short"\nmass_kg = 0', "stop.mass_kg is 0, but must be at least 1e-06"),
         ('[stop]\nform = "short"\nmass_kg = 2', "stop.speed_m_s is missing"),
     ],
 )

@@ -124,6 +124,8 @@ class Agility:
 
     def acceleration_m_s2(self, direction: Floats) -> float:
         """The bound of s'' along a direction, the pose's change per metre of path, (3,)."""
+        if not len(self.per_acceleration):  # It lies between the wheels everywhere.
+            return _LEAST_M_S2
         return max(
             _LEAST_M_S2, 1.0 / max(float(abs(self.per_acceleration @ direction).max()), 1e-9)
         )

@@ -46,7 +46,7 @@ def test_beliefs_survive_a_round_trip():
         ("belief.friction=-1", "belief.friction is -1, but must be at least 0 and at most 1e+06"),
         ("belief.bax.length_m=1", "belief.bax: no parcel has that name; there are box"),
         ("belief.box.lenght_m=1", "belief.box.lenght_m is not a known key; did you mean length_m?"),
-        ("belief.box.length_m=0", "belief.box.length_m is 0, but must be above 0"),
+        ("belief.box.length_m=0", "belief.box.length_m is 0, but must be at least 0.001"),
         ("belief.box.name='x'", "belief.box.name cannot differ"),
         ("belief.box.x_m=2", "belief.box.x_m is 2.0, which puts the centre of mass of 'box' off"),
         ("belief.wheel=[{}]", "belief.wheel has 1 items, but must have 2, as cell.wheel has"),

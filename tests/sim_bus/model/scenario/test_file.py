@@ -183,6 +183,24 @@ def test_a_mass_of_which_no_square_is_left_is_refused():
         assert f"{key} {expected}" in refusal("array18", f"{key}=1e-300")
 
 
+@pytest.mark.parametrize(
+    ("key", "least"),
+    [
+        ("run.duration_s", "0.001"),
+        ("parcel.0.length_m", "0.001"),
+        ("array.pitch_m", "0.001"),
+        ("cell.gear_ratio", "1e-06"),
+        ("cell.torque_constant_nm_per_a", "1e-06"),
+    ],
+)
+def test_a_value_too_small_to_reckon_with_is_refused(key, least):
+    assert f"{key} is 1e-308, but must be at least {least}" in refusal("array18", f"{key}=1e-308")
+
+
+def test_a_name_that_is_too_long_for_a_file_is_refused():
+    assert "cannot be read: File name too long" in refusal("a" * 5000)
+
+
 def test_missing_key_is_named(row):
     row.write_text(ROW.replace("columns = 10", ""))
     assert "array.columns is missing; give it a whole number" in refusal(row)
@@ -198,7 +216,7 @@ def test_file_that_is_none_is_refused(tmp_path, row):
     assert "no such scenario file; built-in scenarios: array18" in refusal(tmp_path / "none.toml")
     assert "Is a directory" in refusal(tmp_path)
     row.write_bytes(b"\xff\xfe\x00")
-    assert "holds no scenario" in refusal(row)
+    assert "is no text; give a TOML file" in refusal(row)
 
 
 def test_message_names_the_file(row):
