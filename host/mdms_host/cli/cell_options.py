@@ -3,11 +3,10 @@
 They are `configure`, `commission`, `doctor`, `identify` and `jog`.
 """
 
-import math
 from argparse import ArgumentParser, ArgumentTypeError
 from pathlib import Path
 
-from mdms_host.cli.options import add_cells, add_force, add_json, add_table
+from mdms_host.cli.options import add_cells, add_force, add_json, add_table, number_of
 from mdms_host.cli.parser import Verb
 from mdms_protocol.codecs.cob import CELL_NODE_MAX, HOST_NODE, NODE_MAX, NODE_MIN
 
@@ -364,10 +363,7 @@ def _serial(text: str) -> int:
 
 
 def _between(text: str, low: float, high: float, unit: str) -> float:
-    value = float(text)
-    if not (math.isfinite(value) and low <= value <= high):
-        raise ArgumentTypeError(f"{text} is not {low:g} to {high:g} {unit}")
-    return value
+    return number_of(text, float, lambda value: low <= value <= high, f"{low:g} to {high:g} {unit}")
 
 
 def _blink_s(text: str) -> float:

@@ -5,6 +5,7 @@ import stat
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from mdms_array.extras import OPCUA, require
 from mdms_array.host import programmed
 from mdms_array.source import open_program
 from mdms_host.cli.exits import CommandError, ExitCode
+from mdms_host.cli.files import writing
 from mdms_host.cli.streams import say
 from mdms_host.line.attached import Line
 from mdms_host.line.machine import Recipes
@@ -40,7 +42,28 @@ def folder_of(arguments: Namespace) -> Path:
     return Path(arguments.state) if arguments.state is not None else home / "mdms-array" / "line"
 
 
-def check_line(arguments: Namespace, scenario: Scenario, main: Main | None) -> None:
+def made_folder(arguments: Namespace) -> Path:
+    """`folder_of`, which is made if it is not there. Raises `CommandError`."""
+    folder = folder_of(arguments)
+    if folder.exists() and not folder.is_dir():
+        raise CommandError(
+            f"--state {folder}: is no folder; name a folder, or one that is to be made",
+            ExitCode.USAGE,
+        )
+    try:
+        with writing(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+    except CommandError as error:
+        raise CommandError(f"--state {error}; name another folder", error.code) from None
+    return folder
+
+
+def check_line(
+    arguments: Namespace,
+    scenario: Scenario,
+    main: Main | None,
+    option: str = "--opcua, --modbus",
+) -> None:
     """Raises `CommandError` where a job cannot be that of a line as the options have it."""
     if main is not None:
         scenario = programmed(scenario)
@@ -48,13 +71,13 @@ def check_line(arguments: Namespace, scenario: Scenario, main: Main | None) -> N
         require(OPCUA, "--opcua")
     if scenario.motion.field != "program":
         raise CommandError(
-            f"--opcua, --modbus: a line needs a program, but motion.field is "
+            f"{option}: a line needs a program, but motion.field is "
             f"{scenario.motion.field!r}; take a file of tasks, or Python, or sort54",
             ExitCode.USAGE,
         )
     if scenario.motion.control == "cells":
         raise CommandError(
-            "--opcua, --modbus: cells that steer keep no orders; set motion.control=host",
+            f"{option}: cells that steer keep no orders; set motion.control=host",
             ExitCode.USAGE,
         )
 
@@ -81,9 +104,11 @@ def recipes_of(
                 ExitCode.USAGE,
             )
         recipe = open_program(path, overrides)
-        check_line(arguments, *recipe)
+        check_line(arguments, *recipe, f"--recipe {each}")
         _check_same_table(each, recipe[0], job[0])
         jobs[name] = recipe
+    if has_line(arguments):
+        made_folder(arguments)
     return Recipes(jobs)
 
 
@@ -151,6 +176,7 @@ def _security(folder: Path, arguments: Namespace) -> dict[str, object]:
             raise CommandError(
                 f"--opcua: there is no {path}; `mdms line certificate` makes it", ExitCode.USAGE
             )
+    _check_readable(certificate, key)
     if arguments.anonymous and (arguments.line_host or LOOPBACK) != LOOPBACK:
         raise CommandError(
             "--anonymous: nothing is encrypted, so it is for this machine only; leave --line-host "
@@ -165,6 +191,25 @@ def _security(folder: Path, arguments: Namespace) -> dict[str, object]:
             ExitCode.USAGE,
         )
     return {"certificate": str(certificate), "key": str(key), "users": users}
+
+
+def _check_readable(certificate: Path, key: Path) -> None:
+    # The extra has been asked for by the option.
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
+    from cryptography.x509 import load_der_x509_certificate  # noqa: PLC0415
+
+    for path, load, kind in (
+        (certificate, load_der_x509_certificate, "certificate in DER"),
+        (key, partial(load_pem_private_key, password=None), "key in PEM without a password"),
+    ):
+        try:
+            load(path.read_bytes())
+        except (ValueError, TypeError):
+            raise CommandError(
+                f"{path}: is no {kind}; `mdms line certificate --force` makes a new pair, and "
+                "clients have to trust it",
+                ExitCode.USAGE,
+            ) from None
 
 
 def _users(path: Path) -> dict[str, str]:
@@ -193,8 +238,7 @@ def make_certificate(arguments: Namespace) -> ExitCode:
     # The extra has been asked for by the verb.
     from mdms_host.line.certificate import certificate_of  # noqa: PLC0415
 
-    folder = folder_of(arguments)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = made_folder(arguments)
     key_path, path = folder / KEY, folder / CERTIFICATE
     if not arguments.force and (key_path.exists() or path.exists()):
         raise CommandError(

@@ -5,7 +5,10 @@ They are apart from the verbs, so that help and usage errors wait for none of th
 
 import math
 from argparse import ArgumentParser, ArgumentTypeError
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 from mdms_model.scenario.limit import TURN_RAD
 from mdms_model.scenario.scenario import FIDELITIES
@@ -197,10 +200,7 @@ def add_certificate(parser: ArgumentParser) -> None:
 
 
 def _days(text: str) -> int:
-    days = int(text)
-    if not 1 <= days <= DAYS_MAX:
-        raise ArgumentTypeError(f"{text} is not 1 to {DAYS_MAX}")
-    return days
+    return number_of(text, int, lambda days: 1 <= days <= DAYS_MAX, f"1 to {DAYS_MAX}, as in 365")
 
 
 def add_demo(parser: ArgumentParser) -> None:
@@ -424,26 +424,30 @@ def add_completion(parser: ArgumentParser) -> None:
     parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
 
 
+N = TypeVar("N", int, float)
+
+
+def number_of(text: str, kind: Callable[[str], N], holds: Callable[[N], bool], expected: str) -> N:
+    """The number of an option, for which `holds`; raises ArgumentTypeError with the expected."""
+    with suppress(ValueError):
+        number = kind(text)
+        if holds(number):
+            return number
+    raise ArgumentTypeError(f"{text} is not {expected}")
+
+
 def _speed(text: str) -> float:
-    speed = float(text)
-    if not math.isfinite(speed) or not 0 < speed <= SPEED_MAX:
-        raise ArgumentTypeError(f"{text} is not above 0 and at most {SPEED_MAX:g}")
-    return speed
+    expected = f"above 0 and at most {SPEED_MAX:g}, as in 2.5"
+    return number_of(text, float, lambda speed: 0 < speed <= SPEED_MAX, expected)
 
 
 def time_limit_s(text: str) -> float:
     """A time [s] above 0."""
-    limit_s = float(text)
-    if not 0 < limit_s < math.inf:
-        raise ArgumentTypeError(f"{text} is no time above 0")
-    return limit_s
+    return number_of(text, float, lambda time_s: 0 < time_s < math.inf, "above 0 s, as in 30")
 
 
 def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= PORT_MAX:
-        raise ArgumentTypeError(f"{text} is not 0 to {PORT_MAX}")
-    return port
+    return number_of(text, int, lambda port: 0 <= port <= PORT_MAX, f"0 to {PORT_MAX}, as in 8642")
 
 
 COUNT_MAX = 1_000_000
@@ -487,14 +491,12 @@ def add_plan_squeeze(parser: ArgumentParser) -> None:
 
 
 def _count(text: str) -> int:
-    count = int(text)
-    if not 0 <= count <= COUNT_MAX:
-        raise ArgumentTypeError(f"{text} is not 0 to {COUNT_MAX}")
-    return count
+    expected = f"0 to {COUNT_MAX}, as in 100"
+    return number_of(text, int, lambda count: 0 <= count <= COUNT_MAX, expected)
 
 
 def _angle(text: str) -> float:
-    angle_rad = float(text)
+    angle_rad = number_of(text, float, lambda _: True, f"within {TURN_RAD:g} rad, as in 0.5")
     if not abs(angle_rad) <= TURN_RAD:
         hint = degrees_hint(angle_rad) if math.isfinite(angle_rad) else ""
         raise ArgumentTypeError(f"{text} is not within {TURN_RAD:g} rad{hint}")
@@ -502,9 +504,14 @@ def _angle(text: str) -> float:
 
 
 def _corners(text: str) -> list[tuple[float, float]]:
-    corners = [tuple(map(float, corner.split(","))) for corner in text.split()]
+    corners: list[tuple[float, ...]] = []
+    with suppress(ValueError):
+        corners = [tuple(map(float, corner.split(","))) for corner in text.split()]
     if len(corners) < 3 or any(len(corner) != 2 for corner in corners):
-        raise ArgumentTypeError(f"{text!r} is not three corners X,Y or more with spaces between")
+        raise ArgumentTypeError(
+            f"{text!r} is not three corners X,Y or more with spaces between, as in '0,0 0.3,0 "
+            "0,0.2'"
+        )
     if not all(abs(place) <= PLACE_MAX_M for corner in corners for place in corner):
         raise ArgumentTypeError(f"{text!r} has a place beyond {PLACE_MAX_M:g} m")
     return [(x_m, y_m) for x_m, y_m in corners]

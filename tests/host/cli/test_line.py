@@ -38,7 +38,17 @@ def ended(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int
         ),
         (
             ["run", TABLE, "--modbus", "0", "--recipe", "array18"],
-            "a line needs a program, but motion.field is 'goal'",
+            "--recipe array18: a line needs a program, but motion.field is 'goal'",
+        ),
+        (["serve", TABLE, "--modbus", "abc"], "--modbus: abc is not 0 to 65535, as in 8642"),
+        (["serve", TABLE, "--page", "80x"], "--page: 80x is not 0 to 65535, as in 8642"),
+        (["line", "certificate", "--days", "x"], "--days: x is not 1 to 36500, as in 365"),
+        (["line", "certificate", "--state", __file__], f"--state {__file__}: is no folder"),
+        (["serve", TABLE, "--state", __file__], f"--state {__file__}: is no folder"),
+        (["serve", TABLE, "--modbus", "0", "--state", __file__], "is no folder; name a folder"),
+        (
+            ["run", TABLE, "--modbus", "0", "--state", f"{__file__}/state"],
+            "cannot be written: Not a directory; name another folder",
         ),
         (["line", "certificate", "--days", "0"], "0 is not 1 to 36500"),
     ],
@@ -69,6 +79,12 @@ def test_opcua_needs_a_certificate_and_users_that_nobody_else_reads(tmp_path, ca
     users.write_bytes("müller:secret".encode("latin-1"))
     code, error = ended(command, capsys)
     assert (code, error) == (2, f"mdms: {users}: is not UTF-8; save it as that\n")
+    for name, kind in (("key.pem", "no key in PEM"), ("certificate.der", "no certificate in DER")):
+        path, before = tmp_path / name, (tmp_path / name).read_bytes()
+        path.write_bytes(before[: len(before) // 2])
+        code, error = ended(command, capsys)
+        assert (code, f"{path}: is {kind}" in error) == (2, True), error
+        path.write_bytes(before)
     code, error = ended([*command, "--anonymous", "--line-host", "0.0.0.0"], capsys)
     assert (code, "for this machine only" in error) == (2, True)
 

@@ -5,7 +5,6 @@ from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack, closing, nullcontext
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -20,7 +19,7 @@ from mdms_host.can_link.bus_log import is_from_host, open_log
 from mdms_host.cli.exits import ENDS, CommandError, ExitCode, interrupted
 from mdms_host.cli.files import writing, written
 from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames, say_log_ends
-from mdms_host.cli.line import Job, has_line, recipes_of
+from mdms_host.cli.line import Job, has_line, made_folder, recipes_of
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.line.machine import Recipes
@@ -87,7 +86,7 @@ def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
     """
     if arguments.state is None:
         return None
-    path = Path(arguments.state) / STORED_CELLS
+    path = made_folder(arguments) / STORED_CELLS
     try:
         return KeptFlash(path, scenario.array.columns * scenario.array.rows)
     except OSError as error:

@@ -92,7 +92,13 @@ def test_a_plan_that_turns_no_parcel_fails(capsys):
     ("arguments", "message"),
     [
         (["--corners", "0,0 1,0"], "is not three corners X,Y or more"),
-        (["--corners", "0,0 1,0 x,1"], "invalid"),
+        (
+            ["--corners", "0,0 1,0 x,1"],
+            "is not three corners X,Y or more with spaces between, as in '0,0 0.3,0",
+        ),
+        (["--corners", "a,b"], "'a,b' is not three corners X,Y or more"),
+        (["--yaw", "east"], "east is not within 6.2832 rad, as in 0.5"),
+        (["--time", "long"], "long is not above 0 s, as in 30"),
         (["--corners", "0,0 0,1 1,0"], "--corners: corners_m of parcel 'box' must be at least"),
         (["--corners", "0,0 1,0 1,1 0.9,0.1"], "convex polygon, counter-clockwise"),
         (["--corners", TRIANGLE, "--parcel", "ball"], "--parcel ball: no such parcel"),
