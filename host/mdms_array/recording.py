@@ -190,9 +190,9 @@ def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
 
 
 def lasting(scenario: Scenario, duration_s: float) -> Scenario:
-    """The scenario with the duration that its run has had, so that it can be run again.
+    """The scenario with another duration, as its run has had, so that it can be run again.
 
-    A run that has taken no time, or longer than a scenario may, keeps the duration it was given.
+    It keeps its own where no scenario may have the other: a run that has taken no time, or too much.
     """
     lasted = replace(scenario, run=replace(scenario.run, duration_s=duration_s))
     try:

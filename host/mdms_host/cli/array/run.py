@@ -156,7 +156,9 @@ def _operate_and_keep(
         else:
             operation, ended = operated()
         ended = replace(ended, figures={**ended.figures, "run": str(arguments.out)})
-        lasted = lasting(belief.scenario, ended.duration_s)
+        # A simulation of the folder has the time that was given: it may need more than the table.
+        given_s = belief.scenario.run.duration_s
+        lasted = lasting(belief.scenario, max(given_s, ended.duration_s))
         keep = partial(
             keep_run,
             folder,

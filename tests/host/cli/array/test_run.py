@@ -14,6 +14,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_model.run.folder import read_run
+from mdms_model.scenario.file import load_scenario
 
 
 @pytest.fixture
@@ -48,6 +49,8 @@ def test_sightings_until_then_are_kept(on_a_bus_that_ends, tmp_path):
     stored = read_run(tmp_path / "run")
     assert stored.figures["fault"] == "the CAN device is gone: unplugged"
     assert stored.record.time_s.tolist() == [0.0, 0.05, 0.1]
+    # Simulated again, the folder has the time that was given.
+    assert stored.scenario.run == load_scenario("array18").run
     assert (tmp_path / "run" / "bus.log").read_text().count("77F#05") == 2
 
 
@@ -100,7 +103,9 @@ def test_a_full_disk_ends_no_run_and_leaves_what_it_took(on_a_full_disk, tmp_pat
 def test_a_disk_that_has_room_again_takes_the_rest_of_the_folder(on_a_full_disk, tmp_path, capsys):
     assert on_a_full_disk(more=resource.RLIM_INFINITY) == ExitCode.OK
     assert capsys.readouterr().err.count("it ends here") == 1
-    assert read_run(tmp_path / "run").figures["ending"] == "done"
+    stored = read_run(tmp_path / "run")
+    assert stored.figures["ending"] == "done"
+    assert stored.scenario.run.duration_s == stored.record.time_s[-1] > 40.0
     assert 10 < logged(tmp_path / "run") < 100
 
 
