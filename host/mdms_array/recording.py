@@ -192,7 +192,7 @@ def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
 def lasting(scenario: Scenario, duration_s: float) -> Scenario:
     """The scenario with another duration, as its run has had, so that it can be run again.
 
-    It keeps its own where no scenario may have the other: a run that has taken no time, or too much.
+    It keeps its own after a run that has taken no time, or longer than a scenario may.
     """
     lasted = replace(scenario, run=replace(scenario.run, duration_s=duration_s))
     try:

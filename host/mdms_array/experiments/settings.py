@@ -219,17 +219,26 @@ def seeds_of(seeds: int | Sequence[int], seed: int) -> list[int]:
     return [int(each) for each in listed]
 
 
+#: Keys that bring chance to a `row`.
+_CHANCES = tuple(f"cell.{name}" for name in ROW_CHANCES)
+
+
+def has_chance(base: Tree, over: Iterable[str]) -> bool:
+    """Whether seeds make a difference: not in a `row` without spreads, unless `over` varies them.
+
+    It may vary a table with them.
+    """
+    places = tuple(f"{key.removeprefix(TRUTH)}." for key in over)
+    varies = any(f"{each}.".startswith(places) for each in ("run.fidelity", *_CHANCES))
+    return varies or base["run"]["fidelity"] != "row" or any(map(base["cell"].get, ROW_CHANCES))
+
+
 def check_chance(base: Tree, over: Iterable[str], seeds: Sequence[int]) -> None:
     """Raises `InputError` for more than one seed of a `row` without chance: all runs are alike."""
-    # Keys that bring chance: a sweep may vary these, or a table with them.
-    chances = [f"cell.{name}" for name in ROW_CHANCES]
-    places = tuple(f"{key.removeprefix(TRUTH)}." for key in over)
-    varies = any(f"{each}.".startswith(places) for each in ("run.fidelity", *chances))
-    is_alike = base["run"]["fidelity"] == "row" and not any(map(base["cell"].get, ROW_CHANCES))
-    if len(seeds) > 1 and is_alike and not varies:
+    if len(seeds) > 1 and not has_chance(base, over):
         raise InputError(
             f"seeds: {len(seeds)} are given, but run.fidelity is 'row', and this one has no "
-            f"chance: all its runs are alike; give seeds = 1, or {' or '.join(chances)}"
+            f"chance: all its runs are alike; give seeds = 1, or {' or '.join(_CHANCES)}"
         )
 
 

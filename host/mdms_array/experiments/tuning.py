@@ -17,6 +17,7 @@ from mdms_array.experiments.settings import (
     Distribution,
     check_count,
     check_no_seed,
+    has_chance,
     seeds_of,
     tree_of,
 )
@@ -52,7 +53,7 @@ class TuningProblem:
     """What is tuned: `design` has the base as its only setting, and all measures.
 
     `objective` is the measure whose mean is to be small, or with `maximise` large. `unseen` is the
-    number of seeds on which the best setting is compared with the base.
+    number of seeds on which the best setting is compared with the base: 1 where all runs are alike.
     """
 
     design: Design
@@ -82,12 +83,17 @@ class Trial:
         return self.mean is not None and self.excess <= 0.0
 
 
+#: A mean, and the ends of its 95 % interval.
+Gain = tuple[float, float | None, float | None]
+
+
 @dataclass(frozen=True, slots=True)
 class Tuned:
     """All trials, the base first; the best; and both on seeds that no trial has seen.
 
     `gain` is how much better the best is there than the base, in the mean of pairs, with the ends
-    of its 95 % interval; None where the base is the best, or a run has no value.
+    of its 95 % interval, which runs without chance do not have. It is None where the base is the
+    best, or a run has no value.
     """
 
     trials: Sequence[Trial]
@@ -95,12 +101,15 @@ class Tuned:
     importance: Mapping[str, float]
     base_unseen: Trial
     best_unseen: Trial
-    gain: tuple[float, float, float] | None
+    gain: Gain | None
 
     @property
     def is_better(self) -> bool:
         """Whether the best is surely better than the base on unseen seeds, and keeps its bounds."""
-        return self.gain is not None and self.gain[1] > 0.0 and self.best_unseen.is_within
+        if self.gain is None or not self.best_unseen.is_within:
+            return False
+        mean, low, _ = self.gain
+        return (mean if low is None else low) > 0.0
 
 
 def task_of(
@@ -143,7 +152,8 @@ def task_of(
     tree_of(design.base, base, design.seeds[0])
     return TuningProblem(
         replace(design, settings=[base]),
-        *(vary, objective, maximise, tuple(bounds), trials, seed, unseen),
+        *(vary, objective, maximise, tuple(bounds), trials, seed),
+        unseen if has_chance(design.base, vary) else 1,
     )
 
 
@@ -241,7 +251,7 @@ def _best(task: TuningProblem, trials: Sequence[Trial]) -> Trial:
 
 def _compare(
     task: TuningProblem, run: Callable[[Design], SweepResult], base: Trial, best: Trial
-) -> tuple[Trial, Trial, tuple[float, float, float] | None]:
+) -> tuple[Trial, Trial, Gain | None]:
     """Base and best on seeds that no trial has seen, and the gain."""
     settings = [dict(each.setting) for each in _once([base, best])]
     unseen = seeds_of(task.unseen, task.seed + UNSEEN_SEED)
@@ -250,8 +260,9 @@ def _compare(
     if len(settings) == 1 or of_base.mean is None or of_best.mean is None:
         return of_base, of_best, None
     values = np.array([float(row[task.objective]) for row in result.rows]).reshape(2, -1)
-    pairs = (values[1] - values[0]) * (1.0 if task.maximise else -1.0)
-    return of_base, of_best, mean_interval(pairs.tolist())
+    pairs = ((values[1] - values[0]) * (1.0 if task.maximise else -1.0)).tolist()
+    gain: Gain = mean_interval(pairs) if len(pairs) > 1 else (pairs[0], None, None)
+    return of_base, of_best, gain
 
 
 def _importance(study: Any) -> dict[str, float]:

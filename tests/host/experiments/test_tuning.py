@@ -68,7 +68,8 @@ def test_tuning_finds_better_values_within_bounds_and_repeats(file, capsys):
         "mean": pytest.approx(0.01),
         "within_bounds": True,
     }
-    assert first["gain"][0] == pytest.approx(0.01, abs=0.01)
+    # Without chance there is one run of each, and no interval.
+    assert first["gain"] == [pytest.approx(0.01, abs=0.01), None, None]
     assert max(first["importance"], key=first["importance"].get) == "cell.friction"
     runs = runs_in(file.parent / "runs" / "grip" / "journal.sqlite")
     # All runs are in the journal, and the sampler proposes the same again.
@@ -76,6 +77,26 @@ def test_tuning_finds_better_values_within_bounds_and_repeats(file, capsys):
     assert runs_in(file.parent / "runs" / "grip" / "journal.sqlite") == runs
     assert (file.parent / "runs" / "grip" / "tuning.png").is_file()
     assert len(pandas.read_csv(file.parent / "runs" / "grip" / "table.csv")) == 12
+
+
+def test_a_best_without_chance_is_compared_once(file, capsys):
+    assert main(["tune", "grip.toml", "--workers", "1"]) == ExitCode.OK
+    told = capsys.readouterr().out
+    assert "in one run of each: without chance all are alike" in told
+    assert "unseen" not in told
+    assert read_tuning(file).unseen == 1
+
+
+def test_a_best_with_chance_has_an_interval(file, capsys):
+    text = FILE.replace(
+        '"cell.friction"', '"cell.motor_spread" = { uniform = [0, 0.1] }\n"cell.friction"'
+    )
+    file.write_text(text.replace("trials = 12", "trials = 4"))
+    _, figures = tuned(capsys)
+    gain, low, high = figures["gain"]
+    assert low <= gain <= high
+    assert main(["tune", "grip.toml", "--workers", "1"]) == ExitCode.OK
+    assert "on 2 unseen seeds, in pairs" in capsys.readouterr().out
 
 
 def test_where_nothing_keeps_the_bounds_the_end_is_a_failure(file, capsys):
@@ -100,8 +121,8 @@ def test_a_best_that_fails_on_unseen_seeds_is_not_called_no_better(file, capsys)
     )
     assert main(["tune", "grip.toml", "--workers", "1"]) == ExitCode.OK
     told = capsys.readouterr().out
-    assert "unseen seeds failed" in told
-    assert "they cannot be compared on 2 unseen seeds: a run failed, or gave no number" in told
+    assert "run again failed" in told
+    assert "they cannot be compared: a run failed, or gave no number" in told
     assert "no trial is better" not in told
 
 

@@ -63,7 +63,8 @@ def _figures(task: TuningProblem, tuned: Tuned, folder: Path) -> dict[str, Any]:
 
 
 def _report(task: TuningProblem, tuned: Tuned) -> list[str]:
-    unseen = f"on {task.unseen} unseen seeds"
+    alike = task.unseen == 1
+    unseen = "run again" if alike else f"on {task.unseen} unseen seeds"
     lines = [
         f"{len(tuned.trials)} trials of {len(task.design.seeds)} seeds, mean {task.objective}",
         f"  the scenario's own: {_shown(tuned.trials[0])}, {unseen} {_shown(tuned.base_unseen)}",
@@ -77,11 +78,15 @@ def _report(task: TuningProblem, tuned: Tuned) -> list[str]:
     elif tuned.best.setting == tuned.trials[0].setting:
         lines.append("  no trial is better than the scenario's own values")
     elif tuned.gain is None:
-        lines.append(f"  they cannot be compared {unseen}: a run failed, or gave no number")
+        where = "" if alike else f" {unseen}"
+        lines.append(f"  they cannot be compared{where}: a run failed, or gave no number")
     else:
         gain, low, high = tuned.gain
         verdict = "the best is better" if tuned.is_better else "no sure difference"
-        lines.append(f"  {verdict}: by {gain:.3g} [{low:.3g}, {high:.3g}] {unseen}, in pairs")
+        told = "in one run of each: without chance all are alike"
+        if low is not None:
+            told = f"[{low:.3g}, {high:.3g}] {unseen}, in pairs"
+        lines.append(f"  {verdict}: by {gain:.3g} {told}")
     return lines
 
 
