@@ -1,5 +1,6 @@
 """Pictures of a sweep: lines with bands, a map, or a matrix of all measures over all parameters."""
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -37,6 +38,8 @@ MOST_NUMBERS = 80
 _WIDE = 10.0
 #: Longer texts of values are cut.
 _LONGEST = 18
+#: A line of a legend's title has so many characters at most, unless one part of a name has more.
+_LEGEND = 24
 Row = dict[str, Any]
 
 
@@ -92,7 +95,7 @@ def draw_lines(result: "SweepResult", measure: str, over: str, by: str | None = 
     _label_y(axes, result, measure)
     if by is not None:
         legend = figure.legend(
-            title=label_of(result, by).replace(" (", "\n("),
+            title=_broken(label_of(result, by), _LEGEND),
             loc="upper left",
             bbox_to_anchor=(0.75, 0.89),
             frameon=False,
@@ -332,8 +335,18 @@ def _title(figure: Figure, result: "SweepResult", text: str, bands: str = "") ->
     runs = f"{len(result.rows)} runs" + (f", {result.failed} failed" if result.failed else "")
     figure.text(left, top, text, color=INK, fontsize=11, weight="bold", va="top")
     if bands:
-        runs = f"{runs}\n{bands}"
-    figure.text(0.98, top, runs, color=FAINT, fontsize=8, ha="right", va="top")
+        runs = f"{runs}; {bands}"
+    figure.text(left, top - 0.21 / height, runs, color=FAINT, fontsize=8, va="top")
+
+
+def _broken(label: str, longest: int) -> str:
+    """A parameter's label in lines: broken before its meaning, and at the dots of a long name."""
+    lines = [""]
+    for part in re.findall(r" \(.*|[^. ]+\.?", label):
+        if part.startswith(" (") or (lines[-1] and len(lines[-1] + part) > longest):
+            lines.append("")
+        lines[-1] += part.lstrip()
+    return "\n".join(lines)
 
 
 def _short(value: Any) -> str:

@@ -150,10 +150,13 @@ def write_name(axes: Axes, name: str, place_m: tuple[float, float], colour: str)
 
 
 def nose_m(pose: Floats, parcel: Parcel) -> Floats:
-    """Corners of a small triangle at the parcel's +x side, so that its turn can be seen."""
-    tip, depth = parcel.length_m / 2, 0.09 * parcel.length_m
+    """Corners of a slim triangle at the parcel's +x side, so that its turn can be seen.
+
+    It is twice as long as wide, or it would seem to point with another of its corners.
+    """
+    tip, depth = parcel.length_m / 2, 0.14 * parcel.length_m
     turned = np.array([[np.cos(pose[2]), np.sin(pose[2])], [-np.sin(pose[2]), np.cos(pose[2])]])
-    corners = np.array([(tip, 0.0), (tip - depth, depth / 2), (tip - depth, -depth / 2)])
+    corners = np.array([(tip, 0.0), (tip - depth, depth / 4), (tip - depth, -depth / 4)])
     placed: Floats = corners @ turned + pose[:2]
     return placed
 

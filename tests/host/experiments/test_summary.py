@@ -135,6 +135,19 @@ def test_each_kind_of_sweep_has_a_picture(over, shape, tmp_path):
     assert (tmp_path / "again.png").read_bytes() == first
 
 
+@pytest.mark.parametrize("measure", ["time_s", "reached"])
+def test_texts_of_a_picture_keep_apart_and_inside(measure, tmp_path):
+    key = "truth.parcel.box.centre_of_mass_m.0"
+    result = table({"motion.speed_m_s": GRID, key: [0.1, 0.2]})
+    figure = result.plot(tmp_path / "picture.png", measure)
+    title, note = (text.get_window_extent() for text in figure.texts)
+    (axes,), (legend,) = figure.axes, figure.legends
+    assert title.y0 > note.y1
+    assert note.y0 > axes.get_window_extent().y1
+    for box in (title, note, legend.get_window_extent()):
+        assert box.x1 < figure.bbox.x1
+
+
 def test_a_picture_of_a_missing_column_is_refused(tmp_path):
     result = table({"cell.friction": GRID})
     with pytest.raises(mdms.InputError, match=r"speed has no numbers to draw; there are reached"):
