@@ -25,7 +25,10 @@ def running(desk) -> Desk:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[object]:
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS])
+        # Scroll bars take their room, as in the window of a person.
+        chromium = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=[*FLAGS], ignore_default_args=["--hide-scrollbars"]
+        )
         yield chromium
         chromium.close()
 

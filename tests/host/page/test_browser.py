@@ -169,6 +169,36 @@ def test_recording_is_scrubbed(recorded, open_page):
     assert page.locator(".plot .help").count() == 4
 
 
+def test_plots_are_as_wide_as_there_is_room_beside_the_scroll_bar(demo, open_page):
+    page = open_page(demo)
+    page.set_viewport_size({"width": 1400, "height": 900})
+    page.click("#tab-plots")
+    wait_until(page, "document.querySelectorAll('#plots canvas').length >= 5")
+    sizes = "((one) => [one.clientHeight, one.scrollHeight, one.clientWidth, one.scrollWidth])"
+    height, whole_height, width, whole_width = page.evaluate(
+        f"{sizes}(document.querySelector('#plots'))"
+    )
+    assert whole_height > height
+    assert whole_width == width
+
+
+def test_without_a_choice_the_plots_are_of_a_parcel_that_is_there(serve, open_page):
+    names = {kind: [f"{kind} {k}" for k in (1, 2, 3)] for kind in ("small", "medium", "large")}
+    comes = [*names["medium"], *names["large"], "disc 1", "disc 2", "disc 3"]
+    away = f"{{parcels={names['small']}, x_m=-0.35, start_s=1e5}}"
+    streams = f"stream=[{away}, {{parcels={comes}, x_m=-0.35}}]"
+    page = open_page(serve("serve", "sort54", "--name", "page-plots", "--set", streams))
+    page.click("#start")
+    page.click("#tab-plots")
+    there = (
+        "() => { const believed = page.snapshot.parcel_believed, names = page.table.parcels.map("
+        "(one) => one.name).filter((_, p) => Number.isFinite(believed[3 * p])); const heads = "
+        "[...document.querySelectorAll('#plots h2')].map((one) => one.textContent); return "
+        "names.some((name) => heads.some((head) => head.endsWith(`less truth, ${name} [mm]`))); }"
+    )
+    wait_until(page, there)
+
+
 def test_parcel_stays_where_it_is_when_the_page_goes_while_its_goal_is_dragged(demo, open_page):
     watcher, page = open_page(demo), open_page(demo)
     page.click("#take")

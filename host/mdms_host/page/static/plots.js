@@ -18,7 +18,7 @@ const NO_JITTER = "A run has the table's time, and not the machine's.";
  * The plots of a table: title, unit, and lines as [label, value of a snapshot, colour if it is
  * another's too, "dashed"]; `usual`: a few values that are much higher do not set the scale.
  */
-function plotsOf(table, chosen) {
+function plotsOf(table, chosen, parcel) {
   const buses = [...Array(table.bus_count).keys()];
   const named = (text, bus) => table.bus_count > 1 ? `${text} ${bus}` : text;
   const sum = (array, from, step) => {
@@ -60,7 +60,6 @@ function plotsOf(table, chosen) {
       ],
     });
   }
-  const parcel = chosen?.kind === "parcel" ? chosen.number : 0;
   if (table.parcels[parcel]) {
     const { name } = table.parcels[parcel], at = 3 * parcel;
     const other = table.true_known ? "parcel_true" : "parcel_goal";
@@ -93,10 +92,10 @@ export class Plots {
   /** Sets up the plots for what is chosen; colours are read again. One of which nothing is known says why. */
   build(table, chosen) {
     this.clear();
-    Object.assign(this, { table, chosen });
+    Object.assign(this, { table, chosen, parcel: this.parcelOf(table, chosen) });
     const style = getComputedStyle(document.documentElement);
     const text = style.getPropertyValue("--faint").trim(), line = style.getPropertyValue("--line").trim();
-    for (const plot of plotsOf(table, chosen)) {
+    for (const plot of plotsOf(table, chosen, this.parcel)) {
       const box = document.createElement("section");
       box.className = "plot";
       const head = document.createElement("h2");
@@ -115,6 +114,16 @@ export class Plots {
         this.lacking.push(plot);
       }
     }
+  }
+
+  /** The chosen parcel; else the one that is shown while it is there, then the first that is; of a recorded run, ever. */
+  parcelOf(table, chosen) {
+    if (chosen?.kind === "parcel") return chosen.number;
+    const there = (p) => p !== undefined && this.isKnown({ lines: [["", (s) => s.parcel_believed[3 * p]]] });
+    const last = table === this.table ? this.parcel : undefined;
+    if (there(last)) return last;
+    const first = table.parcels.findIndex((_, p) => there(p));
+    return first < 0 ? last ?? 0 : first;
   }
 
   say(box, reason) {
@@ -181,7 +190,8 @@ export class Plots {
 
   update(now) {
     this.now = now;
-    if (!this.history.whole && this.lacking.some((plot) => this.isKnown(plot))) this.build(this.table, this.chosen);
+    const isOther = !this.history.whole && this.parcel !== this.parcelOf(this.table, this.chosen);
+    if (isOther || (!this.history.whole && this.lacking.some((plot) => this.isKnown(plot)))) this.build(this.table, this.chosen);
     const times = this.history.times;
     for (const { plot, chart } of this.drawn) {
       chart.setData([times, ...plot.lines.map(([, value]) => this.history.series(value))]);
