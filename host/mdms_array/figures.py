@@ -413,11 +413,20 @@ def _streamed(stream: dict[str, Any]) -> str:
     )
 
 
-def _sentence(parcel: dict[str, Any]) -> str:
+def _motion(parcel: dict[str, Any]) -> str:
+    """The motion of a parcel at its last instant that has not been at rest for long."""
     speed_m_s = hypot(parcel["vx_m_s"], parcel["vy_m_s"])
+    if speed_m_s >= REST_SPEED_M_S:
+        return f"moving at {speed_m_s:.3f} m/s"
+    if abs(parcel["yaw_rate_rad_s"]) >= REST_YAW_RATE_RAD_S:
+        return f"turning at {degrees(parcel['yaw_rate_rad_s']):+.1f} deg/s"
+    return f"standing, for less than {REST_WHILE_S:g} s"
+
+
+def _sentence(parcel: dict[str, Any]) -> str:
     if parcel.get("lifted"):
         return f"{parcel['name']}: lifted off the table"
-    state = "at rest" if parcel["at_rest"] else f"moving at {speed_m_s:.3f} m/s"
+    state = "at rest" if parcel["at_rest"] else _motion(parcel)
     return (
         f"{parcel['name']}: x {parcel['x_m']:+.4f} m, y {parcel['y_m']:+.4f} m, "
         f"yaw {degrees(parcel['yaw_rad']):+.1f} deg, {state}"

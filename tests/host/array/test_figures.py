@@ -7,7 +7,7 @@ import pytest
 import tests.storms
 from tests.storms.storm import load, scenario_of
 
-from mdms_array.figures import believed_run, raise_for_end, report, simulated_run
+from mdms_array.figures import TWIST, believed_run, raise_for_end, report, simulated_run
 from mdms_array.host import coordinator_of
 from mdms_array.run import TimeLimitError
 from mdms_array.simulation import host_report_of
@@ -64,6 +64,21 @@ def test_report_has_a_line_per_parcel(scenario):
     lines = report(figures(scenario, 0.25))
     assert "20" not in lines[1]
     assert lines[2].strip() == "box: x +0.2500 m, y +0.0000 m, yaw +0.0 deg, at rest"
+
+
+@pytest.mark.parametrize(
+    ("twist", "told"),
+    [
+        ((0.0, 0.0, 0.0), "standing, for less than 0.5 s"),
+        ((0.0, 0.0, -0.1), "turning at -5.7 deg/s"),
+        ((0.03, 0.04, 0.0), "moving at 0.050 m/s"),
+    ],
+)
+def test_report_says_what_a_parcel_does_that_is_not_at_rest(scenario, twist, told):
+    run = figures(scenario, 0.25)
+    (parcel,) = run["parcels"]
+    parcel |= {"at_rest": False, **dict(zip(TWIST, twist, strict=True))}
+    assert report(run)[2].endswith(f", {told}")
 
 
 def test_that_compiling_happens_once_is_not_said_twice(scenario):
