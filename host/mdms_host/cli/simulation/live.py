@@ -13,8 +13,9 @@ from mdms_array.host import (
 from mdms_array.simulation import host_report_of
 from mdms_host.cli.exits import ExitCode, interrupted
 from mdms_host.cli.kept import Kept
-from mdms_host.cli.line import Job
+from mdms_host.cli.line import Job, has_line
 from mdms_host.cli.live_array import Watched, attendants
+from mdms_host.cli.streams import say
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.line.machine import Recipes
 from mdms_host.page.run_slot import RunSlot
@@ -27,6 +28,9 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_sim.serve.clock import RealTime
 from mdms_sim.serve.server import Server
 from mdms_sim.simulation import NS_PER_S, Simulation, addresses_of, open_bank
+
+#: Kinds of events that a table without a simulation has, too.
+_HOSTS = ("coordinator", "line", "page")
 
 
 def slot_of(
@@ -81,8 +85,17 @@ def attended(
     over: Callable[[], object],
     kept: Kept,
 ) -> Iterator[Callable[[], object]]:
-    """The page and the line of a served table; a hook in place of `over` looks after them."""
-    table = table_of(scenario, slot, server.simulation, server.time, kept.event)
+    """The page and the line of a served table; a hook in place of `over` looks after them.
+
+    With a line the host's events go to stderr, as those of `mdms run` do.
+    """
+
+    def report(time_s: float, kind: str, text: str) -> None:
+        if has_line(arguments) and kind in _HOSTS:
+            say(f"{time_s:8.3f} s  {text}")
+        kept.event(time_s, kind, text)
+
+    table = table_of(scenario, slot, server.simulation, server.time, report)
     watched = Watched(kept, slot, scenario)
     kernel = server.simulation.kernel
     with attendants(table, slot, scenario, arguments, recipes) as attend:

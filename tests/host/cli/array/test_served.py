@@ -21,6 +21,7 @@ from mdms_model.run.folder import read_run
 pytestmark = pytest.mark.real_time
 
 MDMS = Path(sys.executable).with_name("mdms")
+LINE = str(Path(__file__).parents[4] / "examples" / "line" / "table.toml")
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +147,19 @@ def test_run_carries_the_box_stop_finds_all_off_and_serve_keeps_the_truth(tmp_pa
     assert stored.figures["bus"]["frames"] > 1000
     assert stored.scenario.run.duration_s == stored.record.time_s[-1]
     assert (out / "picture.png").exists()
+
+
+def test_a_served_table_in_a_line_tells_its_events_as_a_run_does(tmp_path):
+    name, state = str(tmp_path / "sock"), str(tmp_path / "state")
+    command = [str(MDMS), "serve", LINE, "--name", name, "--modbus", "0", "--state", state]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert any("connect with" in line for line in iter(process.stdout.readline, ""))
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=120)
+    assert process.returncode == ExitCode.OK
+    assert re.match(r" +\d+\.\d{3} s  line: Stopped\n", told), told
 
 
 def test_run_that_is_terminated_leaves_every_motor_off(served):
