@@ -16,8 +16,9 @@ SAMPLE_POINT = 87
 BUS_OFF_MS = 100
 #: For so long a cell's frames wait while the bus takes none: two beats, then they are late.
 WAIT_MS = 20
-#: Events that raise the interrupt.
-TRIGGERS = CAN.IRQ_RX | CAN.IRQ_STATE
+# Events of the interrupt: a frame has come, and a frame has gone.
+_RECEIVED = CAN.IRQ_RX
+_GONE = CAN.IRQ_TX  # pyright: ignore[reportAttributeAccessIssue] - not in the stubs
 
 #: How many counters `CAN.get_counters` has; the first two are those of CAN's fault confinement.
 _COUNTERS = 8
@@ -29,10 +30,11 @@ class Bus:
 
     `off` is set from bus-off until the controller is back, and for `BUS_OFF_MS` at least. Frames
     that the bus does not take for `wait_ms` are dropped; with 0 they wait as long as it takes.
-    A port's class defines its filters, and may define the other methods.
+    A port's class defines its filters, and may define the other methods. With `tells_gone` the
+    interrupt also comes for frames that have gone, and frees a buffer each time that it is asked.
     """
 
-    def __init__(self, can: CAN, registers):
+    def __init__(self, can: CAN, registers, tells_gone=False):
         self.inbox = Inbox(registers=registers)
         self.off = False
         self.wait_ms = 0
@@ -41,6 +43,10 @@ class Bus:
         self._waiting_ms = 0
         self._registers = registers
         self._can = can
+        #: Events that raise the interrupt.
+        self._triggers = _RECEIVED | CAN.IRQ_STATE
+        if tells_gone:
+            self._triggers |= _GONE
         interrupt = can.irq()  # which is there before it can come
         self._flags = interrupt.flags
         self._arm = interrupt.trigger
@@ -73,7 +79,7 @@ class Bus:
 
     def start(self):
         """Begin to receive."""
-        self._can.irq(self._on_can, TRIGGERS, True)
+        self._can.irq(self._on_can, self._triggers, True)
 
     def stop(self):
         """End that."""
@@ -81,13 +87,16 @@ class Bus:
 
     @micropython.native
     def _on_can(self, can: CAN):
-        """Take the received frames, and note bus-off."""
+        """Take the received frames, free the buffers of those that have gone, and note bus-off."""
+        received = 0
         flags = self._flags()
-        if not flags & CAN.IRQ_RX:
-            self.rearm()
-        while flags & CAN.IRQ_RX:
-            self.inbox.take(can)
+        while flags & (_RECEIVED | _GONE):
+            received |= flags & _RECEIVED
+            if flags & _RECEIVED:
+                self.inbox.take(can)
             flags = self._flags()
+        if not received:
+            self.rearm()
         if can.state() == CAN.STATE_BUS_OFF:
             self._fell_silent = True
             self._registers[speed_loop.CUT] = 1

@@ -13,7 +13,8 @@ from machine import (
 )
 from pyb import Timer
 
-from boards.bus import BITRATE, BUS_OFF_MS, SAMPLE_POINT, TRIGGERS, Bus
+from boards.bus import BITRATE, BUS_OFF_MS, SAMPLE_POINT, Bus
+from boards.can_filters import bxcan
 from boards.cell_board import CellBoard
 from boards.wheel import PWM_HZ, Wheel
 from mdms_cell.drive import speed_loop
@@ -95,7 +96,9 @@ class Stm32Bus(Bus):
     def __init__(self, pins: Pins, registers):
         self._pins = pins
         self._receive = Pin(pins.receive)  # its level only: the controller sets it up
-        super().__init__(opened(), registers)
+        # One interrupt of an FDCAN may tell of several frames that have gone, and MicroPython frees
+        # the buffer of one. The others would count as full, and their identifiers be refused.
+        super().__init__(opened(), registers, tells_gone=pins.filters is not bxcan)
 
     def filters(self, identifiers):
         """Filters that let these identifiers through, all into the first FIFO."""
@@ -106,7 +109,7 @@ class Stm32Bus(Bus):
 
         An FDCAN's interrupt also comes for a frame that was taken while it ran before.
         """
-        self._arm(TRIGGERS)
+        self._arm(self._triggers)
 
     def transmit(self, can_id, data):
         """Give a frame to the controller, with no interrupt in between.

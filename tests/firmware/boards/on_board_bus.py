@@ -308,6 +308,26 @@ def test_more_frames_than_mailboxes_leave_in_their_order(bench):
     assert [frame for frame in world.sent if frame[0] == 0x181] == frames
 
 
+def test_frames_that_go_before_their_interrupt_leave_no_mailbox_full(bench):
+    """Another interrupt may take longer than a frame: a computer reads the drive over USB."""
+    bench.boot()
+    can_ids = (0x123, 0x234)
+    for _ in range(3):
+        for can_id in can_ids:
+            assert bench.board.send(can_id, bytes(8))
+        interrupts = machine.disable_irq()
+        bench.can.pass_ms()
+        machine.enable_irq(interrupts)
+        bench.pass_ms(9)
+    world.sent.clear()
+    for _ in range(20):
+        for can_id in can_ids:
+            assert bench.board.send(can_id, bytes(8))
+        bench.pass_ms(10)
+    sent = [each[0] for each in world.sent]
+    assert [sent.count(can_id) for can_id in can_ids] == [20, 20]
+
+
 def test_full_outbox_refuses(bench):
     mailboxes = bench.can.MAILBOXES if bench.name == "teensy41" else 1  # of one identifier
     assert all(bench.board.send(0x181, b"") for _ in range(mailboxes + 32))

@@ -4,8 +4,9 @@ Left out besides what `can_controller` leaves out: frames of CAN FD (the port ta
 second controller, and the room of the H7's message memory beyond `FIFO` and `MAILBOXES`.
 """
 
+import world
 from can_controller import BEHIND, matches
-from can_stm32 import Stm32Controller
+from can_stm32 import FRAMES_A_MS, Stm32Controller
 
 #: Bytes by DLC, also for classic frames.
 _BYTES = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
@@ -21,6 +22,9 @@ class FdCan(Stm32Controller):
     came and was taken while the handler ran calls it again, with nothing to take. Then nothing but
     another frame that is taken, or `trigger`, arms that interrupt. A frame that finds its FIFO full
     is lost.
+
+    One interrupt tells of all frames that have gone by then, and the port frees the lowest buffer
+    of them alone. With IRQ_TX each call of `flags` frees one.
     """
 
     STANDARD_FILTERS = 28
@@ -34,6 +38,9 @@ class FdCan(Stm32Controller):
         super().__init__(id, bitrate, **timing)
         self._enabled = [0, 0]
         self._noted = [0, 0]
+        #: Identifiers of frames that have gone, by the buffers that the port has not freed yet.
+        self._gone = {}
+        self._has_gone = False
         self.extended_filters = ()
 
     def port_clear_filters(self):
@@ -77,8 +84,54 @@ class FdCan(Stm32Controller):
         """Arm the interrupts of a FIFO."""
         self._enabled[fifo] = _NEW | _FULL | _LOST if self.trigger & self.IRQ_RX else 0
 
+    def full(self):
+        """See `Stm32Controller`."""
+        full = super().full()
+        full.update(self._gone)
+        return full
+
+    def transmit(self):
+        """The lowest identifiers go out; an interrupt follows each, where it may."""
+        for _ in range(FRAMES_A_MS):
+            if not self._mailboxes:
+                return
+            place = min(self._mailboxes, key=self._mailboxes.get)
+            frame = self._mailboxes.pop(place)
+            world.sent.append(frame)
+            self._gone[place] = frame[0]
+            self._has_gone = True
+            self.serve()
+
+    def port_restart(self):
+        """See `Stm32Controller`; all buffers are free."""
+        self._gone = {}
+        super().port_restart()
+
+    def _tell_gone(self):
+        self._has_gone = False
+        if self.trigger & self.IRQ_TX:
+            self.call()
+        else:
+            self._free_one()
+
+    def _free_one(self):
+        """Free the lowest buffer whose frame has gone; whether there is one."""
+        if self._gone:
+            del self._gone[min(self._gone)]
+            return True
+        return False
+
+    def irq_flags(self):
+        """See `Stm32Controller`; TX as long as a buffer is freed."""
+        flags = super().irq_flags()
+        if self.trigger & self.IRQ_TX and self._free_one():
+            flags |= self.IRQ_TX
+        return flags
+
     def due(self):
         """The action of the next interrupt, None if none is due."""
+        if self._has_gone:
+            return self._tell_gone
         for fifo in range(2):
             if self._noted[fifo] & self._enabled[fifo]:
                 return lambda fifo=fifo: self._serve_fifo(fifo)

@@ -4,7 +4,7 @@ import world
 from can_controller import RECOVERY_BITS, Controller
 
 #: Frames of eight bytes that fit into a millisecond at 1 Mbit/s.
-_FRAMES_A_MS = 7
+FRAMES_A_MS = 7
 
 
 class Stm32Controller(Controller):
@@ -32,17 +32,22 @@ class Stm32Controller(Controller):
     def port_send(self, can_id, data, flags):
         """Fill the first mailbox that is free."""
         assert world.interrupts_off, "the frame may be gone before MicroPython notes its mailbox"
-        if any(each[0] == can_id for each in self._mailboxes.values()):
+        full = self.full()
+        if can_id in full.values():
             return None
         for place in range(self.MAILBOXES):
-            if place not in self._mailboxes:
+            if place not in full:
                 self._mailboxes[place] = (can_id, data)
                 return place
         return None
 
+    def full(self):
+        """Identifiers by the mailboxes that the port does not know as free."""
+        return {place: each[0] for place, each in self._mailboxes.items()}
+
     def transmit(self):
         """The lowest identifiers go out."""
-        for _ in range(min(len(self._mailboxes), _FRAMES_A_MS)):
+        for _ in range(min(len(self._mailboxes), FRAMES_A_MS)):
             first = min(self._mailboxes, key=self._mailboxes.get)
             world.sent.append(self._mailboxes.pop(first))
 
