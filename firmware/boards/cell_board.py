@@ -68,7 +68,9 @@ class CellBoard:
         self.registers = array("i", [0] * speed_loop.REGISTERS)
         # All of it counts: four of its bytes alone are the same on all chips of a lot.
         self.serial = crc32(machine.unique_id())
-        supply, fault = ADC(Pin(pins.supply)), Pin(pins.fault, Pin.IN, Pin.PULL_UP)
+        # As an input without a pull: on an i.MX RT the pad's keeper would falsify the voltage.
+        supply = ADC(Pin(pins.supply, Pin.IN))
+        fault = Pin(pins.fault, Pin.IN, Pin.PULL_UP)
         self.sample = _sampling(supply, fault, self._wheels)
         self.drive = _driving(self._wake, self._wheels)
         self._sensors = _inputs(pins.sensors)

@@ -97,7 +97,7 @@ class TeensyBoard(CellBoard):
                 set_width=PWM(Pin(pins.pulses[number]), freq=PWM_HZ, duty_u16=0).duty_u16,
                 steps=_FULL_WIDTH,
                 phase=Pin(pins.phases[number], Pin.OUT, value=0),
-                current=ADC(Pin(pins.currents[number])),
+                current=ADC(Pin(pins.currents[number], Pin.IN)),
             )
             made.append(wheel)
         return made[0], made[1]

@@ -63,6 +63,7 @@ class Pin:
             pin = found(world.board, name)
             assert world.names.setdefault(pin, name) == name, (pin, world.names[pin], name)
         self.name = name
+        self.mode = mode
         self.output = mode == Pin.OUT
         if value is not None:
             world.levels[name] = value
@@ -87,9 +88,13 @@ class Pin:
 
 
 class ADC:
-    """An input whose reading stands in `world.analog`."""
+    """An input whose reading stands in `world.analog`.
+
+    The port for the i.MX RT sets up no pad, and the reset value of a pad has its keeper on.
+    """
 
     def __init__(self, pin):
+        assert pin.mode == Pin.IN or world.board != "teensy41", "the pad's keeper is on"
         self.name = pin.name
 
     def read_u16(self):
