@@ -122,6 +122,8 @@ class Bus:
         if (now_ms - self._waiting_ms) & _TIME_MASK > self.wait_ms:
             self._outbox.clear()
             self.drop_sent()
+            # The next frame that waits may take the same place.
+            self._waiting = -1
 
     def _leave(self, now_ms):
         """Cut the drive, and leave the bus alone for a while."""

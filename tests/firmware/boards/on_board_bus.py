@@ -171,6 +171,26 @@ def test_frames_that_nobody_acknowledges_for_two_beats_do_not_go_out_later(bench
     assert (0x080, b"new") in world.sent
 
 
+def test_each_frame_that_nobody_acknowledges_waits_for_two_beats(bench):
+    """Also one that is sent as others are dropped, and so waits in their place."""
+    bench.boot()
+    bus, outbox = bench.board.bus, bench.board.bus._outbox
+    world.levels[bench.can.RECEIVE_PIN] = 0
+    waits_ms = []
+    for _ in range(3):
+        can_id, wait_ms = 0x400, 0
+        while not outbox._count:
+            bench.board.send(can_id, bytes(8))
+            can_id += 1
+        while outbox._count and wait_ms < 100:
+            world.advance()
+            bus.service(world.now_ms)
+            wait_ms += 1
+        waits_ms.append(wait_ms)
+    assert min(waits_ms) >= 20
+    world.levels[bench.can.RECEIVE_PIN] = 1
+
+
 def test_node_id_is_claimed_on_the_bus_and_not_while_it_is_off(bench):
     bench.cell = Cell(bench.board, NODE)
     bench.runner = Runner(bench.board, bench.cell)
