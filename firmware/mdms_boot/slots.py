@@ -114,7 +114,8 @@ class Slots:
         try:
             whole = self._hash(slot)[1] == self.record.digests[slot - 1]
             return self._files.unpack(_SLOTS[slot - 1]) if whole else None
-        except (OSError, MemoryError):
+        except (OSError, MemoryError, EOFError):
+            # A stream that ends too soon is an EOFError.
             return None
 
     # Called by the firmware

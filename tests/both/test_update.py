@@ -118,6 +118,20 @@ def test_slot_that_is_not_whole_is_never_started():
         assert (bench.read(0x1F56, 1), bench.read(0x3030, 7)) == (0, update.INSTALLED)
 
 
+def test_slot_whose_stream_ends_too_soon_is_never_started():
+    bench = Bench()
+    bench.start_trial(bundle_of())
+    unpack = bench.files.unpack
+
+    def cut_off(_path):
+        raise EOFError  # as MicroPython's DeflateIO does
+
+    bench.files.unpack = cut_off
+    bench.power_up()
+    assert bench.read(0x1F56, 1) == 0
+    bench.files.unpack = unpack
+
+
 def test_bundle_that_is_not_for_this_cell_is_refused_with_the_reason():
     good = bundle_of()
     for data, reason in (
