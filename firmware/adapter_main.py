@@ -1,6 +1,6 @@
 """Makes the board an SLCAN adapter over USB; copied as `main.py` instead of the cell's.
 
-Hold the user button at power-up to get the prompt instead. Both wheels stay off.
+`docs/boards.md` has the way to the prompt. Both wheels stay off.
 """
 
 import gc

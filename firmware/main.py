@@ -1,6 +1,6 @@
 """Starts the cell's firmware at power-up: that of a slot, or the firmware from USB.
 
-Hold the user button at power-up to get the prompt instead. Firmware that came over the bus never
+`docs/boards.md` has the way to the prompt. Firmware that came over the bus never
 replaces this file and `mdms_boot`. A watchdog watches a slot on trial from its first line on. If
 the slot does not feed it, the board starts again without that slot.
 """

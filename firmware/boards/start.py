@@ -3,8 +3,11 @@
 The motors are cut first when the loop ends, for any reason. Then the reason goes to the bus and
 into `crash.log`. After that the watchdog is no longer fed and resets the board.
 """
+# The stubs know no StringIO as a file.
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false
 
 import gc
+import io
 import os
 import sys
 import time
@@ -60,14 +63,32 @@ def say_farewell(board, cell):
 
 
 def log(error, folder):
-    """Append version and traceback to `crash.log`, which begins anew when it has grown too long."""
+    """Append version and traceback to `crash.log`, which begins anew when it has grown too long.
+
+    An error that the log ends with is not told again: a cell that fails at every start would wear
+    its flash out within a day.
+    """
     path = folder + "/crash.log"
+    told = io.StringIO()
+    print("mdms", VERSION, file=told)
+    sys.print_exception(error, told)
+    text = told.getvalue()
     try:
-        with open(path, "a" if size(path) < LOG_MAX else "w") as file:
-            print("mdms", VERSION, file=file)
-            sys.print_exception(error, file)
+        if not ends_with(path, text):
+            with open(path, "a" if size(path) < LOG_MAX else "w") as file:
+                file.write(text)
     except OSError as failure:
         sys.print_exception(failure)
+
+
+def ends_with(path, text):
+    """Whether a file ends with this text."""
+    before = size(path) - len(text)
+    if before < 0:
+        return False
+    with open(path) as file:
+        file.seek(before)
+        return file.read() == text
 
 
 def size(path):

@@ -15,8 +15,9 @@ from mdms_host.flashing.board_survey import BoardInfo, Survey, hashes_of, survey
 from mdms_host.flashing.firmware import START, Firmware, start_alone
 from mdms_protocol.version import VERSION
 
-#: `machine.CAN` came with this version of MicroPython.
+#: `machine.CAN` came with this version of MicroPython, and to some boards later.
 MICROPYTHON_MIN = (1, 28, 0)
+MICROPYTHON_MIN_OF = {"teensy41": (1, 29, 0)}
 #: Free heap that firmware takes in either way, with the garbage between two collections
 #: (`make bench` prints what is in use).
 COPIES_HEAP = 210 * 1024
@@ -64,9 +65,10 @@ def _frozen(version: str) -> Firmware:
 
 
 def _check_suits(info: BoardInfo) -> None:
-    if info.micropython < MICROPYTHON_MIN:
+    least = MICROPYTHON_MIN_OF.get(info.board or "", MICROPYTHON_MIN)
+    if info.micropython < least:
         raise VersionError(
-            f"MicroPython {info.release} has no machine.CAN; install 1.28 or later from "
+            f"MicroPython {info.release} has no machine.CAN; install 1.{least[1]} or later from "
             "micropython.org/download (PYBV11: DFU mode; Nucleo: copy it to the ST-LINK's drive)"
         )
     if info.folder.startswith("/sd"):

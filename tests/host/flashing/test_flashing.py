@@ -120,6 +120,8 @@ def test_board_with_other_firmware_frozen_in_is_refused_with_a_cure():
 def test_older_micropython_is_refused_with_a_cure():
     with pytest.raises(VersionError, match=r"MicroPython 1.27.2 has no machine.CAN; install 1.28"):
         chosen(micropython=(1, 27, 2))
+    with pytest.raises(VersionError, match=r"MicroPython 1.28.0 has no machine.CAN; install 1.29"):
+        chosen(board="teensy41", micropython=(1, 28, 0))
 
 
 def test_micropython_without_machine_code_is_refused():
