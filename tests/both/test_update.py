@@ -118,6 +118,17 @@ def test_slot_that_is_not_whole_is_never_started():
         assert (bench.read(0x1F56, 1), bench.read(0x3030, 7)) == (0, update.INSTALLED)
 
 
+def test_bundle_that_was_used_is_refused_after_the_slots_were_removed_over_usb():
+    bench = Bench()
+    used = bundle_of()
+    bench.start_trial(used)
+    assert bench.prove() is None
+    del bench.files.content["mdms_slots/1"]
+    bench.power_up()
+    assert bench.read(0x1F56, 1) == 0
+    assert bench.load(used) == update.REPLAYED
+
+
 def test_slot_whose_stream_ends_too_soon_is_never_started():
     bench = Bench()
     bench.start_trial(bundle_of())

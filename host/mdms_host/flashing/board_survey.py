@@ -131,6 +131,9 @@ ARCHITECTURES = (
 #: Files that firmware of any version has put into the root of the file system.
 _OURS = ("main", "boards", "binascii")
 _OUR_PREFIX = "mdms"
+#: The record of the slots. It stays as the key does: without its counter a cell would take a bundle
+#: again that was used before.
+_RECORD = "mdms_slots/record"
 _UNKNOWN = "unknown"
 
 
@@ -232,7 +235,9 @@ def survey(link: BoardLink, firmware: Firmware | None = None) -> Survey:
     wanted = firmware or Firmware({})
     roots = {_root_of(path) for path in wanted.files}
     paths = [
-        path for path in link.ask("_files('', [])") if _root_of(path) in roots or _is_ours(path)
+        path
+        for path in link.ask("_files('', [])")
+        if (_root_of(path) in roots or _is_ours(path)) and path != _RECORD
     ]
     paths.sort(key=lambda path: path.split("/"))
     try:
