@@ -1,7 +1,9 @@
 """Beliefs, plans and reports of hosts, for the record of a run; and the folder that keeps it."""
 
+import functools
 import shutil
 import sys
+import tokenize
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -173,6 +175,12 @@ def keep_run(
 _PACKAGES = ("numpy", "numba", "python-can", "canopen", "mcap")
 
 
+def source_of(path: Path) -> str:
+    """The text of a Python file, in the encoding that it names."""
+    with tokenize.open(path) as file:
+        return file.read()
+
+
 def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
     """The origin of a run of this process: command, revision, packages, program, array file."""
     told: dict[str, Any] = {"command": sys.argv, "revision": git_revision()}
@@ -181,8 +189,9 @@ def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
         with suppress(PackageNotFoundError):
             told["packages"][name] = version(name)
     if main is not None:
-        path = Path(main.__code__.co_filename)
-        source = path.read_text("utf-8") if path.is_file() else None
+        function = main.func if isinstance(main, functools.partial) else main
+        path = Path(function.__code__.co_filename)
+        source = source_of(path) if path.is_file() else None
         told["program"] = {"file": path.name, "source": source}
     if array_file is not None:
         told["array"] = {"file": array_file.name, "text": array_file.read_text("utf-8")}

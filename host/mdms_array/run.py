@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from mdms_host.motion.outcome import GoalOutcome
+from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.errors import Error
 from mdms_model.run.record import Event, Record
@@ -178,9 +179,11 @@ class Run:
     @property
     def wheels(self) -> Mapping[tuple[int, int], WheelRun]:
         """All wheels, by the number of the cell and of the axis, both from 1."""
-        record, axes = self.record, len(self.scenario.cell.wheel)
+        record, wheels = self.record, build_wheels(self.scenario)
+        cells = wheels.cell.tolist()
+        axes = [wheel - wheels.first[cell] for wheel, cell in enumerate(cells)]
         return {
-            (wheel // axes + 1, wheel % axes + 1): WheelRun(
+            (cells[wheel] + 1, int(axes[wheel]) + 1): WheelRun(
                 record.time_s,
                 record.reference_m_s[:, wheel],
                 record.speed_m_s[:, wheel],

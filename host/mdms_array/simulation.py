@@ -429,8 +429,9 @@ class VirtualDriver:
             # A program that ends by an error breaks all tasks off, and then the run ends.
             return task.done and not task.cancelled
 
+        limit_s = LONGEST_S if limit_s is None else limit_s
         try:
-            self._advance(LONGEST_S if limit_s is None else limit_s, has_result)
+            self._advance(limit_s, has_result)
         except RunError:
             task.cancel()
             raise

@@ -322,10 +322,10 @@ def identity_of(function: Any) -> str:
     if function is None or isinstance(function, str):
         return str(function)
     if isinstance(function, FileFunction):
-        source = Path(function.path).read_text("utf-8")
+        source = Path(function.path).read_bytes()
     else:
-        source = "\0".join(_Used(function).texts)
-    return f"{name_of(function)}:{hashlib.sha256(source.encode()).hexdigest()}"
+        source = "\0".join(_Used(function).texts).encode()
+    return f"{name_of(function)}:{hashlib.sha256(source).hexdigest()}"
 
 
 class _Used:

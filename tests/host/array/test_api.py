@@ -6,12 +6,15 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from runpy import run_path
 
 import numpy as np
 import pytest
 
 import mdms_array as mdms
+from mdms_array.recording import provenance_of
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import read_tree
@@ -49,6 +52,38 @@ def test_a_run_with_too_little_time_raises_with_the_distance_left():
     with pytest.raises(mdms.TimeLimitError, match=r"goal not reached: box is \d+") as raised:
         run.raise_for_status()
     assert raised.value.run is run
+
+
+def test_wheels_are_named_by_their_cells_also_where_a_cell_has_fewer():
+    run = mdms.simulate(
+        {
+            "scenario": "array18",
+            "run": {"fidelity": "ideal", "duration_s": 0.2},
+            "motion": {"field": "uniform", "speed_m_s": 0.2, "heading_rad": 0.0},
+            "patch": [{"cells": [1], "wheel": [{"direction_rad": 0.5}]}],
+        }
+    )
+    assert len(run.wheels) == 35
+    assert [key for key in run.wheels if key[0] < 3] == [(1, 1), (2, 1), (2, 2)]
+    assert run.wheels[2, 1].reference_m_s[-1] == run.record.reference_m_s[-1, 1]
+
+
+def test_a_call_without_a_limit_is_given_up_too(monkeypatch):
+    monkeypatch.setattr("mdms_array.simulation.LONGEST_S", 0.5)
+    with (
+        mdms.virtual("array18") as table,
+        pytest.raises(mdms.TimeLimitError, match=r"within 0\.5 s"),
+    ):
+        table.signal("nobody")
+
+
+@pytest.mark.parametrize("wrap", [lambda main: main, partial], ids=["plain", "partial"])
+def test_the_source_of_a_program_is_kept_whatever_its_encoding_is(tmp_path, wrap):
+    path = tmp_path / "program.py"
+    text = "# -*- coding: latin-1 -*-\n# Größe\nasync def main(table):\n    pass\n"
+    path.write_bytes(text.encode("latin-1"))
+    told = provenance_of(wrap(run_path(str(path))["main"]), None)["program"]
+    assert told == {"file": "program.py", "source": text}
 
 
 def test_a_table_by_hand_goes_on_after_a_call_that_failed():
