@@ -59,5 +59,7 @@ def table_of(run: StoredRun) -> RecordedTable:
     layout = layout_of(told)
     if node_ids := run.figures.get("node_ids"):
         layout = replace(layout, node_ids=tuple(node_ids))
-    parcels = parcels_of(told)
+    # Those that the host was not told of were there too.
+    named = {parcel.name: parcel for parcel in (*parcels_of(run.scenario), *parcels_of(told))}
+    parcels = tuple(named.values())
     return RecordedTable(run, layout, things_of(parcels, None), ends_of(told, parcels))

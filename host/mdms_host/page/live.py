@@ -193,6 +193,7 @@ class LiveTable:
         #: The run that a person has started, steered or stopped here last.
         self.taken_over: Coordinator | None = None
         self._title = scenario.title
+        self._bitrate = scenario.wire.bitrate
         self._layout = layout
         self._told = parcels
         self._things = things_of(parcels, None)
@@ -284,7 +285,7 @@ class LiveTable:
 
     def busy_s(self) -> Any:
         """How long each bus has been busy; here as if every frame had the most stuff bits."""
-        return np.array(self._watch.bits) / 1e6
+        return np.array(self._watch.bits) / self._bitrate
 
     def errors(self) -> Floats:
         """How many error frames each bus has had, NaN where that is not known."""

@@ -60,7 +60,8 @@ class RecordedTable:
         self._signals = SnapshotSignals(layout, len(things), len(ends.exits))
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
-        self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s)
+        bitrate = run.scenario.wire.bitrate
+        self._bus = _BusHistory(run.folder / BUS_LOG, layout, self._times_s, bitrate)
         slip = record.slip_m_s if record.slip_m_s is not None else slip_m_s(run.scenario, record)
         self._slip_m_s = slip
         self._phases = _phases(record.events, self._times_s)
@@ -216,7 +217,8 @@ class RecordedTable:
 class _BusHistory:
     """The buses at given times by a bus log; empty without one."""
 
-    def __init__(self, log: Path, layout: Layout, times_s: Floats) -> None:
+    def __init__(self, log: Path, layout: Layout, times_s: Floats, bitrate: int) -> None:
+        self._bitrate = bitrate
         instants, cells = len(times_s), layout.cells
         self._logged = log.is_file()
         self._states = np.full((instants, cells), CellState.RUNNING, np.uint8)
@@ -251,7 +253,7 @@ class _BusHistory:
         before = np.searchsorted(times_s, times_s - _RATES_S).clip(0, len(times_s) - 1)
         passed_s = np.maximum(times_s - times_s[before], 1e-3)
         self._rates = (counts - counts[before]) / passed_s[:, None, None]
-        self._loads = (bits - bits[before]) / passed_s[:, None] / 1e6
+        self._loads = (bits - bits[before]) / passed_s[:, None] / self._bitrate
 
 
 def _frames(log: Path, buses: int) -> Iterator[tuple[float, Frame, int]]:

@@ -49,6 +49,21 @@ def shown(table, time_s=None):
     return unpacked(table.description(), table.snapshot(1))
 
 
+def test_a_parcel_that_the_host_is_not_told_of_is_shown_and_a_slow_bus_is_as_full_as_it_was(
+    tmp_path,
+):
+    slow = ["wire.bitrate=500000", "run.duration_s=1"]
+    scenario = load_scenario(str(EXAMPLES / "stranger.toml"), slow)
+    done = run_scenario(scenario, bus_log=tmp_path / BUS_LOG)
+    write_run(tmp_path, scenario, done.record, {})
+    table = table_of(read_run(tmp_path))
+    table.advance(0.0)
+    now = shown(table, 0.9)
+    assert len(now["parcel_true"]) == len(scenario.parcel) == 1
+    # The page takes each frame to be as long as it can get.
+    assert now["bus_load"][0] >= done.bus.load
+
+
 def test_every_time_shows_the_record_of_then(table, run):
     for time_s in (2.5, 1.0, 2.0):
         now = shown(table, time_s)
