@@ -8,6 +8,7 @@ scene and log also carry their time in seconds to the last bit; MCAP's own is in
 
 import heapq
 import json
+import struct
 from collections.abc import Iterator
 from itertools import repeat
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from zstandard import ZstdError
 
 from mdms_model.arrays import Floats
 from mdms_model.run.mcap_messages import (
@@ -62,6 +64,10 @@ def write_record(path: Path, scenario: Scenario, record: Record) -> None:
         writer.finish()  # type: ignore[no-untyped-call]
 
 
+#: Errors of a file that is damaged below its messages.
+_UNPACKED = (McapError, ZstdError, struct.error)
+
+
 def read_record(path: Path, scenario: Scenario) -> Record:
     """Read what `write_record` wrote. Raises `RecordFileError` or OSError."""
     parcels = [parcel_topic(parcel) for parcel in scenario.parcel]
@@ -69,10 +75,11 @@ def read_record(path: Path, scenario: Scenario) -> Record:
     found: dict[str, list[dict[str, Any]]] = {name: [] for name in topics}
     try:
         with path.open("rb") as stream:
-            for _, channel, message in make_reader(stream).iter_messages(topics=list(found)):
+            reader = make_reader(stream, validate_crcs=True)
+            for _, channel, message in reader.iter_messages(topics=list(found)):
                 found[channel.topic].append(json.loads(message.data))
         return _record(found, [found[topic] for topic in parcels])
-    except (McapError, ValueError, KeyError, IndexError, TypeError) as error:
+    except (*_UNPACKED, ValueError, KeyError, IndexError, TypeError) as error:
         raise RecordFileError(f"{path}: holds no record of these parcels: {error}") from None
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -209,6 +210,20 @@ def test_nothing_is_left_when_the_run_fails(tmp_path):
 def cut_record(folder):
     path = folder / "run.mcap"
     path.write_bytes(path.read_bytes()[:5000])
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4, 0.6, 0.8])
+def test_a_flipped_bit_of_a_record_is_never_read_as_another_run(
+    tmp_path, plane, plane_record, share
+):
+    folder = stored(tmp_path / "run", plane, plane_record)
+    path = folder / "run.mcap"
+    data = bytearray(path.read_bytes())
+    place = int(share * len(data))
+    for bit in range(8):
+        path.write_bytes(data[:place] + bytes((data[place] ^ 1 << bit,)) + data[place + 1 :])
+        with suppress(RunFolderError):
+            assert_same_arrays(read_run(folder).record, plane_record)
 
 
 def change_version(folder):
