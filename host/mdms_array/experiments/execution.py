@@ -216,24 +216,30 @@ def _perform_on(
 ) -> Iterator[tuple[Job, dict[str, Any] | None]]:
     """Do runs until none is left or the executor breaks; None for those that it has lost."""
     done: SimpleQueue[Ended] = SimpleQueue()
-    sent, broken = 0, False
-    while sent or (queue and not broken):
-        while queue and not broken and sent < most_sent:
-            job = queue.popleft()
-            try:
-                future = submit(job)
-            except BrokenExecutor:
-                queue.appendleft(job)
-                broken = True
-                break
-            future.add_done_callback(partial(_put, done, job))
-            sent += 1
-        if sent:
-            job, future = done.get()
-            sent -= 1
-            columns = _columns(future)
-            broken = broken or columns is None
-            yield job, columns
+    sent: set[Future[dict[str, Any]]] = set()
+    broken = False
+    try:
+        while sent or (queue and not broken):
+            while queue and not broken and len(sent) < most_sent:
+                job = queue.popleft()
+                try:
+                    future = submit(job)
+                except BrokenExecutor:
+                    queue.appendleft(job)
+                    broken = True
+                    break
+                sent.add(future)
+                future.add_done_callback(partial(_put, done, job))
+            if sent:
+                job, future = done.get()
+                sent.remove(future)
+                columns = _columns(future)
+                broken = broken or columns is None
+                yield job, columns
+    finally:
+        # Whoever breaks the sweep off wants none of those that have not begun.
+        for future in sent:
+            future.cancel()
 
 
 def _put(done: "SimpleQueue[Ended]", job: Job, future: "Future[dict[str, Any]]") -> None:

@@ -118,6 +118,33 @@ mdms.sweep("paper-fig8", {"cell.friction": [0.2, 0.3]}, seeds=1, measures=[%s], 
 """
 
 
+def test_a_sweep_that_is_broken_off_leaves_no_runs_to_the_executor_of_the_caller(tmp_path):
+    begun = []
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, function, *arguments):
+            def counted(*given):
+                begun.append(given)
+                return function(*given)
+
+            return super().submit(counted, *arguments)
+
+    def break_off(progress):
+        if progress.done == 2:
+            raise KeyboardInterrupt
+
+    frictions = [0.2 + 0.001 * number for number in range(40)]
+    with Counting(1) as executor, pytest.raises(KeyboardInterrupt):
+        mdms.sweep(
+            *("paper-fig8", {"cell.friction": frictions}),
+            seeds=1,
+            executor=executor,
+            folder=tmp_path / "sweep",
+            progress=break_off,
+        )
+    assert len(begun) < 10
+
+
 def test_an_executor_that_was_shut_down_is_refused():
     with ThreadPoolExecutor(1) as executor:
         pass
