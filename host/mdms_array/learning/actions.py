@@ -43,7 +43,7 @@ class Actions:
 
     With `kind` as "wheels" an action has the reference of each wheel, as a share of `most_m_s`.
     With the name of a field it has the keys of the field: speeds up to `most_m_s`, headings up to
-    pi, centres up to the edges of the table, and a ratio from 0 to 1. Raises `InputError`.
+    pi, centres up to the outermost wheels, and a ratio from 0 to 1. Raises `InputError`.
     """
 
     def __init__(self, scenario: Scenario, kind: str, most_m_s: float) -> None:
@@ -94,12 +94,12 @@ class Actions:
 
 def scales_of(field: str, wheels: Wheels, most_m_s: float) -> list[Scale]:
     """The scale of each number of a field."""
-    edge_m = abs(wheels.position_m).max(axis=0).tolist()
+    outermost_m = abs(wheels.position_m).max(axis=0).tolist()
     reach_m = float(np.hypot(*wheels.position_m.T).max())
     scales = {
         "heading_rad": [Scale(0.0, pi)],
         "speed_m_s": [Scale(0.0, most_m_s)],
-        "centre_m": [Scale(0.0, edge_m[0]), Scale(0.0, edge_m[1])],
+        "centre_m": [Scale(0.0, outermost_m[0]), Scale(0.0, outermost_m[1])],
         "velocity_m_s": [Scale(0.0, most_m_s)] * 2,
         "yaw_rate_rad_s": [Scale(0.0, most_m_s / reach_m)],
         "ratio": [Scale(0.5, 0.5)],
