@@ -69,26 +69,26 @@ def log(error, folder):
     its flash out within a day.
     """
     path = folder + "/crash.log"
-    told = io.StringIO()
-    print("mdms", VERSION, file=told)
-    sys.print_exception(error, told)
-    text = told.getvalue()
     try:
-        if not ends_with(path, text):
-            with open(path, "a" if size(path) < LOG_MAX else "w") as file:
-                file.write(text)
-    except OSError as failure:
+        told = io.StringIO()
+        print("mdms", VERSION, file=told)
+        sys.print_exception(error, told)
+        data = told.getvalue().encode()
+        if not ends_with(path, data):
+            with open(path, "ab" if size(path) < LOG_MAX else "wb") as file:
+                file.write(data)
+    except (OSError, MemoryError) as failure:
         sys.print_exception(failure)
 
 
-def ends_with(path, text):
-    """Whether a file ends with this text."""
-    before = size(path) - len(text)
+def ends_with(path, data):
+    """Whether a file ends with these bytes; a power cut may have left it with any others."""
+    before = size(path) - len(data)
     if before < 0:
         return False
-    with open(path) as file:
+    with open(path, "rb") as file:
         file.seek(before)
-        return file.read() == text
+        return file.read() == data
 
 
 def size(path):

@@ -1,5 +1,7 @@
 """Rows of the fail-safe table about the program, from its start to its end; on MicroPython."""
 
+import os
+
 import world
 from bench import NODE
 from fail_safe_bench import RESET, TARGET, UP, comes_back, cut, emergencies, keep
@@ -43,6 +45,12 @@ def ends(bench, action, wanted):
         # A cell that fails at every start writes that once.
         for _ in range(2):
             log(error, folder)
+        # The supply may have failed while the log was written.
+        os.mkdir("garbled")
+        with open("garbled/crash.log", "wb") as file:
+            file.write(b"\xc3" * 4000)
+        log(error, "garbled")
+        assert os.stat("garbled/crash.log")[6] > 4000
 
     world.events[start_ms + 50] = plan
     log, start.log = start.log, log_slowly
