@@ -163,7 +163,7 @@ _WRITTEN = {
     if register.value is None
     for address in range(register.address, register.address + register.words)
 }
-#: What each counter stands for: the registers of its command or request.
+#: The registers of the command or request of each counter.
 _CONTENTS = {
     "command_counter": slice(_AT["command"], _AT["command"] + 1),
     "request_counter": slice(_AT["request"], _AT["parcel"] + TEXT_WORDS),
@@ -181,7 +181,7 @@ class PlantRegisters:
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
         self._values = [0] * _SIZE
-        #: What was given last by each counter.
+        #: The contents that each counter has given last.
         self._given: dict[str, list[int]] = {}
         self._writing = asyncio.Lock()
         kept = plant.book.kept(_KEPT) or {}
@@ -234,7 +234,7 @@ class PlantRegisters:
             await self._request()
 
     def _given_by(self, written: dict[int, int], changed: set[int]) -> dict[str, list[int]]:
-        """What new counters of a write give; a counter of before may only repeat what it gave.
+        """Contents by the new counters of a write; the last counter may only repeat its own.
 
         Zeros are no command and no request: a client may clear its registers under the counter.
         """

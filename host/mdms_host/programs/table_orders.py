@@ -123,7 +123,7 @@ class TableOrders:
         self._reports: deque[Report] = deque(maxlen=_MOST_REPORTS)
         #: Orders of parcels that wait before a full exit, to the places where they do.
         self._waiting: set[Order] = set()
-        #: What carries the order of a parcel out, by its name.
+        #: The task that carries out the order of each parcel, by its name.
         self._tasks: dict[str, ScriptTask[None]] = {}
         self._serves = False
         #: Parcels that the plant has brought to where they are.
