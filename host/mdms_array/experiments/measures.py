@@ -222,8 +222,11 @@ def measure_named(text: str, folder: Path) -> Measure:
 
 
 def name_of(measure: Measure) -> str:
-    """The name of a measure's column."""
-    return measure if isinstance(measure, str) else str(measure.__name__)
+    """The name of a measure's column. Raises `InputError` for a callable without a name."""
+    name = measure if isinstance(measure, str) else getattr(measure, "__name__", None)
+    if name is None:
+        raise InputError(f"{measure!r:.80} has no name; write a function with `def` around it")
+    return str(name)
 
 
 def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:

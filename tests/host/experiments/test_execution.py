@@ -7,6 +7,7 @@ import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context
 from textwrap import indent
 
@@ -143,6 +144,14 @@ def test_a_sweep_that_is_broken_off_leaves_no_runs_to_the_executor_of_the_caller
             progress=break_off,
         )
     assert len(begun) < 10
+
+
+def test_a_program_without_a_name_is_refused():
+    async def program(table, _where):
+        pass
+
+    with pytest.raises(mdms.InputError, match="has no name; write a function"):
+        mdms.sweep("array18", {"cell.friction": [0.3]}, program=partial(program, _where=1))
 
 
 def test_an_executor_that_was_shut_down_is_refused():
