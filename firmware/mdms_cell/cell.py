@@ -13,12 +13,9 @@ if TYPE_CHECKING:
     from mdms_cell.board import Board
 
 from mdms_cell import ticks
-from mdms_cell.canopen.claim import is_claim
 from mdms_cell.canopen.emcy import Emcy
-from mdms_cell.canopen.guard import Guard
-from mdms_cell.canopen.heartbeat import Consumer, Heartbeat
 from mdms_cell.canopen.lss import Lss
-from mdms_cell.canopen.nmt import EVERYTHING, Nmt
+from mdms_cell.canopen.nmt import EVERYTHING, Consumer, Guard, Heartbeat, Nmt, is_claim
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.pdos import Pdos
 from mdms_cell.canopen.rules import check_plain

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from mdms_cell import cell, runner
-from mdms_cell.canopen import guard, store
+from mdms_cell.canopen import nmt, store
 from mdms_cell.drive import state_machine
 from mdms_cell.perception import suspicion
 from mdms_protocol.emergencies import CODES, code_text, error_text
@@ -14,7 +14,7 @@ from mdms_protocol.emergencies import CODES, code_text, error_text
 SENT = {
     *(code for _bit, code in state_machine._ERROR_CODES),
     *(runner.BUS_OFF, runner.INTERNAL_ERROR, store.SETTINGS_LOST),
-    *(guard.HEARTBEAT_LOST, guard.NODE_ID_TAKEN, guard.RPDO_TOO_SHORT, guard.RPDO_OVERDUE),
+    *(nmt.HEARTBEAT_LOST, nmt.NODE_ID_TAKEN, nmt.RPDO_TOO_SHORT, nmt.RPDO_OVERDUE),
     *(suspicion.CODE, cell.IN_ANOTHERS_PLACE),
 }
 

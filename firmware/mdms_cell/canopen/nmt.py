@@ -1,14 +1,19 @@
-"""The NMT slave (CiA 301, 7.2.8 and 7.3.2): from a node id over boot-up to 'operational'."""
+"""Network management (CiA 301, 7.2.8 and 7.3.2): states, the node id, heartbeats, lost nodes.
 
-from mdms_cell.canopen.claim import Claim
-from mdms_protocol.codecs import cob, nmt
+`Claim` goes beyond the standard, with its means.
+"""
+
+from mdms_cell import ticks
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.compat import micropython
 
 EVERYTHING = nmt.RESET_NODE
 COMMUNICATION = nmt.RESET_COMMUNICATION
 
 
 class Nmt:
-    """The state of a node.
+    """The NMT slave, from a node id over boot-up to 'operational'.
 
     It calls the cell's `on_leave()` before each change, while the state and the node id still hold.
     Then it calls `on_reset(command)` with one of the two resets, `on_boot()` or `on_state(state)`.
@@ -86,3 +91,281 @@ class Nmt:
     def claim_receivers(self):
         """While the node id is being claimed: pairs of an identifier and what takes its frames."""
         return () if self._claim is None else self._claim.receivers(self.node_id)
+
+
+# The claim of the node id -------------------------------------------------------------------------
+
+#: Any node answers an SDO request within this time.
+LISTEN_MS = 50
+
+_SERIAL_NUMBER = (indices.IDENTITY, 4)
+_REQUEST = sdo.read_request(*_SERIAL_NUMBER)[:4]
+
+
+def is_claim(data):
+    """Whether an SDO request claims a node id; a client leaves the last four bytes zero."""
+    return len(data) == 8 and data[:4] == _REQUEST and data[4:] != bytes(4)
+
+
+class Claim:
+    """The claim of a node id by the cell with this serial number: no other node may have it.
+
+    Before its boot-up message the cell reads the serial number of the node with its own id, as an
+    SDO client would. Any device with that id answers. Another cell may ask the same at that time.
+    It is recognised by its serial number, which lies in the four free bytes of the request.
+
+    A cell that is stopped or in an SDO transfer answers with a heartbeat instead. The transfer's
+    client has not sent the claim, and would take another response for its own.
+    """
+
+    def __init__(self, serial):
+        self._request = _REQUEST + serial.to_bytes(4, "little")
+        self._asked_ms = None
+        self.refused = False
+
+    def receivers(self, node_id):
+        """Pairs of an identifier and what takes its frames."""
+        return (
+            (cob.SDO_REQUEST_BASE + node_id, self.on_request),
+            (cob.SDO_RESPONSE_BASE + node_id, self.on_other),
+            (cob.HEARTBEAT_BASE + node_id, self.on_other),
+        )
+
+    def poll(self, now_ms, node_id, send):
+        """Ask first, then return True once nobody has answered in time."""
+        if self._asked_ms is None:
+            if send(cob.SDO_REQUEST_BASE + node_id, self._request):
+                self._asked_ms = now_ms
+            return False
+        return not self.refused and ticks.diff(now_ms, self._asked_ms) >= LISTEN_MS
+
+    def ask_again(self):
+        """The request, or an answer to it, may have been lost."""
+        self._asked_ms = None
+
+    def on_request(self, data):
+        """Another asks for this id while this cell is claiming it."""
+        self.refused |= is_claim(data) and data != self._request
+        return True
+
+    def on_other(self, _data):
+        """A frame that only the node of this id sends."""
+        self.refused = True
+        return True
+
+
+# Heartbeats (7.2.8.2.2.3) -------------------------------------------------------------------------
+
+CONSUMED_NODES = 4
+
+
+class Heartbeat:
+    """The producer: sends the cell's state at the period of 0x1017, which is 0 for never."""
+
+    def __init__(self, objects, send):
+        self._objects = objects
+        self._send = send
+        self._period_ms = 0
+        self._due_ms = 0
+        self._owed = False
+        self.now_ms = 0
+        objects.watch(self._configure, indices.PRODUCER_TIME)
+
+    def start(self, now_ms):
+        """Begin a period, at boot-up or when the period changed."""
+        self._period_ms = self._objects.number(indices.PRODUCER_TIME)
+        self._due_ms = ticks.after(now_ms, self._period_ms)
+
+    def answer(self):
+        """Have one more heartbeat sent, as soon as there is room."""
+        self._owed = True
+
+    @micropython.native
+    def poll(self, now_ms, node_id, state):
+        """Send a heartbeat if it is due; return in how many milliseconds the next one is.
+
+        A late heartbeat does not delay the next ones.
+        """
+        self.now_ms = now_ms
+        if self._owed:
+            self._owed = not self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
+        wait_ms = self._poll_period(now_ms, node_id, state)
+        return min(wait_ms, ticks.RETRY_MS) if self._owed else wait_ms
+
+    @micropython.native
+    def _poll_period(self, now_ms, node_id, state):
+        if not self._period_ms:
+            return ticks.IDLE_MS
+        wait_ms = ticks.diff(self._due_ms, now_ms)
+        if wait_ms <= 0:
+            self._send(cob.HEARTBEAT_BASE + node_id, bytes((state,)))
+            wait_ms += self._period_ms
+            if wait_ms <= 0:
+                wait_ms = self._period_ms
+            self._due_ms = ticks.after(now_ms, wait_ms)
+        return wait_ms
+
+    def _configure(self, _index, _sub):
+        self.start(self.now_ms)
+
+
+class Consumer:
+    """The consumer: watches the nodes that 0x1016 names, each from its first heartbeat on.
+
+    `attend()` returns the time [ms] and has a poll follow; `changed()` is called when the
+    identifiers have changed.
+    """
+
+    def __init__(self, objects, attend, changed):
+        self._objects = objects
+        self._changed = changed
+        self._attend = attend
+        objects.watch(self._on_time, indices.CONSUMER_TIMES)
+        self.load()
+
+    def load(self):
+        """Take over what to watch from the dictionary; no node has been heard, and none is lost."""
+        self._limits_ms = {}
+        self._nodes = [0] * (CONSUMED_NODES + 1)  # by sub-index; 0 where none is watched
+        self._received_ms = {}
+        self.lost = set()
+        for sub in range(1, CONSUMED_NODES + 1):
+            self._take_entry(sub)
+
+    def _take_entry(self, sub):
+        """Begin to watch the node of one entry, in place of the node that it had."""
+        before = self._nodes[sub]
+        self._limits_ms.pop(before, None)
+        self._received_ms.pop(before, None)
+        self.lost.discard(before)
+        node_id, limit_ms = self._watched(sub)
+        watches = cob.NODE_MIN <= node_id <= cob.NODE_MAX and limit_ms
+        self._nodes[sub] = node_id if watches else 0
+        if watches:
+            self._limits_ms[node_id] = limit_ms
+
+    def receivers(self):
+        """Pairs of an identifier and what takes its frames."""
+        for node_id in self._limits_ms:
+            yield cob.HEARTBEAT_BASE + node_id, self._receiver(node_id)
+
+    def _receiver(self, node_id):
+        def receive(data):
+            if nmt.decode_heartbeat(data) is None:
+                return False
+            self._received_ms[node_id] = self._attend()
+            self.lost.discard(node_id)
+            return True
+
+        return receive
+
+    @property
+    def host_lost(self):
+        """Whether the host is watched, and has fallen silent."""
+        return cob.HOST_NODE in self.lost
+
+    def poll(self, now_ms):
+        """Return the node that has fallen silent just now, 0 for none; `lost` are all that have."""
+        for node_id, received_ms in self._received_ms.items():
+            if ticks.diff(now_ms, received_ms) >= self._limits_ms[node_id]:
+                del self._received_ms[node_id]
+                self.lost.add(node_id)
+                return node_id
+        return 0
+
+    def wait_ms(self, now_ms):
+        """In how many milliseconds a node will have fallen silent, unless a heartbeat comes."""
+        wait_ms = ticks.IDLE_MS
+        for node_id, received_ms in self._received_ms.items():
+            wait_ms = min(wait_ms, self._limits_ms[node_id] - ticks.diff(now_ms, received_ms))
+        return wait_ms
+
+    def _watched(self, sub):
+        value = self._objects.number(indices.CONSUMER_TIMES, sub)
+        return value >> 16, value & 0xFFFF
+
+    def _on_time(self, _index, sub):
+        node_id, limit_ms = self._watched(sub)
+        for other in range(1, CONSUMED_NODES + 1):
+            other_id, other_ms = self._watched(other)
+            if other != sub and other_id == node_id and node_id and other_ms and limit_ms:
+                raise sdo.AbortError(sdo.INCOMPATIBLE)
+        self._take_entry(sub)
+        self._changed()
+
+
+# Errors of communication --------------------------------------------------------------------------
+
+# Sources of errors in emergency messages; axes count from 1
+SOURCE_CONSUMER = 3
+SOURCE_RPDO = 4
+SOURCE_NODE_ID = 5
+SOURCE_RPDO_LENGTH = 7
+
+HEARTBEAT_LOST = 0x8130
+NODE_ID_TAKEN = 0x8150
+RPDO_TOO_SHORT = 0x8210
+RPDO_OVERDUE = 0x8250
+
+#: The state that a communication error leads to, by the value of 0x1029:1.
+_STATES = {0: nmt.PRE_OPERATIONAL, 2: nmt.STOPPED}
+
+
+class Guard:
+    """Reports to `emcy`, and switches off `axes`, what `consumer` and `pdos` miss.
+
+    An error of communication switches the motors off, for any error behaviour 0x1029. If a
+    heartbeat is lost, they may brake first (0x605E).
+    `goes_on()` is whether the host's silence is to end no motion; that of any other node does.
+    """
+
+    def __init__(self, objects, node, *, axes, emcy, consumer, pdos, goes_on):
+        self._objects = objects
+        self._node = node
+        self._axes = axes
+        self._emcy = emcy
+        self._consumer = consumer
+        self._pdos = pdos
+        self._goes_on = goes_on
+
+    def start(self):
+        """The node id is this node's own."""
+        self._emcy.clear(SOURCE_NODE_ID)
+
+    @micropython.native
+    def poll(self, now_ms):
+        """Look for missing communication; return in how many milliseconds more may be missing."""
+        consumer, pdos, emcy = self._consumer, self._pdos, self._emcy
+        silent = consumer.poll(now_ms)
+        if silent:
+            emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
+            if silent != cob.HOST_NODE or not self._goes_on():
+                self._axes.fall_silent(HEARTBEAT_LOST)
+                self._enter()
+        elif not consumer.lost:
+            emcy.clear(SOURCE_CONSUMER)
+        if pdos.overdue(now_ms):
+            emcy.report(SOURCE_RPDO, RPDO_OVERDUE)
+        elif not pdos.late():
+            emcy.clear(SOURCE_RPDO)
+        if pdos.take_short():
+            emcy.report(SOURCE_RPDO_LENGTH, RPDO_TOO_SHORT)
+        if not pdos.short():
+            emcy.clear(SOURCE_RPDO_LENGTH)
+        return consumer.wait_ms(now_ms)
+
+    def on_rival(self):
+        """Somebody else sends what only this node may send."""
+        self.on_refusal()
+        self._axes.fail(NODE_ID_TAKEN)
+        self._enter()
+
+    def on_refusal(self):
+        """Somebody else has had the node id before."""
+        self._emcy.report(SOURCE_NODE_ID, NODE_ID_TAKEN)
+
+    def _enter(self):
+        """Take the NMT state that a communication error leads to; it ends no braking."""
+        state = _STATES.get(self._objects.number(indices.ERROR_BEHAVIOUR, 1))
+        if state is not None and self._node.state in (nmt.OPERATIONAL, nmt.PRE_OPERATIONAL):
+            self._node.enter(state)

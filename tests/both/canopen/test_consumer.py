@@ -3,7 +3,7 @@
 from refusal import code_of
 
 from mdms_cell import ticks
-from mdms_cell.canopen.heartbeat import Consumer
+from mdms_cell.canopen.nmt import Consumer
 from mdms_cell.canopen.objects import Objects, find
 from mdms_protocol.codecs import sdo
 

@@ -1,7 +1,7 @@
 """The heartbeat producer by itself: when it sends, and when it says that it will send again."""
 
 from mdms_cell import ticks
-from mdms_cell.canopen.heartbeat import Heartbeat
+from mdms_cell.canopen.nmt import Heartbeat
 from mdms_cell.canopen.objects import Objects, find
 from mdms_protocol.codecs import nmt
 

@@ -3,7 +3,7 @@
 import pytest
 from tests.sim_bus.referee.bench import CELLS, control, heartbeats, judge, write
 
-from mdms_cell.canopen.guard import Guard
+from mdms_cell.canopen.nmt import Guard
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.state_machine import TRANSITIONS, Drive

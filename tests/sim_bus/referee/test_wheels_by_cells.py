@@ -13,7 +13,7 @@ from tests.system.cells.neighbour_host import (
 )
 
 from mdms_array.host import layout_of
-from mdms_cell.canopen.guard import Guard
+from mdms_cell.canopen.nmt import Guard
 from mdms_cell.drive import tuning
 from mdms_cell.motion.pages import Pages
 from mdms_cell.rights.right_of_way import DRIVE_BEATS, RightOfWay
