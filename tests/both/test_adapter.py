@@ -1,7 +1,14 @@
 """A board as an SLCAN adapter: lines of the protocol, and frames that do not fit."""
 
-from mdms_adapter.adapter import FRAMES_PER_TURN, PENDING_MAX, Adapter
-from mdms_adapter.slcan import BUS_OFF, OVERRUN, RECEIVE_FULL, SEND_FULL
+from mdms_adapter.adapter import (
+    BUS_OFF,
+    FRAMES_PER_TURN,
+    OVERRUN,
+    PENDING_MAX,
+    RECEIVE_FULL,
+    SEND_FULL,
+    Adapter,
+)
 
 
 class Bus:
