@@ -25,7 +25,7 @@ from mdms_cell.canopen.sync import Beat
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
 from mdms_cell.neighbour_layer import Layer
-from mdms_cell.presence import Presence
+from mdms_cell.perception.sensors import Presence
 from mdms_protocol import indices, record, signature
 from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.compat import const, micropython

@@ -1,7 +1,7 @@
 """Presence bits without their flicker."""
 
 from mdms_cell import ticks
-from mdms_cell.presence import Presence
+from mdms_cell.perception.sensors import Presence
 
 
 def debounced(debounce_ms=4, start_ms=0):

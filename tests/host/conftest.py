@@ -13,7 +13,7 @@ from tests.virtual_array import StandingArray, VirtualTime, virtual_time
 
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo_server import SdoServer
-from mdms_cell.presence import Presence
+from mdms_cell.perception.sensors import Presence
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.coordination.coordinator import Coordinator

@@ -1,4 +1,7 @@
-"""Corrects a belief by sensors: by edges that pass over them, and by those that contradict it."""
+"""Presence sensors: their bits without flicker, and the correction of a belief by them.
+
+Edges that pass over sensors correct a belief, and so do sensors that contradict it.
+"""
 
 from mdms_cell.perception.belief import CONTRADICTION, EDGE
 from mdms_cell.perception.footprint import MARGIN
@@ -6,11 +9,52 @@ from mdms_cell.perception.heard import BITS, SEEN
 from mdms_cell.perception.outline import STEP_UM, X, Y
 from mdms_cell.perception.place import AXES, DIRECTIONS, OWN
 from mdms_cell.perception.suspicion import PRESENCE
-from mdms_cell.ticks import diff
+from mdms_cell.ticks import IDLE_MS, diff
 from mdms_protocol.compat import const, micropython
 
 #: An edge passes over a sensor no slower.
 _PASSING_UM_S = const(1_000)
+_PRESENCE_BITS = const(8)
+
+
+class Presence:
+    """The debounced presence sensors: a bit counts once it has read the same for a while.
+
+    `bits` has bit k for sensor k.
+
+    A sensor has to differ from `bits` for `debounce_ms` before its bit changes. So every change is
+    late by that time, and by more only if a wrong reading comes between.
+    """
+
+    def __init__(self):
+        self.bits = 0
+        self.debounce_ms = 0
+        self._differing = 0
+        self._since_ms = [0] * _PRESENCE_BITS
+
+    def read(self):
+        """The bits, as the object dictionary has them."""
+        return self.bits
+
+    def step(self, reading, now_ms):
+        """Take in a reading; in how many milliseconds another is due, if none differs before."""
+        differing = reading ^ self.bits
+        begun = differing & ~self._differing
+        wait_ms = IDLE_MS
+        for sensor in range(_PRESENCE_BITS if differing else 0):
+            bit = 1 << sensor
+            if not differing & bit:
+                continue
+            if begun & bit:
+                self._since_ms[sensor] = now_ms
+            left_ms = self.debounce_ms - diff(now_ms, self._since_ms[sensor])
+            if left_ms <= 0:
+                self.bits ^= bit
+                differing ^= bit
+            elif left_ms < wait_ms:
+                wait_ms = left_ms
+        self._differing = differing
+        return wait_ms
 
 
 class Comparison:
