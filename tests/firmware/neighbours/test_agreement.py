@@ -6,14 +6,13 @@ import pytest
 from tests.firmware.neighbours.some_place import SENSORS_UM, SHIFTS_UM, WHEELS_UM, SomePlace
 
 from mdms_cell.mailboxes import LENGTH
-from mdms_cell.perception.agreement import Agreement
 from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.heard import SPEEDS_AT, Heard
 from mdms_cell.perception.outline import RECTANGLE
 from mdms_cell.perception.place import DIRECTIONS, OWN
 from mdms_cell.perception.suspicion import CELLS, WHEELS, Suspicion
-from mdms_cell.perception.tracking import Tracking
+from mdms_cell.perception.tracking import Agreement, Tracking
 from mdms_cell.perception.twist import WHEELS as WHEELS_SHOWN
 from mdms_protocol.neighbours import frames as wire
 

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_cell.motion import steering
+from mdms_cell.motion import leading
+from mdms_cell.motion.leading import Steering, length
 from mdms_cell.motion.program import Program
-from mdms_cell.motion.steering import Steering, length
 from mdms_cell.perception.angle import ROOT_MAX, root
 from mdms_cell.perception.belief import Belief
 from mdms_protocol.neighbours import frames as wire
@@ -55,7 +55,7 @@ def test_goal_at_the_far_end_of_a_large_table_asks_for_no_root_that_a_board_cann
         asked.append(number)
         return root(number)
 
-    monkeypatch.setattr(steering, "root", noted)
+    monkeypatch.setattr(leading, "root", noted)
     vx, vy, _ = steered(6_000, 5_080, 100)
     assert max(asked) <= ROOT_MAX
     assert hypot(vx, vy) == pytest.approx(1_275_000, rel=5e-3)

@@ -13,7 +13,6 @@ from tests.firmware.neighbours.some_place import SomePlace
 
 from mdms_cell.motion.leading import Leading
 from mdms_cell.motion.program import Program
-from mdms_cell.perception.agreement import Agreement
 from mdms_cell.perception.angle import TURN_UM, root
 from mdms_cell.perception.belief import EDGE, MOST, Belief
 from mdms_cell.perception.footprint import Footprint
@@ -30,6 +29,7 @@ from mdms_cell.perception.outline import (
 from mdms_cell.perception.place import AXES, DIRECTIONS, SENSORS
 from mdms_cell.perception.sensors import Comparison
 from mdms_cell.perception.suspicion import Suspicion
+from mdms_cell.perception.tracking import Agreement
 from mdms_cell.perception.twist import against, fit
 from mdms_protocol.neighbours import frames as wire
 
