@@ -4,7 +4,7 @@ from mdms_cell.canopen.objects import find
 from mdms_cell.motion.program import Programs, next_sequence
 from mdms_cell.perception.angle import turn_um
 from mdms_cell.perception.place import DIRECTIONS, HOST, PROGRAM
-from mdms_cell.rights.precedence import Precedence
+from mdms_cell.rights.declarations import Precedence
 from mdms_cell.rights.right_of_way import IDENTITY, PROMISED_TO
 from mdms_protocol import indices
 from mdms_protocol.compat import const, micropython

@@ -20,7 +20,7 @@ have let come. It promises nothing while a neighbour that lives has not been hea
 
 from array import array
 
-from mdms_cell.rights.lost_neighbours import LostNeighbours
+from mdms_cell.rights.declarations import LostNeighbours
 from mdms_protocol.compat import const, micropython, ptr8, ptr16
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours.lost import LOST_BEATS

@@ -9,7 +9,7 @@ from tests.prove.cells import Rules
 from tests.prove.exploration import CounterexampleError
 from tests.prove.tables import QUICK, LostTable, Table
 
-from mdms_cell.rights import lost_neighbours, right_of_way
+from mdms_cell.rights import declarations, right_of_way
 
 ALONE = Table(2, 1, ((0,),), Rules(lease=3, late=1))
 LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=False)
@@ -165,19 +165,19 @@ def test_rule_is_missed_when_it_is_gone(mutant, table, seen):
 #: come over the cell before.
 MUTANTS_OF_LOST = {
     "a cell that is heard is taken for lost": (
-        lost_neighbours,
+        declarations,
         "if silent_beats < self._lost_beats:",
         "if False:",
         False,
     ),
     "a cell agrees that is promised to another": (
-        lost_neighbours,
+        declarations,
         "        if promised_to != identity:",
         "        promised_to = identity\n        if False:",
         False,
     ),
     "a round that begins anew counts as agreed": (
-        lost_neighbours,
+        declarations,
         "if newer == 1 and agreed_beats",
         "if newer and agreed_beats",
         False,
@@ -189,13 +189,13 @@ MUTANTS_OF_LOST = {
         False,
     ),
     "a cell that is back promises before it is restarted": (
-        lost_neighbours,
+        declarations,
         "if silent_beats < self._lost_beats:\n            self._withdraw(direction)",
         "if silent_beats < self._lost_beats:\n            self.revoke(direction)",
         True,
     ),
     "an agreement counts from when the next page comes": (
-        lost_neighbours,
+        declarations,
         "self._granted_beats[direction] = self._grant_beats - agreed_beats",
         "self._granted_beats[direction] = 20",
         True,
@@ -213,7 +213,7 @@ def test_first_states_with_a_lost_cell_break_no_rule():
 )
 def test_rule_of_a_lost_cell_is_missed_when_it_is_gone(changed, old, new, crossing):
     modules = {}
-    for original in (lost_neighbours, right_of_way):
+    for original in (declarations, right_of_way):
         source = Path(original.__file__).read_text()
         if original is changed:
             assert source.count(old) == 1
@@ -221,6 +221,6 @@ def test_rule_of_a_lost_cell_is_missed_when_it_is_gone(changed, old, new, crossi
         module = modules[original] = ModuleType("mutant")
         exec(compile(source, "mutant", "exec"), module.__dict__)
     mutant = modules[right_of_way]
-    mutant.LostNeighbours = modules[lost_neighbours].LostNeighbours
+    mutant.LostNeighbours = modules[declarations].LostNeighbours
     with pytest.raises(CounterexampleError, match=r"not kept|two parcels"):
         LostTable(crossing).explore(mutant, most_states=30_000)
