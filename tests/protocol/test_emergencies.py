@@ -6,13 +6,13 @@ import pytest
 
 from mdms_cell import cell, runner
 from mdms_cell.canopen import nmt, store
-from mdms_cell.drive import state_machine
+from mdms_cell.drive import axes
 from mdms_cell.perception import suspicion
 from mdms_protocol.emergencies import CODES, code_text, error_text
 
 #: The codes that a cell sends, by the modules that send them.
 SENT = {
-    *(code for _bit, code in state_machine._ERROR_CODES),
+    *(code for _bit, code in axes._ERROR_CODES),
     *(runner.BUS_OFF, runner.INTERNAL_ERROR, store.SETTINGS_LOST),
     *(nmt.HEARTBEAT_LOST, nmt.NODE_ID_TAKEN, nmt.RPDO_TOO_SHORT, nmt.RPDO_OVERDUE),
     *(suspicion.CODE, cell.IN_ANOTHERS_PLACE),

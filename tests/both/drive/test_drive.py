@@ -2,8 +2,8 @@
 
 from array import array
 
+from mdms_cell.drive import axes as d
 from mdms_cell.drive import speed_loop as s
-from mdms_cell.drive import state_machine as d
 from mdms_cell.drive import tuning
 from mdms_protocol.codecs import cia402 as c
 

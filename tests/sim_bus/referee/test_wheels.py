@@ -6,7 +6,7 @@ from tests.sim_bus.referee.bench import CELLS, control, heartbeats, judge, write
 from mdms_cell.canopen.nmt import Guard
 from mdms_cell.cell import Cell
 from mdms_cell.drive import speed_loop, tuning
-from mdms_cell.drive.state_machine import TRANSITIONS, Drive
+from mdms_cell.drive.axes import TRANSITIONS, Drive
 from mdms_model.scenario.fault import Fault
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, cob, nmt

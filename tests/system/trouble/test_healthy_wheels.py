@@ -4,7 +4,7 @@ import pytest
 from tests.benchmarks.firmware.watching import faults
 
 from mdms_array.host import coordinator_of
-from mdms_cell.drive import state_machine
+from mdms_cell.drive import axes
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.dictionary import ENTRIES
 from mdms_sim.simulation import simulate
@@ -35,5 +35,5 @@ def test_goals_are_reached_with_watching_on():
     simulate(scenario, [coordinator])
     assert coordinator.fault is None
     assert coordinator.finished
-    codes = (state_machine.STALLED, state_machine.REVERSED)
+    codes = (axes.STALLED, axes.REVERSED)
     assert not [text for _, text in coordinator.events if any(f"{c:04X}" in text for c in codes)]
