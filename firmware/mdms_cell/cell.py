@@ -17,11 +17,10 @@ from mdms_cell.canopen.emcy import Emcy
 from mdms_cell.canopen.lss import Lss
 from mdms_cell.canopen.nmt import EVERYTHING, Consumer, Guard, Heartbeat, Nmt, is_claim
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.pdos import Pdos
+from mdms_cell.canopen.pdos import Beat, Pdos
 from mdms_cell.canopen.rules import check_plain
 from mdms_cell.canopen.sdo_server import SdoServer
 from mdms_cell.canopen.store import Parameters, Store
-from mdms_cell.canopen.sync import Beat
 from mdms_cell.drive import speed_loop, tuning
 from mdms_cell.drive.axes import Axes
 from mdms_cell.neighbour_layer import Layer

@@ -3,7 +3,7 @@
 from cell_bench import booted
 
 from mdms_cell import ticks
-from mdms_cell.canopen.sync import Beat
+from mdms_cell.canopen.pdos import Beat
 from mdms_protocol.codecs import sdo
 
 PERIOD_MS = 10
