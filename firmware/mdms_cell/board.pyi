@@ -1,11 +1,10 @@
-"""The interface of a board, for type checkers; no board imports it.
+"""The interface of a board, for type checkers.
 
 DESIGN.md, 'Cell and board', lists the optional parts too.
 """
 
 from collections.abc import MutableSequence
 from typing import Protocol
-
 
 class Board(Protocol):
     """The hardware of a cell, passed in."""
