@@ -25,7 +25,7 @@ from mdms_sim.nodes.micropython_process import EMITTER_LINE, EMITTERS, find_micr
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
-    ROOT / "firmware" / "mdms_adapter",
+    ROOT / "firmware" / "adapter_main.py",
     ROOT / "firmware" / "mdms_boot",
     ROOT / "firmware" / "mdms_cell",
     ROOT / "protocol" / "mdms_protocol",

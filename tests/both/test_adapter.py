@@ -1,6 +1,6 @@
 """A board as an SLCAN adapter: lines of the protocol, and frames that do not fit."""
 
-from mdms_adapter.adapter import (
+from adapter_main import (
     BUS_OFF,
     FRAMES_PER_TURN,
     OVERRUN,

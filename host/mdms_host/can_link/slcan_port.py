@@ -127,7 +127,7 @@ class SlcanPort:
 
 
 _HEADS = (b"t", b"T", b"r", b"R")
-#: Our own adapter (`firmware/mdms_adapter`) reports frames without room.
+#: Our own adapter (`firmware/adapter_main.py`) reports frames without room.
 _LOST = re.compile(rb"x([0-9A-F]{4})")
 #: And that its bus went off.
 _CUT = b"y"

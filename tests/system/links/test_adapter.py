@@ -75,7 +75,7 @@ def plugged(folder: Path, board: str = "pybv11"):
     with skipping_without_micropython():
         command = unix_command()
     firmware = ROOT / "firmware"
-    stage(folder, (PROGRAM, firmware / "adapter_main.py", firmware / "boards", *FAKES))
+    stage(folder, (PROGRAM, firmware / "boards", *FAKES))
     line, theirs = pty.openpty()
     tty.setraw(theirs)
     child_reads, into = os.pipe()
