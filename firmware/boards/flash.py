@@ -2,7 +2,7 @@
 
 This suits boards on which the port gives LittleFS the erase blocks of the flash. These are the
 Teensy 4.1, and STM32 boards with their file system on SPI flash. There LittleFS keeps the old data
-until the new data are whole. On internal flash of an STM32 it cannot; see `boards.sectors`.
+until the new data are whole. On internal flash of an STM32 it cannot; see `boards.pybv11`.
 
 Erasing flash stops the processor. So nothing is written unless `asleep()` reports that no bridge is
 awake.

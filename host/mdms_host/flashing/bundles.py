@@ -78,7 +78,7 @@ def key_id(key: bytes) -> bytes:
 #: The code that chooses between slots is never replaced over the bus.
 BOOT = (START, "mdms_boot/")
 #: Of boards that have no room for a second firmware.
-_ELSEWHERE = ("boards/pybv11", "boards/nucleo_g474re", "boards/sectors")
+_ELSEWHERE = ("boards/pybv11", "boards/nucleo_g474re")
 #: The window is a part of the heap of whoever unpacks.
 _WINDOW_BITS = 12
 _SIZE_BYTES = 4

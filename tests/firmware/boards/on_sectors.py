@@ -9,7 +9,7 @@ from internal_flash import InternalFlash, PowerLost
 from pyb import Flash
 from refusal import code_of
 
-from boards import flash, pybv11, sectors
+from boards import flash, pybv11
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.store import Store
 from mdms_protocol import record
@@ -26,7 +26,7 @@ def always():
 
 
 def memory():
-    return sectors.Sectors(pybv11.STORAGE, always)
+    return pybv11.Sectors(always)
 
 
 def restored(memory):
@@ -108,7 +108,7 @@ def test_saving_goes_on_after_any_cut():
 
 def test_a_save_never_touches_the_file_system():
     content = content_with(1)
-    system = content[: pybv11.STORAGE.banks[0]]
+    system = content[: pybv11.BANKS[0]]
     for _ in outcomes(content, lambda: save(memory(), NEW)):
         assert world.flash.content[: len(system)] == system
 
@@ -129,7 +129,7 @@ def test_power_may_fail_at_any_erase_or_word_of_a_file_without_harm_to_settings(
     content = content_with(1)
 
     def write_a_file():
-        device = Flash(start=0, len=pybv11.STORAGE.banks[0])
+        device = Flash(start=0, len=pybv11.BANKS[0])
         vfs.mount(vfs.VfsFat(device), "/cut")
         try:
             with open("/cut/crash.log", "w") as file:
@@ -188,7 +188,7 @@ def test_blank_flash_has_no_settings():
 def test_nothing_is_written_while_a_bridge_is_awake():
     content_with(1)
     before = bytes(world.flash.content)
-    awake = sectors.Sectors(pybv11.STORAGE, lambda: False)
+    awake = pybv11.Sectors(lambda: False)
     assert code_of(save, awake, NEW) == sdo.HARDWARE_ERROR
     assert bytes(world.flash.content) == before
     assert not world.flash.dirty
