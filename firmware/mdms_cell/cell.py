@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
 from mdms_cell import ticks
 from mdms_cell.canopen.emcy import Emcy
-from mdms_cell.canopen.lss import Lss
-from mdms_cell.canopen.nmt import EVERYTHING, Consumer, Guard, Heartbeat, Nmt, is_claim
+from mdms_cell.canopen.nmt import EVERYTHING, Consumer, Guard, Heartbeat, Lss, Nmt, is_claim
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.pdos import Beat, Pdos
 from mdms_cell.canopen.rules import check_plain

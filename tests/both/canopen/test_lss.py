@@ -1,6 +1,6 @@
 """LSS transcripts: selecting, identifying, fast scan, configuring and storing."""
 
-from mdms_cell.canopen.lss import Lss
+from mdms_cell.canopen.nmt import Lss
 from mdms_protocol.codecs import cob, sdo
 
 IDENTITY = (0x00000000, 0x4D444D53, 0x00010000, 0xCAFE0001)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdms_cell.canopen.lss import Lss
+from mdms_cell.canopen.nmt import Lss
 from mdms_host.commissioning.lss_master import LssAddress, LssError, LssMaster
 from mdms_protocol.codecs import cob, lss, sdo
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
