@@ -55,6 +55,8 @@ class Update:
 
     def _tie(self, objects):
         slots, board = self._slots, self._board
+        # Found once: a file system takes long to count its blocks, too long under a turning wheel.
+        room = board.slots_room()
         objects.tie(indices.PROGRAM_DATA, 1, sink=self._open)
         objects.tie(indices.UPDATE, 1, sink=self._open_key)
         objects.tie(indices.PROGRAM_CONTROL, 1, _running, self._control)
@@ -64,7 +66,7 @@ class Update:
             lambda: int.from_bytes(key_id(slots.key()), "little"),
             lambda: board.number,
             lambda: board.bytecode,
-            board.slots_room,
+            lambda: room,
             lambda: slots.record.counter,
             lambda: slots.running,
             lambda: int(slots.on_trial),

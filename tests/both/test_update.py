@@ -212,6 +212,15 @@ def test_firmware_is_taken_into_a_cleared_slot_only_and_while_no_motor_is_on():
     refuses_while_driving(bench)
 
 
+def test_no_file_system_is_counted_while_a_motor_is_on():
+    bench = Bench()
+    bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
+    enable(bench.cell)
+    counted = bench.board.counted
+    assert bench.read(0x3030, 5) == ROOM
+    assert bench.board.counted == counted
+
+
 def test_nothing_is_taken_while_a_wheel_brakes():
     bench = Bench()
     bench.board.slots.may_write = lambda: False

@@ -75,9 +75,10 @@ class SlotsBoard(Board):
         super().__init__()
         self.slots = Slots(files)
         self.slots.start()
-        self.restarts = 0
+        self.restarts = self.counted = 0
 
     def slots_room(self):
+        self.counted += 1
         return ROOM
 
     def image_room(self):
