@@ -15,8 +15,10 @@ from mdms_host.line.order_book import OrderBook, OrderBookError
 from mdms_host.line.packml import Command, Mode, State
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
-#: The table answers within this, or is taken for hung [s].
+#: The table carries out a request within this, or refuses it [s].
 _ANSWER_S = 5.0
+#: Without an answer for so much longer, the table is taken for hung [s].
+_DELIVERY_S = 1.0
 #: Figures are kept on the disk this often [s].
 _KEEP_S = 1.0
 #: Longest key or name of a parcel, an exit or a kind.
@@ -145,7 +147,12 @@ class Plant:
         """
         state = self.book.state(key)
         if state in (OrderState.ACCEPTED, OrderState.UNDER_WAY, OrderState.IN_DOUBT):
-            await self._ask("cancel", key=key)
+            try:
+                await self._ask("cancel", key=key)
+            except RequestRefusedError:
+                # Another client may have cancelled it meanwhile.
+                if self.book.state(key) != OrderState.CANCELLED:
+                    raise
         elif state != OrderState.CANCELLED:
             raise RequestRefusedError(
                 f"order {key} is {state}, and over" if state else f"there is no order {key}"
@@ -290,7 +297,7 @@ class Plant:
         # A request that is refused as late is not done later.
         self._tell(name, id=number, until_s=monotonic() + _ANSWER_S, **values)
         try:
-            error = await asyncio.wait_for(answer, _ANSWER_S)
+            error = await asyncio.wait_for(answer, _ANSWER_S + _DELIVERY_S)
         except TimeoutError:
             self._waiting.pop(number, None)
             raise RequestRefusedError("the table does not answer: it is busy") from None

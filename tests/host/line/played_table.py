@@ -23,11 +23,13 @@ class PlayedTable:
         self.told: list[dict[str, Any]] = []
         #: Why it refuses requests, by their names.
         self.refuses: dict[str, str] = {}
+        #: Whether it answers by itself.
+        self.answers = True
 
     def write(self, data: bytes) -> None:
         message = json.loads(data)
         self.told.append(message)
-        if "id" in message:
+        if "id" in message and self.answers:
             self.say({"id": message["id"], "error": self.refuses.get(message["do"])})
 
     def say(self, message: dict[str, Any]) -> None:

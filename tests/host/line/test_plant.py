@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import pytest
@@ -144,6 +145,44 @@ def test_an_order_under_way_is_cancelled_for_good_if_its_parcel_waits(tmp_path: 
 
     with_plant(tmp_path, cancel)
     with_plant(tmp_path, begin)
+
+
+def test_two_clients_cancel_an_order_at_once(tmp_path: Path) -> None:
+    async def talk(plant: Plant, table: PlayedTable) -> None:
+        plant.order(ORDER)
+        table.answers = False
+        both = [asyncio.create_task(plant.cancel("o1")) for _ in range(2)]
+        while len(table.named("cancel")) < 2:
+            await asyncio.sleep(0)
+        first, second = table.named("cancel")
+        table.say({"id": first["id"], "error": None})
+        table.say({"id": second["id"], "error": "order o1 is over"})
+        await asyncio.gather(*both)
+
+    with_plant(tmp_path, talk)
+
+
+def test_an_order_that_the_table_cancels_at_the_last_moment_is_cancelled(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(plants, "_ANSWER_S", 0.0)
+    monkeypatch.setattr(plants, "_DELIVERY_S", 20.0)
+
+    async def talk(plant: Plant, table: PlayedTable) -> None:
+        plant.order(ORDER)
+        table.answers = False
+        asked = asyncio.create_task(plant.cancel("o1"))
+        while not table.named("cancel"):
+            await asyncio.sleep(0)
+        (told,) = table.named("cancel")
+        assert told["until_s"] <= monotonic()
+        # It was carried out in time, and the answer took longer.
+        await asyncio.sleep(0.01)
+        table.say({"id": told["id"], "error": None})
+        await asked
+        assert plant.book.state("o1") == "cancelled"
+
+    with_plant(tmp_path, talk)
 
 
 def test_a_kind_that_no_parcel_has_is_refused_and_the_kinds_are_named(tmp_path: Path) -> None:
