@@ -186,6 +186,16 @@ def test_a_sweep_of_which_every_run_fails_ends_with_1(file, capsys):
     assert "row 2 fails again: ValueError: no end" in capsys.readouterr().out
 
 
+def test_a_sweep_without_one_of_its_pictures_ends_with_1(file, tmp_path, capsys):
+    file.write_text(
+        FILE.replace('"own.py', '"bus_load", "own.py')
+        + '[[plot]]\nfile = "load.png"\nmeasure = "bus_load"\n'
+    )
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.FAILURE
+    assert "load.png: bus_load has no numbers to draw; there are" in capsys.readouterr().err
+    assert (tmp_path / "runs" / "fig8" / "end.png").is_file()
+
+
 def test_a_file_of_measures_that_ends_its_process_is_refused(file, capsys):
     (file.parent / "own.py").write_text("raise SystemExit(0)\n")
     assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.USAGE

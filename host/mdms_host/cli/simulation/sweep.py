@@ -48,7 +48,8 @@ def run(arguments: Namespace) -> ExitCode:
         print(f"  {len(result.rows)} runs, {result.failed} failed: {folder / CSV}")
         print(*(f"  picture: {path}" for path in pictures), sep="\n")
     tell_failures(result.rows)
-    return ExitCode.FAILURE if result.failed == len(result.rows) else ExitCode.OK
+    failed = result.failed == len(result.rows) or len(pictures) < len(plots)
+    return ExitCode.FAILURE if failed else ExitCode.OK
 
 
 def tell_failures(rows: Iterable[Mapping[str, Any]]) -> None:
