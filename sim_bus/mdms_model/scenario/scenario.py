@@ -233,7 +233,7 @@ class Cell:
     """Inertia of the rotor, about the motor's shaft."""
     wheel_inertia_kg_m2: float = field(default=0.0, metadata=NOT_NEGATIVE)
     """Inertia of the wheel, about its own axle."""
-    gain_vs_per_m: float = field(default=10.0, metadata=NOT_NEGATIVE)
+    gain_vs_per_m: float = field(default=10.0, metadata=POSITIVE)
     """Gain of the speed loop, G, in V = G (r - v)."""
     supply_v: float = field(default=24.0, metadata=POSITIVE)
     """Supply of the motors; no voltage exceeds it."""
