@@ -84,15 +84,20 @@ def goal_of(parcel: Parcel) -> GoalPose | None:
     return GoalPose(goal.x_m, goal.y_m, None)
 
 
+#: Pushes of a lower friction are too small to plan with.
+LEAST_FRICTION = 1e-6
+
+
 def refuse_pushless(scenario: Scenario) -> None:
     """Raises `InputError` where parcels are to be steered, but no wheel is believed to push any."""
     if scenario.motion.field not in ("goal", "program"):
         return
     friction = believed(scenario).cell.friction
-    if friction == 0.0:
+    if friction < LEAST_FRICTION:
         raise InputError(
-            "cell.friction is 0, so no wheel can push a parcel to its goal; give a friction above "
-            "0, as in cell.friction=0.3, or an open-loop field, as in motion.field=inward"
+            f"cell.friction is {friction:g}, so no wheel can push a parcel to its goal; give "
+            f"{LEAST_FRICTION:g} or more, as in cell.friction=0.3, or an open-loop field, as in "
+            "motion.field=inward"
         )
     speed_m_s = scenario.motion.speed_m_s
     if speed_m_s <= 0.0:

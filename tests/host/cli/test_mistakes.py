@@ -48,6 +48,7 @@ def test_a_setting_behind_node_is_answered_with_the_order(capsys):
     ("override", "told"),
     [
         ("cell.friction=0", "cell.friction is 0, so no wheel can push a parcel"),
+        ("cell.friction=1e-320", "; give 1e-06 or more, as in cell.friction=0.3"),
         ("motion.speed_m_s=0", "motion.speed_m_s is 0, which is the highest speed"),
     ],
 )
