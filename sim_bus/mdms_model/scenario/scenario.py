@@ -350,7 +350,7 @@ class Run:
     """Step of the samples (row), of the physics (ideal: 10 ms at most; firmware: 1 ms)."""
     seed: int = field(default=1, metadata=Limit(at_least=0, at_most=2**63 - 1))
     """Seed of all that is drawn."""
-    gravity_m_s2: float = field(default=9.81, metadata=Limit(above=0.0, at_most=1000.0))
+    gravity_m_s2: float = field(default=9.81, metadata=Limit(at_least=1e-6, at_most=1000.0))
     """Acceleration of gravity."""
     on_lost_cell: str = field(default="stop", metadata=Limit(choices=ON_LOST_CELL))
     """What becomes of a run whose cell does not come back."""

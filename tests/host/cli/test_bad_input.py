@@ -52,6 +52,7 @@ def assert_refused(done, told, folder, files=()):
         (("columns = 10", "columns = 0"), "array.columns is 0, but must be at least 1"),
         (("length_m = 0.4445", 'length_m = "long"'), "parcel.0.length_m is 'long', but must be a"),
         (("rows = 1", "rows = 1 1"), "not valid TOML"),
+        (("[motion]", "[run]\ngravity_m_s2 = 1e-320\n[motion]"), "run.gravity_m_s2 is 1e-320, but"),
         (("[motion]", "[cell]\ngain_vs_per_m = 0\n[motion]"), "cell.gain_vs_per_m is 0, but must"),
     ],
 )
