@@ -156,6 +156,12 @@ def set_value(tree: Any, override: str) -> None:
 def set_key(tree: Any, key: str, value: Any) -> None:
     """Change the value of a dotted path into the tables. Raises `ScenarioError` for a bad path."""
     parts = key.split(".")
+    if parts[0] == "scenario":
+        # All keys are written out by now, and would replace those of the other.
+        raise ScenarioError(
+            f"{key} is {value!r}, but no key changes which scenario a run begins with; give the "
+            "other scenario in place of this one"
+        )
     at = tree
     for depth, part in enumerate(parts[:-1]):
         at = _step_into(at, part, ".".join(parts[:depth]))

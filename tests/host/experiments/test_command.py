@@ -154,6 +154,10 @@ def test_again_overwrites_no_other_run(file, tmp_path, capsys):
         (('measure = "end_m"', 'measure = "end"'), "measure of end.png is ['end'], but the sweep"),
         (('over = ["cell.friction"]', "over = 3"), "over of end.png is 3, but the sweep has cell."),
         (('over = ["cell.friction"]', 'over = ["cell"]'), "over of end.png is ['cell'], but the"),
+        (
+            ("[over]", "[over]\nscenario = ['paper-fig7', 'paper-fig8']"),
+            "scenario is 'paper-fig7', but no key changes which scenario a run begins with",
+        ),
         (("parcel.box", "parcel.bx"), "no parcel has that name; there are box"),
     ],
 )

@@ -137,6 +137,7 @@ def test_override_may_mend_a_file(row):
         ("run.seed=-1", "run.seed is -1, but must be at least 0"),
         ("array.rows=2", "run.fidelity is 'row', which needs array.rows = 1"),
         ('title="two\\nlines"', "but must be one line of plain text"),
+        ("scenario=paper-fig8", "scenario is 'paper-fig8', but no key changes which scenario"),
         ("title.x=3", "title is 'a row' and has nothing inside to set"),
         ("=3", "write KEY=VALUE"),
         ("run.seed", "write KEY=VALUE"),
