@@ -43,8 +43,9 @@ def run_ideal(world: World, reference_m_s: Floats, step_s: float, steps: int, ev
     """Move a world on by a number of steps and record its start and every so many steps."""
     reference = np.array(reference_m_s, dtype=np.float64)
     samples = _room(steps // every + 1, len(world.scene.model.parcels), len(reference))
-    start_s, done, report = world.time_s, 0, 0
-    world.pass_time(0.0, take_sample(world.scene, reference, samples, 0))
+    start_s, done = world.time_s, 0
+    report = take_sample(world.scene, reference, samples, 0)
+    world.pass_time(0.0, report)
     while done < steps and not report & TIPPING:
         now, report = advance(world.scene, reference, step_s, (done, steps, every), samples)
         world.pass_time((now - done) * step_s, report)

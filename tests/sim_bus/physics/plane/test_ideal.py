@@ -90,6 +90,14 @@ def test_a_run_ends_where_a_parcel_tips():
     assert len(record.pose) == len(record.time_s) == len(record.contact)
 
 
+def test_a_run_whose_parcel_tips_at_the_start_has_that_instant_alone():
+    scenario = replace(paper(7, 1e-3), parcel=(Parcel("box", 2.0, 0.2, 0.1, x_m=0.63),))
+    record = solve_ideal(scenario, np.full(10, -0.5))
+    assert [event.kind for event in record.events] == ["tip"]
+    assert record.time_s.tolist() == [0.0]
+    assert record.pose[:, 0].tolist() == [[0.63, 0.0, 0.0]]
+
+
 def end_of_field(step_s, *, yaw_rad=0.0):
     """Pose of the box of array18 after 2 s of the inward field, in steps of any length."""
     moved = ["motion.field='inward'", f"parcel.0.yaw_rad={yaw_rad}", "run.duration_s=2.0"]
