@@ -182,6 +182,12 @@ def shown_until_s(record: Record) -> float:
     return until_s if until_s < end_s - _WORTH * (end_s - float(time_s[0])) else end_s
 
 
+def limit_time(axes: Axes, record: Record) -> None:
+    """Have the axis end where all parcels rest; a run of one instant has some room after it."""
+    start_s, until_s = float(record.time_s[0]), shown_until_s(record)
+    axes.set_xlim(start_s, until_s if until_s > start_s else start_s + _REST_S)
+
+
 def label_time(axes: Axes, record: Record) -> None:
     """Name the axis of time, and the part that it leaves out."""
     until_s, end_s = shown_until_s(record), float(record.time_s[-1])

@@ -24,9 +24,9 @@ from mdms_sim.plots.canvas import (
     INK,
     fit_values,
     label_time,
+    limit_time,
     mark_outside,
     new_figure,
-    shown_until_s,
     tidy,
 )
 from mdms_sim.plots.top_view import (
@@ -83,7 +83,7 @@ def panels_of(scenario: Scenario, record: Record) -> list[Panel]:
 
 def draw_panel(axes: Axes, panel: Panel, record: Record, *, is_last: bool) -> None:
     """One panel, with its time named if it is the last of its column."""
-    axes.set_xlim(record.time_s[0], shown_until_s(record))
+    limit_time(axes, record)
     panel.draw(axes)
     axes.set_ylabel(panel.name, color=INK, fontsize=9)
     tidy(axes)

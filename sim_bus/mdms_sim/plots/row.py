@@ -20,7 +20,7 @@ from mdms_model.arrays import Floats
 from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Record
 from mdms_model.scenario.scenario import Scenario
-from mdms_sim.plots.canvas import FAINT, INK, label_time, new_figure, shown_until_s, tidy
+from mdms_sim.plots.canvas import FAINT, INK, label_time, limit_time, new_figure, tidy
 
 BAND_SHARE = 0.34
 BANDS = {"no contact": "#e3e6e9", "sliding": "#9aa1a8", "rolling": "#16191d"}
@@ -85,7 +85,7 @@ def _draw_traces(axes: Axes, time_s: Floats, x_m: Floats, reach_m: Floats, numbe
 
 def _label(axes: Axes, scenario: Scenario, record: Record) -> None:
     half_m = scenario.array.columns * scenario.array.pitch_m / 2
-    axes.set_xlim(record.time_s[0], shown_until_s(record))
+    limit_time(axes, record)
     axes.set_ylim(-half_m, half_m)
     label_time(axes, record)
     axes.set_ylabel("position x [m]", color=INK)

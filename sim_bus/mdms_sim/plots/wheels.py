@@ -22,9 +22,9 @@ from mdms_sim.plots.canvas import (
     FAINT,
     INK,
     label_time,
+    limit_time,
     new_figure,
     share_outside,
-    shown_until_s,
     tidy,
     usual_most,
 )
@@ -73,7 +73,7 @@ def draw_wheels(scenario: Scenario, record: Record) -> Figure:
         box = (LEFT, low_in / height_in, RIGHT - LEFT, panel_in / height_in)
         axes = figure.add_axes(box)
         _draw_stripes(axes, record.time_s, panel, order)
-        axes.set_xlim(record.time_s[0], shown_until_s(record))
+        limit_time(axes, record)
         _label(axes, panel.name, wheels.cell[order], axis)
         if part == len(panels) - 1:
             label_time(axes, record)

@@ -11,6 +11,7 @@ from mdms_model.run.colours import parcel_colour
 from mdms_model.run.record import Contact, Event, Record
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Parcel, Stream
+from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.plots import drawable, is_row, save_picture, save_wheels
 from mdms_sim.plots.plane import draw_plane
 from mdms_sim.plots.row import BANDS, draw_row
@@ -305,6 +306,15 @@ def test_any_text_can_be_drawn_in_the_plane(tmp_path, plane, plane_record, named
 def test_any_text_can_be_drawn_on_the_row(tmp_path, row, row_record, named):
     save_picture(tmp_path / "picture.png", named(row), row_record)
     save_wheels(tmp_path / "wheels.png", named(row), row_record)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_run_that_ends_as_it_begins_is_drawn(tmp_path, row):
+    tips = replace(row, parcel=(replace(row.parcel[0], x_m=0.63),))
+    record = solve_row(tips, np.zeros(10))
+    assert record.time_s.tolist() == [0.0]
+    save_picture(tmp_path / "picture.png", tips, record)
+    save_wheels(tmp_path / "wheels.png", tips, record)
 
 
 @pytest.mark.parametrize(
