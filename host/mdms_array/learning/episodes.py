@@ -10,7 +10,7 @@ from mdms_array.experiments.settings import Distribution, check_apart, tree_of
 from mdms_array.source import Source, open_source
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import scenario_from
-from mdms_model.scenario.rules import check_poses
+from mdms_model.scenario.rules import check_poses, check_starts
 from mdms_model.scenario.scenario import Goal, Parcel, Scenario
 from mdms_model.scenario.tree import build_values, plain
 
@@ -67,7 +67,10 @@ class Episodes:
         seed = int(setting.pop(SEED, self.base.run.seed))
         placed = {key: self._pose_key(key) for key in setting}
         if seed == self.base.run.seed and all(placed.values()):
-            return self._placed([(place, setting[key]) for key, place in placed.items() if place])
+            pairs = [(place, setting[key]) for key, place in placed.items() if place]
+            scenario = self._placed(pairs)
+            check_starts(scenario)
+            return scenario
         return scenario_from(tree_of(self._tree, setting, seed))
 
     def _pose_key(self, key: str) -> tuple[int, bool, str] | None:

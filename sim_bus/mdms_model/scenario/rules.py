@@ -1,10 +1,12 @@
 """Rules of a scenario's values together: buses, control, parcels; `tree` checks single keys."""
 
 from collections.abc import Sequence
-from math import cos, sin
+from math import cos, hypot, sin
+
+import numpy as np
 
 from mdms_model.buses import PLACE_CODE_MAX, address_cells, plan_gateways
-from mdms_model.outline import outline_of
+from mdms_model.outline import gap_m, outline_m, outline_of
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.run_rules import (
     check_faults,
@@ -14,7 +16,14 @@ from mdms_model.scenario.run_rules import (
     check_tasks,
     half_table_m,
 )
-from mdms_model.scenario.scenario import Array, Parcel, Scenario, ScenarioError, name_fault
+from mdms_model.scenario.scenario import (
+    Array,
+    Parcel,
+    Scenario,
+    ScenarioError,
+    in_stock,
+    name_fault,
+)
 
 #: Node ids go up to 127, which is the host's own.
 MOST_NODES = 126
@@ -201,6 +210,7 @@ def check_rules(scenario: Scenario) -> None:
     check_faults(scenario)
     check_streams(scenario)
     check_tasks(scenario)
+    check_starts(scenario)
     _check_belief(scenario)
 
 
@@ -372,6 +382,43 @@ def _check_on_table(scenario: Scenario, parcel: Parcel, key: str) -> None:
     name = f"the centre of mass of {parcel.name!r}"
     check_over(f"{key}.x_m", name, parcel.x_m, x_m, half_x_m)
     check_over(f"{key}.y_m", name, parcel.y_m, y_m, half_y_m)
+
+
+#: Parcels that touch may sink into each other by this much [m], as in the physics.
+SUNK_M = 1e-4
+
+
+def check_starts(scenario: Scenario) -> None:
+    """Refuse parcels that begin within each other. Raises `ScenarioError`.
+
+    A row looks for touches on the whole way by itself.
+    """
+    if scenario.run.fidelity == "row":
+        return
+    stock = in_stock(scenario)
+    reach_m = {each.name: outline_of(each).radius_m for each in scenario.parcel}
+    there = [each for each in scenario.parcel if each.name not in stock]
+    before: list[Parcel] = []
+    for parcel in sorted(there, key=lambda each: each.x_m - reach_m[each.name]):
+        left_m = parcel.x_m - reach_m[parcel.name]
+        before = [each for each in before if each.x_m + reach_m[each.name] > left_m]
+        for other in before:
+            apart_m = hypot(parcel.x_m - other.x_m, parcel.y_m - other.y_m)
+            if apart_m < reach_m[parcel.name] + reach_m[other.name]:
+                _check_beside(parcel, other)
+        before.append(parcel)
+
+
+def _check_beside(parcel: Parcel, other: Parcel) -> None:
+    corners_m = [
+        outline_m(np.array([each.x_m, each.y_m, each.yaw_rad]), each) for each in (parcel, other)
+    ]
+    sunk_m = -gap_m(*corners_m)
+    if sunk_m > SUNK_M:
+        raise ScenarioError(
+            f"parcels {other.name!r} and {parcel.name!r} begin {1e3 * sunk_m:.3g} mm within each "
+            "other; move one of them by its x_m and y_m, or make it smaller"
+        )
 
 
 def _check_goals(scenario: Scenario) -> None:

@@ -358,6 +358,10 @@ def test_sensors_are_late_and_noisy_as_the_scenario_says():
             {"randomise": {"parcel.box.goal.y_m": [0.0, -1.0]}},
             "parcel.0.goal.y_m is -1.0, which puts the goal off the table",
         ),
+        (
+            {"scenario": "passing2", "randomise": {"parcel.0.x_m": [0.3], "parcel.0.y_m": [-0.1]}},
+            "begin .* mm within each other",
+        ),
         ({"scenario": "nowhere"}, "nowhere: no such scenario file"),
     ],
 )

@@ -164,7 +164,7 @@ def test_a_parcel_waits_for_an_unknown_thing_and_goes_on_when_it_is_gone():
 
 
 def test_an_unknown_thing_beside_a_parcel_at_its_goal_takes_nothing_from_it():
-    table = goals(*SMALL, "parcel.1.x_m=-0.3", unknown=["disc"])
+    table = goals(*SMALL, "parcel.1.x_m=-0.3", "parcel.1.y_m=0.26", unknown=["disc"])
     table.run_until(9.0, lambda: table.program.finished)
     table.put("disc", 0.36, 0.26)
     table.run(7.0)

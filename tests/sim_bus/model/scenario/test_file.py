@@ -169,6 +169,30 @@ def test_two_parcels_of_one_name_are_refused(row):
     assert "parcel.1.name is 'box', but parcel.0 has that name already" in refusal(row)
 
 
+@pytest.mark.parametrize(
+    ("shape", "x_m", "told"),
+    [
+        ("rectangle", 0.1798, "begin 0.2 mm within each other; move one of them by its x_m and"),
+        ("rectangle", 0.18, None),
+        ("disc", 0.0, "begin 180 mm within each other"),
+        ("disc", 0.18, None),
+    ],
+)
+def test_parcels_that_begin_within_each_other_are_refused(shape, x_m, told):
+    boxes = [
+        {"name": "box", "mass_kg": 1, "length_m": 0.36, "width_m": 0.36, "x_m": -0.18},
+        {"name": "other", "mass_kg": 1, "length_m": 0.36, "width_m": 0.36, "x_m": x_m},
+    ]
+    boxes[1]["shape"] = shape
+    motion = {"field": "inward", "speed_m_s": 0.1}
+    tree = {"scenario": "swap2", "parcel": boxes, "task": [], "motion": motion}
+    if told is None:
+        scenario_from(tree)
+        return
+    with pytest.raises(ScenarioError, match=told):
+        scenario_from(tree)
+
+
 @pytest.mark.parametrize("offsets", ["[[0.05, 0], [0.05, 0]]", "[[0, 0.0635], [0, -0.0635]]"])
 def test_two_sensors_at_one_place_are_refused(offsets):
     message = refusal("array18", f"cell.sensor_offset_m={offsets}")

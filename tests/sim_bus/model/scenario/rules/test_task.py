@@ -10,7 +10,7 @@ BOX = {"name": "box", "mass_kg": 2.0, "length_m": 0.3, "width_m": 0.3}
 
 
 def program(*tasks, **changes):
-    parcels = [*tree()["parcel"], BOX, BOX | {"name": "other", "x_m": 0.2}]
+    parcels = [*tree()["parcel"], BOX, BOX | {"name": "other", "x_m": 0.3}]
     wheels = {"motion": {"field": "program"}, "task": list(tasks), "parcel": parcels}
     return tree(**wheels | changes)
 
