@@ -136,7 +136,7 @@ def _choice(value: str, limit: Mapping[str, Any], key: str) -> str:
 def _refuse_unknown(tree: Mapping[str, Any], known: Mapping[str, Any], path: str) -> None:
     for name in tree:
         if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
+            close = difflib.get_close_matches(str(name), known, n=1)
             hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
             raise ScenarioError(f"{_join(path, name)} is not a known key; {hint}")
 

@@ -253,6 +253,12 @@ def test_spelled_out_tables_mean_the_same(row):
     assert scenario_from(spell_out(Scenario, {**plain(scenario), "cell": {}})) == scenario
 
 
+@pytest.mark.parametrize("tree", [{1: 2}, {"scenario": "array18", "belief": {1: 2}}])
+def test_a_key_in_python_that_is_no_text_is_refused(tree):
+    with pytest.raises(ScenarioError, match="1 is not a known key; known here"):
+        scenario_from(tree)
+
+
 JSON_VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(string.printable),
     lambda inner: (
