@@ -193,6 +193,7 @@ def check_tasks(scenario: Scenario) -> None:
         _check_keys(task, key)
         named = [each.parcel for each in scenario.task[:number] if each.do == "name"]
         _check_names(scenario, task, key, named)
+        _check_order(scenario, task, key)
         _check_places(scenario, task, key)
         if task.beside and not number:
             raise ScenarioError(f"{key}.beside is true, but no task comes before it; leave it out")
@@ -233,6 +234,19 @@ def _check_names(scenario: Scenario, task: Task, key: str, named: list[str]) -> 
         )
     if task.do == "sort":
         _check_sorted(scenario, key)
+
+
+def _check_order(scenario: Scenario, task: Task, key: str) -> None:
+    """Each item may come: it is a name or a kind of a parcel, or of a thing that a task names."""
+    things = [(each.name, each.kind) for each in scenario.parcel]
+    things += [(each.parcel, each.kind) for each in scenario.task if each.do == "name"]
+    known = dict.fromkeys(word for thing in things for word in thing if word)
+    for item, word in enumerate(task.order):
+        if word not in known:
+            raise ScenarioError(
+                f"{key}.order.{item} is {word!r}, but must be the name or the kind of a parcel: "
+                f"{', '.join(known) or 'there is none'}"
+            )
 
 
 def _check_sorted(scenario: Scenario, key: str) -> None:

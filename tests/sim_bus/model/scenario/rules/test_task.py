@@ -56,6 +56,10 @@ def test_tasks_of_all_kinds_are_taken(task):
             {"do": "buffer", "exit": "out", "places": [[0.1, 0.0], [0.5, 0.0]]},
             "task.0.places.1.0 is 0.5, which puts the place off the table",
         ),
+        (
+            {"do": "buffer", "exit": "out", "places": [[0.0, 0.0]], "order": ["a", "bix"]},
+            "task.0.order.1 is 'bix', but must be the name or the kind of a parcel: a, box, b, oth",
+        ),
         ({"do": "sort", "beside": True}, "task.0.beside is true, but no task comes before it"),
         ({"do": "sort", "cout": 1}, "task.0.cout is not a known key; did you mean count?"),
     ],
