@@ -63,7 +63,7 @@ def marker_size(others: Floats, place: tuple[float, float], points_per_m: float)
 
 def free_of_push(pushes: Floats) -> NDArray[np.bool_]:
     """Where there is no push at all, here and beside."""
-    none = abs(pushes) <= NO_FORCE * max(np.nanmax(abs(pushes)), 1e-12)
+    none = abs(pushes) <= NO_FORCE * np.nanmax(abs(pushes), initial=1e-12)
     beside = np.pad(none, 1)
     found: NDArray[np.bool_] = none & (beside[:-2] | beside[2:])
     return found

@@ -46,3 +46,14 @@ def test_marks_near_to_each_other_are_smaller():
     places = np.array([(0.0, 0.0), (0.01, 0.0)])
     assert marker_size(places, (0.0, 0.0), 500.0) < 5.0
     assert marker_size(places, (0.5, 0.0), 500.0) == 11.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_parcel_that_tips_wherever_it_lies_is_mapped():
+    box = Parcel("box", 2.0, 0.05, 0.05, x_m=-0.1)
+    scenario = Scenario("map", Array(6, 3), Cell(wheel=PLANE), (box,))
+    placed = build_wheels(scenario)
+    reference_m_s = -(np.sign(placed.position_m) * placed.direction).sum(axis=1)
+    field = map_field(scenario, scenario.parcel[0], reference_m_s)
+    assert not field.places
+    assert len(draw_field_map(scenario, scenario.parcel[0], field, reference_m_s).axes) == 4
