@@ -61,7 +61,6 @@ EXITS = {
     "mdms_host.flashing.bundles.BundleError": ExitCode.USAGE,
     "mdms_host.flashing.bundles.KeyFileError": ExitCode.USAGE,
     "mdms_model.squeeze.SqueezeError": ExitCode.USAGE,
-    "mdms_sim.plots.canvas.PictureFormatError": ExitCode.USAGE,
     "mdms_sim.plots.animation.EncoderMissingError": ExitCode.FAILURE,
     "mdms_sim.serve.endpoint.ServeError": ExitCode.FAILURE,
 }

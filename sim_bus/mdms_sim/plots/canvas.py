@@ -16,6 +16,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 
 from mdms_model.arrays import Floats
+from mdms_model.errors import InputError
 from mdms_model.run.record import Record
 
 #: Written into every picture.
@@ -31,7 +32,7 @@ INK = "#1c2733"
 FAINT = "#8b97a3"
 
 
-class PictureFormatError(ValueError):
+class PictureFormatError(InputError):
     """A name that says no format in which pictures are written."""
 
 

@@ -158,6 +158,8 @@ def test_a_picture_of_a_missing_column_is_refused(tmp_path):
         result.plot(tmp_path / "a.png", over=[])
     with pytest.raises(mdms.InputError, match="no measure has a number"):
         table({"cell.friction": GRID}, {"text": "far"}).plot(tmp_path / "a.png")
+    with pytest.raises(mdms.InputError, match=r"the name is to end in \.png, \.svg or \.pdf"):
+        result.plot(tmp_path / "a.xyz")
 
 
 @pytest.mark.parametrize(
