@@ -12,7 +12,9 @@ from typing import Protocol
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
+from mdms_sim.bus.controller import ErrorState
 from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
+from mdms_sim.nodes.bank import PRIORITY, RESTART_NS
 from mdms_sim.serve import packet
 from mdms_sim.serve.slcan import VirtualAdapter
 
@@ -163,6 +165,7 @@ class BusClient:
         self.descriptor = descriptor
         self.dropped = 0
         self._deaf = False
+        self._has_left = False
         self.bus = bus
         self._controller = bus.attach(self)
         self._codec = make_codec(self._controller.send)
@@ -229,8 +232,18 @@ class BusClient:
         """Whether the bus has not taken all yet."""
         return self._controller.pending > 0
 
+    def on_bus_off(self, now_ns: int) -> None:
+        """Its controller has gone bus off: it loses its frames, and comes back as a cell's does."""
+        self._controller.drop_queue()
+        self.bus.kernel.at(now_ns + RESTART_NS, PRIORITY, self._recover)
+
+    def _recover(self) -> None:
+        if not self._has_left and self._controller.state is ErrorState.BUS_OFF:
+            self.bus.recover(self._controller)
+
     def leave(self) -> None:
         """Take the client off the bus."""
+        self._has_left = True
         self.bus.detach(self._controller)
 
     def _keep(self, text: bytes) -> None:

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Self
 
 from mdms_sim.bus.bus import Bus
+from mdms_sim.bus.controller import Controller, ErrorState
 from mdms_sim.serve.client import (
     BusClient,
     Codec,
@@ -87,6 +88,7 @@ class Server:
             self._opened = opened.pop_all()
         for bus in simulation.buses:
             bus.observe_errors(partial(self._on_error, bus))
+            bus.observe_states(self._on_state)
 
     def _open(self, opened: ExitStack, channel: str, tcp_port: int | None) -> None:
         """Open everything that is to be closed at the end."""
@@ -276,6 +278,12 @@ class Server:
         for client in self._clients.values():
             if client.bus is bus:
                 client.on_error(now_ns)
+
+    def _on_state(self, controller: Controller, now_ns: int) -> None:
+        client = controller.station
+        if isinstance(client, BusClient) and controller.state is ErrorState.BUS_OFF:
+            self._report(f"the controller of a client has gone bus off: {client.name}")
+            client.on_bus_off(now_ns)
 
 
 def ways_in(addresses: ServedAddresses) -> tuple[str, ...]:

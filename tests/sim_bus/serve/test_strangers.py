@@ -3,6 +3,7 @@
 import os
 import socket
 import threading
+import time
 from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 
@@ -11,6 +12,7 @@ import pytest
 from tests.sim_bus.bus.ear import Ear
 
 from mdms_sim.bus.bus import Bus
+from mdms_sim.bus.controller import ErrorState
 from mdms_sim.kernel import Kernel
 from mdms_sim.serve.client import BACKLOG_BYTES
 from mdms_sim.serve.endpoint import Acceptor, FullError, ServeError, UnixListener, listen_tcp
@@ -222,6 +224,31 @@ def test_of_150_connections_at_once_those_beyond_the_limit_are_refused(path):
             late.send(can.Message(arbitration_id=0x202, is_extended_id=False))
             assert first.recv(PATIENCE_S).arbitration_id == 0x202
     assert [frame.can_id for frame, _ in served.ear.heard] == [0x201, 0x202]
+
+
+def test_clients_that_have_gone_bus_off_come_back(path):
+    """Two programs with one identifier and other data destroy each other's frames."""
+
+    def send(bus, can_id, number):
+        with suppress(can.CanOperationError):
+            bus.send(can.Message(arbitration_id=can_id, data=[number], is_extended_id=False), 0.01)
+
+    with (
+        serving(path) as served,
+        can.Bus(interface="mdms", channel=str(path)) as one,
+        can.Bus(interface="mdms", channel=str(path)) as other,
+    ):
+        states = []
+        served.server.simulation.bus.observe_states(lambda each, _: states.append(each.state))
+        while ErrorState.BUS_OFF not in states:
+            send(one, 0x10, 1)
+            send(other, 0x10, 2)
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not {0x201, 0x202} <= {frame.can_id for frame in served.ear.frames}:
+            assert time.monotonic() < deadline_s
+            send(one, 0x201, 1)
+            send(other, 0x202, 2)
+    assert any("has gone bus off: python-can" in text for text in served.told)
 
 
 def all_left(served, count):
