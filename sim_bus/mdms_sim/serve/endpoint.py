@@ -139,6 +139,12 @@ def listen_tcp(port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         raise ServeError(f"cannot listen on {LOOPBACK}:{port}: {error}") from error
+    except OverflowError:
+        listener.close()
+        raise ServeError(
+            f"there is no TCP port {port} for a further bus, the last is 65535; give a lower one "
+            "with --tcp"
+        ) from None
     listener.listen(_BACKLOG)
     listener.setblocking(False)
     return listener

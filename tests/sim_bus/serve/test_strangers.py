@@ -129,6 +129,11 @@ def test_a_server_that_cannot_open_all_leaves_no_socket(path):
 # TCP
 
 
+def test_a_port_beyond_the_last_is_refused_as_that_of_a_second_bus_may_be():
+    with pytest.raises(ServeError, match=r"port 65536 .* give a lower one with --tcp"):
+        listen_tcp(65536)
+
+
 def test_tcp_is_closed_unless_it_is_asked_for(path):
     with serving(path) as served:
         assert served.server.addresses.tcp_port is None
