@@ -139,8 +139,8 @@ class Hub:
         self._tell()
 
     def take(self, client: PageClient) -> bool:
-        """It wants to be in control; returns whether it is."""
-        if not client.may_control:
+        """It wants to be in control; returns whether it is. A client that has gone is not."""
+        if not client.may_control or client not in self.clients:
             return False
         self.controller = client
         self._tell()

@@ -91,3 +91,14 @@ def test_the_first_client_that_may_is_in_control_until_another_takes_it():
     hub.leave(second)
     assert vacated
     assert hub.controller is None
+
+
+def test_a_client_that_has_gone_takes_no_control():
+    hub = Hub(lambda: None)
+    gone, other = PageClient("gone"), PageClient("other")
+    gone.may_control = other.may_control = True
+    hub.come(gone)
+    hub.leave(gone)
+    assert not hub.take(gone)
+    hub.come(other)
+    assert hub.controller is other
