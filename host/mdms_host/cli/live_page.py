@@ -19,6 +19,7 @@ from mdms_host.page.flow import ends_of
 from mdms_host.page.page import Page
 from mdms_host.page.recorded import RecordedTable
 from mdms_host.page.server import LOOPBACK
+from mdms_model.array import build_cells
 from mdms_model.run.folder import StoredRun, read_run
 from mdms_model.scenario.belief import believed
 
@@ -56,7 +57,9 @@ def show_recorded(arguments: Namespace) -> ExitCode:
 def table_of(run: StoredRun) -> RecordedTable:
     """The run as a page shows it."""
     told = believed(run.scenario)
-    layout = layout_of(told)
+    # Of a table whose cells differ, the page has room for the wheels of each.
+    fullest = max(build_cells(run.scenario), key=lambda cell: len(cell.wheel))
+    layout = layout_of(replace(told, cell=replace(told.cell, wheel=fullest.wheel)))
     if node_ids := run.figures.get("node_ids"):
         layout = replace(layout, node_ids=tuple(node_ids))
     # Those that the host was not told of were there too.

@@ -24,6 +24,7 @@ from mdms_host.page.description import (
 )
 from mdms_host.page.events import events_of
 from mdms_host.page.flow import NO_ENDS, Ends, FlowCount, beside
+from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.run.derived import goals_at, goals_given, plan_at, slip_m_s
 from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
@@ -58,6 +59,10 @@ class RecordedTable:
         self._things = things
         self._ends = ends
         self._signals = SnapshotSignals(layout, len(things), len(ends.exits))
+        self._wheels = build_wheels(run.scenario)
+        axes = np.arange(len(self._wheels.cell)) - self._wheels.first[self._wheels.cell]
+        #: The place of each wheel among those of the layout, whose cells are all alike.
+        self._wheel_places = self._wheels.cell * len(layout.wheels) + axes
         self._instants = _shown(record.time_s)
         self._times_s: Floats = record.time_s[self._instants]
         bitrate = run.scenario.wire.bitrate
@@ -95,9 +100,19 @@ class RecordedTable:
     def description(self) -> dict[str, Any]:
         """See `Table`."""
         title = self._run.scenario.title
-        return describe(
+        told = describe(
             title, self._layout, self._things, self._signals, self.offers, ends=self._ends
-        ) | {"version": self.version, "recorded": True, "duration_s": self.duration_s}
+        )
+        for name in ("wheels_m", "wheel_directions"):
+            told[name] = [None] * len(told[name])
+        for place, position_m, direction in zip(
+            self._wheel_places.tolist(),
+            self._wheels.position_m.round(6).tolist(),
+            self._wheels.direction.round(6).tolist(),
+            strict=True,
+        ):
+            told["wheels_m"][place], told["wheel_directions"][place] = position_m, direction
+        return told | {"version": self.version, "recorded": True, "duration_s": self.duration_s}
 
     def snapshot(self, sequence: int) -> bytes:
         """See `Table`."""
@@ -126,10 +141,10 @@ class RecordedTable:
             "time": self._times_s[index],
             "speed": self._speed,
             "real_time_factor": self._speed,
-            "wheel_speed": record.speed_m_s[instant],
-            "wheel_reference": record.reference_m_s[instant],
-            "wheel_slip": self._slip_m_s[instant],
-            "wheel_normal": record.normal_n[instant],
+            "wheel_speed": self._by_place(record.speed_m_s[instant]),
+            "wheel_reference": self._by_place(record.reference_m_s[instant]),
+            "wheel_slip": self._by_place(self._slip_m_s[instant]),
+            "wheel_normal": self._by_place(record.normal_n[instant]),
             "parcel_true": self._true_poses(instant),
             "parcel_goal": [goals.get(name, _NO_GOAL) for name in self._things],
             "phase": [self._phases[index]],
@@ -143,6 +158,12 @@ class RecordedTable:
             shown["cell_promise"] = record.identity[instant]
             shown["cell_promise_state"] = record.state[instant]
         return shown | self._flow(float(self._times_s[index])) | self._bus.values(index)
+
+    def _by_place(self, values: Floats) -> Floats:
+        """Values of the wheels for the layout's; NaN for a wheel that its cell has not."""
+        placed = np.full(len(self._layout.wheel_cells), np.nan)
+        placed[self._wheel_places] = values
+        return placed
 
     def _true_poses(self, instant: Any) -> Any:
         """Under the names of beliefs, as far as parcels are alike."""

@@ -64,6 +64,23 @@ def test_a_parcel_that_the_host_is_not_told_of_is_shown_and_a_slow_bus_is_as_ful
     assert now["bus_load"][0] >= done.bus.load
 
 
+def test_a_cell_with_fewer_wheels_shows_its_own_wheels_alone(tmp_path):
+    patch = "patch=[{cells=[2], wheel=[{direction_rad=0.5, offset_m=[0.01, 0.0]}]}]"
+    field = ["motion.field=uniform", "motion.speed_m_s=0.1", "motion.heading_rad=0"]
+    scenario = load_scenario("array18", ["run.fidelity=ideal", "run.duration_s=0.2", *field, patch])
+    write_run(tmp_path, scenario, run_scenario(scenario).record, {})
+    stored = read_run(tmp_path)
+    table = table_of(stored)
+    table.advance(0.0)
+    now, told = shown(table, 0.1), table.description()
+    (sample,) = np.flatnonzero(stored.record.time_s == now["time"])
+    speeds = np.insert(stored.record.speed_m_s[sample], 3, np.nan)
+    assert now["wheel_speed"] == pytest.approx(speeds, nan_ok=True)
+    assert told["wheel_directions"][1:4] == [[0.0, 1.0], [0.877583, 0.479426], None]
+    x_m, y_m = told["cells_m"][1]
+    assert told["wheels_m"][2:4] == [pytest.approx([x_m + 0.01, y_m]), None]
+
+
 def test_every_time_shows_the_record_of_then(table, run):
     for time_s in (2.5, 1.0, 2.0):
         now = shown(table, time_s)

@@ -275,6 +275,7 @@ export class TablePicture {
     const arrow = 0.5 * pitch_m * scale / this.arrow_m_s;
     let fastest = 0;
     for (let w = 0; w < wheels_m.length; w++) {
+      if (!wheels_m[w]) continue;
       const px = this.view.px(wheels_m[w][0]), py = this.view.py(wheels_m[w][1]);
       const dx = wheel_directions[w][0], dy = -wheel_directions[w][1];
       wheels.moveTo(px - dx * long, py - dy * long);
