@@ -189,10 +189,17 @@ def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
         with suppress(PackageNotFoundError):
             told["packages"][name] = version(name)
     if main is not None:
-        function = main.func if isinstance(main, functools.partial) else main
+        bound = main if isinstance(main, functools.partial) else functools.partial(main)
+        function = bound.func
         path = Path(function.__code__.co_filename)
         source = source_of(path) if path.is_file() else None
-        told["program"] = {"file": path.name, "source": source}
+        # Functions within others, and arguments, cannot be had from the file.
+        is_there = function.__qualname__.isidentifier() and not (bound.args or bound.keywords)
+        told["program"] = {
+            "file": path.name,
+            "source": source,
+            "function": function.__qualname__ if is_there else None,
+        }
     if array_file is not None:
         told["array"] = {"file": array_file.name, "text": array_file.read_text("utf-8")}
     return told

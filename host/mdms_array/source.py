@@ -1,13 +1,15 @@
 """From a name, a file or a program in Python to a checked scenario and what to run on it."""
 
+import atexit
 import inspect
 import runpy
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from numbers import Real
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import Any
 
 from mdms_array.bus_load import refuse_overload
@@ -47,11 +49,20 @@ def _main_of_run(folder: str) -> Main | None:
         return None
     if program["source"] is None:
         raise _wrong(folder, f"its program {program['file']} was not kept, so nothing repeats it")
-    with TemporaryDirectory() as kept:
-        path = Path(kept) / program["file"]
-        path.write_text(program["source"], "utf-8")
-        _, main = read_program(str(path))
-    return main
+    # Folders of older versions have no name of the function.
+    function = program.get("function", "main")
+    if function is None:
+        raise _wrong(
+            folder,
+            f"its program was within a function of {program['file']} or had arguments bound to it, "
+            "so nothing repeats it; give a function at the top of a file",
+        )
+    # It stays as long as the process: a folder of this run keeps it again, and errors name lines.
+    kept = mkdtemp(prefix="mdms-")
+    atexit.register(shutil.rmtree, kept, ignore_errors=True)
+    path = Path(kept) / program["file"]
+    path.write_text(program["source"], "utf-8")
+    return _function(_names(str(path)), function, f"{folder}: {path.name}")
 
 
 def open_source(source: Source, main: Main | None = None) -> tuple[Scenario, Main | None]:
@@ -129,13 +140,20 @@ def read_program(path: str) -> tuple[str, Main]:
     The file is executed, once a call. Raises `InputError`.
     """
     names = _names(path)
-    named, main = names.get("SCENARIO"), names.get("main")
+    named = names.get("SCENARIO")
     if not isinstance(named, str):
         raise _wrong(path, "has no SCENARIO, the name of a scenario or of its file")
-    if not inspect.iscoroutinefunction(main):
-        raise _wrong(path, "has no `async def main(table)`")
+    main = _function(names, "main", path)
     beside = Path(path).parent / named
     return str(beside) if beside.exists() else named, main
+
+
+def _function(names: Mapping[str, Any], name: str, path: str) -> Main:
+    """The program of that name of a file. Raises `InputError`."""
+    main = names.get(name)
+    if not inspect.iscoroutinefunction(main):
+        raise _wrong(path, f"has no `async def {name}(table)`")
+    return main
 
 
 def _names(path: str) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import pytest
 
 import mdms_array as mdms
 from mdms_array.recording import provenance_of
+from mdms_array.source import open_program
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import verdict
 from mdms_model.scenario.file import read_tree
@@ -83,7 +84,23 @@ def test_the_source_of_a_program_is_kept_whatever_its_encoding_is(tmp_path, wrap
     text = "# -*- coding: latin-1 -*-\n# Größe\nasync def main(table):\n    pass\n"
     path.write_bytes(text.encode("latin-1"))
     told = provenance_of(wrap(run_path(str(path))["main"]), None)["program"]
-    assert told == {"file": "program.py", "source": text}
+    assert told == {"file": "program.py", "source": text, "function": "main"}
+
+
+def test_a_program_of_any_name_is_repeated_from_its_folder_and_one_with_arguments_is_not(tmp_path):
+    path, folder, again = tmp_path / "sorters.py", tmp_path / "run", tmp_path / "again"
+    path.write_text("async def shift(table, x_m=-0.05):\n    await table['box'].move(x_m, 0.0)\n")
+    shift = run_path(str(path))["shift"]
+    bound = tmp_path / "bound"
+    mdms.simulate("array18", partial(shift, x_m=0.05), limit_s=0.1, record=bound)
+    first = mdms.simulate("array18", program=shift, limit_s=0.1, record=folder)
+    path.unlink()
+    scenario, main = open_program(str(folder), [])
+    assert mdms.simulate(scenario, program=main, record=again).log_sha256 == first.log_sha256
+    # A folder of the repetition has the program, too.
+    assert open_program(str(again), [])[1].__name__ == "shift"
+    with pytest.raises(mdms.InputError, match="arguments bound to it, so nothing repeats it"):
+        open_program(str(bound), [])
 
 
 def test_a_table_by_hand_goes_on_after_a_call_that_failed():
