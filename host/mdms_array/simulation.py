@@ -41,7 +41,7 @@ from mdms_host.routes.planner import planner_compiled_beside
 from mdms_model.compiled import WAITING
 from mdms_model.errors import InputError
 from mdms_model.log import LOG
-from mdms_model.run.folder import BUS_LOG, fresh_folder
+from mdms_model.run.folder import BUS_LOG, check_other_run, fresh_folder
 from mdms_model.run.record import MOST_SAMPLES, Record, exit_of, leaving
 from mdms_model.scenario.scenario import Scenario, Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
@@ -271,13 +271,16 @@ def simulate(
     signals: Signals | None = None,
     limit_s: float | None = None,
     record: str | Path | None = None,
+    *,
+    force: bool = False,
 ) -> Run:
     """Run a scenario in virtual time; it returns however the run ends.
 
     `scenario` is a built-in name, a file, a dict, or a `Scenario`. `program` is `async def
     program(table)`, in place of the scenario's goals and tasks. `signals` has its values from
     outside: by name, pairs of time [s] and value. `limit_s` takes the place of the scenario's
-    duration. `record` is a folder that keeps the run; values of signals are text then.
+    duration. `record` is a folder that keeps the run; values of signals are text then. `force`
+    overwrites another run in it; a run without a program may replace itself.
 
     Raises `InputError` for what cannot be run, and `Error` where an extra is not installed.
     """
@@ -295,6 +298,10 @@ def simulate(
     if record is None:
         return run_scenario(checked, main=main)
     _refuse_unkept(listed)
+    if not force:
+        repeated = checked if main is None else None
+        ways_out = "force=True overwrites it, or give another folder"
+        check_other_run(Path(record), repeated, ways_out)
     return run_and_keep(checked, Path(record), main=main)
 
 

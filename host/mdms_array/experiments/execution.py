@@ -148,7 +148,9 @@ def _run(job: Job) -> Run:
     from mdms_array.simulation import simulate
 
     program = job.program.function if isinstance(job.program, FileFunction) else job.program
-    return simulate(scenario_from(job.tree), program=program, record=job.record)
+    scenario = scenario_from(job.tree)
+    # The folder has the key of this run: another attempt at it was broken off.
+    return simulate(scenario, program=program, record=job.record, force=True)
 
 
 def failed_columns(reason: str) -> dict[str, Any]:

@@ -195,7 +195,11 @@ def check_target(folder: Path) -> None:
         raise RunFolderError(f"{folder}: is not a folder; give another name with --out")
 
 
-def check_other_run(folder: Path, scenario: Scenario | None) -> None:
+def check_other_run(
+    folder: Path,
+    scenario: Scenario | None,
+    ways_out: str = "--force overwrites it, or give another folder with --out",
+) -> None:
     """Raise `RunFolderError` for a folder of another run than a simulation of this scenario.
 
     None is a run that nothing repeats: every folder of a run is another's.
@@ -206,9 +210,7 @@ def check_other_run(folder: Path, scenario: Scenario | None) -> None:
     # A run on hardware has no seed, and is never the same again.
     told = meta.get("scenario") if "seed" in meta.get("figures", {}) else None
     if scenario is None or told != json.loads(json.dumps(plain(scenario))):
-        raise RunFolderError(
-            f"{folder}: holds another run; --force overwrites it, or give another folder with --out"
-        )
+        raise RunFolderError(f"{folder}: holds another run; {ways_out}")
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from mdms_array.recording import provenance_of
 from mdms_array.source import open_program
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import verdict
-from mdms_model.scenario.file import read_tree
+from mdms_model.scenario.file import load_scenario, read_tree
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -101,6 +101,20 @@ def test_a_program_of_any_name_is_repeated_from_its_folder_and_one_with_argument
     assert open_program(str(again), [])[1].__name__ == "shift"
     with pytest.raises(mdms.InputError, match="arguments bound to it, so nothing repeats it"):
         open_program(str(bound), [])
+
+
+def test_a_record_overwrites_no_other_run_unless_forced(tmp_path):
+    def seed(number, **options):
+        scenario = load_scenario("paper-fig7", [f"run.seed={number}", "run.duration_s=0.05"])
+        mdms.simulate(scenario, record=tmp_path, **options)
+        return mdms.read_run(tmp_path).figures["seed"]
+
+    # The same run again is no loss.
+    assert [seed(1), seed(1)] == [1, 1]
+    with pytest.raises(mdms.InputError, match="holds another run; force=True overwrites it"):
+        seed(2)
+    assert mdms.read_run(tmp_path).figures["seed"] == 1
+    assert seed(2, force=True) == 2
 
 
 def test_a_table_by_hand_goes_on_after_a_call_that_failed():
