@@ -213,6 +213,10 @@ def check_other_run(
         raise RunFolderError(f"{folder}: holds another run; {ways_out}")
 
 
+#: Folders that threads of this process fill at the moment.
+_FILLED: set[Path] = set()
+
+
 @contextmanager
 def fresh_folder(folder: Path) -> Iterator[Path]:
     """A folder beside `folder` to fill; it takes its place at the end, or vanishes on any error.
@@ -230,11 +234,13 @@ def fresh_folder(folder: Path) -> Iterator[Path]:
         if error.errno in _DEVICE:
             raise
         raise RunFolderError(f"{folder}: cannot be made: {error.strerror}") from None
+    _FILLED.add(partial)
     try:
         yield partial
         _put_in_place(partial, folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        _FILLED.remove(partial)
 
 
 def write_run(
@@ -365,7 +371,7 @@ def _clear_up(folder: Path) -> None:
     """Put right what runs have left here that were killed while they wrote this folder."""
     place = folder.resolve()
     left_over = re.compile(rf"\.{re.escape(place.name)}\.(\d+)\.(old|partial)")
-    if not place.parent.is_dir():
+    if not place.parent.is_dir() or _beside(folder, "partial") in _FILLED:
         return
     for path in sorted(place.parent.iterdir()):
         found = left_over.fullmatch(path.name)
@@ -380,7 +386,12 @@ def _clear_up(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Whether there is such a process; who cannot ask takes it for alive."""
+    """Whether there is such another process; who cannot ask takes it for alive.
+
+    A container gives the same numbers at every start, so a killed run may have had this one's.
+    """
+    if process == os.getpid():
+        return False
     if os.name != "posix":
         return True
     try:

@@ -326,6 +326,19 @@ def test_partial_folders_of_killed_runs_go_with_the_next_and_those_of_others_sta
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names[1:], "run"])
 
 
+def test_a_killed_run_of_the_same_process_number_is_in_nobodys_way(tmp_path, plane, plane_record):
+    """In a container the next run has the number of the one that was killed."""
+    folder = stored(tmp_path / "run", plane, plane_record)
+    folder.rename(tmp_path / f".run.{os.getpid()}.old")
+    (tmp_path / f".run.{os.getpid()}.partial").mkdir()
+    with fresh_folder(folder):
+        assert read_run(folder).scenario.title == plane.title
+        # A thread of this process that writes the same run is in the way, as before.
+        with pytest.raises(RunFolderError, match="File exists"), fresh_folder(folder):
+            pass
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
 def rows(path):
     with path.open(newline="") as stream:
         return list(csv.DictReader(stream))
