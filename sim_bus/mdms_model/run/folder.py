@@ -186,6 +186,9 @@ def told_of_run(folder: str | Path) -> tuple[dict[str, Any], dict[str, Any]] | N
 
 def check_target(folder: Path) -> None:
     """Raise `RunFolderError` unless a run may be written there: nothing foreign is touched."""
+    if folder.resolve().is_mount():
+        # A run takes its place by renaming, which no such folder allows.
+        raise RunFolderError(f"{folder}: is a mount point; give a folder within it with --out")
     if folder.is_dir():
         if any(folder.iterdir()) and not _is_run(folder):
             raise RunFolderError(

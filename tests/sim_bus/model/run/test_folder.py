@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 
 from mdms_model.run.folder import (
     RunFolderError,
+    check_target,
     export_csv,
     fresh_folder,
     read_run,
@@ -195,6 +196,11 @@ def test_file_in_the_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "run").write_text("mine")
     with pytest.raises(RunFolderError, match="is not a folder"), fresh_folder(tmp_path / "run"):
         pass
+
+
+def test_a_mount_point_is_refused_before_the_run():
+    with pytest.raises(RunFolderError, match="is a mount point; give a folder within it"):
+        check_target(Path("/"))
 
 
 def test_nothing_is_left_when_the_run_fails(tmp_path):
