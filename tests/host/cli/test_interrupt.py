@@ -47,3 +47,17 @@ def test_killed_run_leaves_the_old_one_whole_and_the_next_clears_up(tmp_path, mo
     assert len(list(tmp_path.iterdir())) == 2
     assert main(short) == ExitCode.OK
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_service_under_nohup_heeds_no_hangup(monkeypatch):
+    heeded = []
+    monkeypatch.setattr(
+        "mdms_host.cli.simulation.serve._serve",
+        lambda *_, **__: heeded.append(signal.getsignal(signal.SIGHUP)),
+    )
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert main(["serve", "array18"]) == ExitCode.OK
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert heeded == [signal.SIG_IGN]

@@ -1,6 +1,5 @@
 """`mdms serve`: the virtual array in real time, for other programs."""
 
-import signal
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack, closing, nullcontext
@@ -16,7 +15,7 @@ from mdms_array.recording import HostLog, keep_run, lasting
 from mdms_array.simulation import host_report_of
 from mdms_array.source import open_program
 from mdms_host.can_link.bus_log import is_from_host, open_log
-from mdms_host.cli.exits import ENDS, CommandError, ExitCode, interrupted
+from mdms_host.cli.exits import CommandError, ExitCode, has_arrived, interrupted
 from mdms_host.cli.files import writing, written
 from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames, say_log_ends
 from mdms_host.cli.line import Job, has_line, made_folder, recipes_of
@@ -57,9 +56,6 @@ def run(arguments: Namespace) -> ExitCode:
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, None)
     stored = _kept_flash(scenario, arguments)
-    # Both end a service as Ctrl-C does, so that its sockets go.
-    for number in ENDS:
-        signal.signal(number, signal.default_int_handler)
     try:
         attended = arguments.page is not None or has_line(arguments)
         slot = _slot(recipes) if attended else None
@@ -71,7 +67,7 @@ def run(arguments: Namespace) -> ExitCode:
             serve = _serve if arguments.out is None else _serve_and_keep
             serve(recipes, slot, host, arguments, kept=kept, stored=stored)
     except KeyboardInterrupt:
-        pass
+        has_arrived()
     finally:
         if stored is not None:
             with writing(stored.path):
