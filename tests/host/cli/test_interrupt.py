@@ -61,3 +61,19 @@ def test_a_service_under_nohup_heeds_no_hangup(monkeypatch):
     finally:
         signal.signal(signal.SIGHUP, before)
     assert heeded == [signal.SIG_IGN]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_service_that_is_ended_before_its_folder_is_written_says_so(
+    tmp_path, monkeypatch, capsys, number
+):
+    ends = {signal.SIGTERM: (ExitCode.FAILURE, "terminated"), signal.SIGINT: (130, "interrupted")}
+    for name in ("_serve", "_serve_and_keep"):
+        monkeypatch.setattr(
+            f"mdms_host.cli.simulation.serve.{name}", lambda *_, **__: signal.raise_signal(number)
+        )
+    assert main(["serve", "array18"]) == ExitCode.OK
+    assert capsys.readouterr().err == ""
+    code, word = ends[number]
+    assert main(["serve", "array18", "--out", str(tmp_path / "run")]) == code
+    assert capsys.readouterr().err == f"mdms: {word}\n"

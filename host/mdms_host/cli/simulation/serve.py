@@ -67,6 +67,9 @@ def run(arguments: Namespace) -> ExitCode:
             serve = _serve if arguments.out is None else _serve_and_keep
             serve(recipes, slot, host, arguments, kept=kept, stored=stored)
     except KeyboardInterrupt:
+        # The usual end of a service, and the loss of a run folder that is not written yet.
+        if arguments.out is not None:
+            raise
         has_arrived()
     finally:
         if stored is not None:
