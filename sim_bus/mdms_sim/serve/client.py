@@ -34,6 +34,10 @@ class Codec(Protocol):
     def garbage(self) -> int:
         """Lines or packets that made no sense."""
 
+    @property
+    def sessions(self) -> int:
+        """How many sessions are over whose frames nobody wants any more."""
+
     def encode(self, frame: Frame, sim_ns: int) -> bytes:
         """The bytes for the client about a frame on the bus; may be empty."""
 
@@ -66,6 +70,7 @@ class PacketCodec:
     def __init__(self, send: Callable[[Frame], bool], packets: Packets, bitrate: int) -> None:
         self.greeting = packet.greeting(bitrate)
         self.garbage = 0
+        self.sessions = 0
         self._send = send
         self._packets = packets
         self._greeted = False
@@ -107,6 +112,11 @@ class SlcanCodec:
     def garbage(self) -> int:
         """Lines refused so far."""
         return self._adapter.garbage
+
+    @property
+    def sessions(self) -> int:
+        """See `Codec`."""
+        return self._adapter.sessions
 
     def encode(self, frame: Frame, sim_ns: int) -> bytes:
         """See `Codec`."""
@@ -151,7 +161,8 @@ _NS_PER_BYTE = 2_000
 class BusClient:
     """A program on the bus; `dropped` counts frames and answers that it was too slow to read.
 
-    `descriptor` is not blocking. `make_codec(send)` makes the codec for it.
+    `descriptor` is not blocking. `make_codec(send)` makes the codec for it. `forget` drops what has
+    been written to it and was not read.
     """
 
     def __init__(
@@ -160,10 +171,12 @@ class BusClient:
         descriptor: int,
         bus: Bus,
         make_codec: "Callable[[Callable[[Frame], bool]], Codec]",
+        forget: Callable[[], object] = lambda: None,
     ) -> None:
         self.name = name
         self.descriptor = descriptor
         self.dropped = 0
+        self._forget = forget
         self._deaf = False
         self._has_left = False
         self.bus = bus
@@ -206,7 +219,14 @@ class BusClient:
         if not data:
             raise GoneError("it has closed its end")
         self._read_from_ns = now_ns + len(data) * _NS_PER_BYTE
-        self._keep(self._codec.feed(data))
+        sessions = self._codec.sessions
+        answers = self._codec.feed(data)
+        if self._codec.sessions != sessions:
+            # A program that was killed has left its channel open; the next one must not take old
+            # frames for new ones.
+            self._backlog.clear()
+            self._forget()
+        self._keep(answers)
 
     def write(self) -> None:
         """Give the client as many bytes as it takes now.

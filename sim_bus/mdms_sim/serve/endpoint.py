@@ -13,10 +13,11 @@ from mdms_sim.serve import packet
 
 try:
     import fcntl
+    import termios
     import tty
 except ImportError:
-    # Windows has neither; `refuse_elsewhere` says so.
-    fcntl = tty = None  # type: ignore[assignment]
+    # Windows has none; `refuse_elsewhere` says so.
+    fcntl = termios = tty = None  # type: ignore[assignment]
 
 LOOPBACK = "127.0.0.1"
 #: Errors of `accept` when the process or the machine can open nothing more.
@@ -171,6 +172,10 @@ class Terminal:
         """
         # Unlike epoll, poll waits for that worker before it says that an end has nothing to read.
         self._ends.poll(0)
+
+    def forget(self) -> None:
+        """Drop all that the client has not read."""
+        termios.tcflush(self._client_end, termios.TCIFLUSH)
 
     def close(self) -> None:
         """Hang up."""

@@ -115,7 +115,7 @@ class Server:
         terminal = Terminal()
         opened.callback(terminal.close)
         self._terminals.append(terminal)
-        self._admit("SLCAN terminal", bus, terminal.descriptor, SlcanCodec)
+        self._admit("SLCAN terminal", bus, terminal.descriptor, SlcanCodec, terminal.forget)
         if tcp_port is not None:
             tcp = opened.enter_context(listen_tcp(tcp_port))
             tcp_port = tcp.getsockname()[1]
@@ -227,8 +227,15 @@ class Server:
         self._admit(kind, bus, connection.fileno(), make_codec)
         self._report(f"a client has come: {kind}")
 
-    def _admit(self, kind: str, bus: Bus, descriptor: int, make_codec: MakeCodec) -> None:
-        client = BusClient(kind, descriptor, bus, make_codec)
+    def _admit(
+        self,
+        kind: str,
+        bus: Bus,
+        descriptor: int,
+        make_codec: MakeCodec,
+        forget: Callable[[], object] = lambda: None,
+    ) -> None:
+        client = BusClient(kind, descriptor, bus, make_codec, forget)
 
         def ready(events: int) -> None:
             if events & selectors.EVENT_WRITE:

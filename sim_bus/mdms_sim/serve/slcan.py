@@ -36,13 +36,14 @@ class SlcanError(Exception):
 class VirtualAdapter:
     """One adapter: `send(frame) -> bool` gets the frames that a client wants on the bus.
 
-    `garbage` counts lines that were refused. `is_slcan` is False once something has come that is
-    no line of this protocol at all.
+    `garbage` counts lines that were refused, `sessions` open channels that were closed or opened
+    again. `is_slcan` is False once something has come that is no line of this protocol at all.
     """
 
     def __init__(self, send: Callable[[Frame], bool]) -> None:
         self.is_open = False
         self.garbage = 0
+        self.sessions = 0
         self.is_slcan = True
         self._send = send
         self._listen_only = False
@@ -133,14 +134,18 @@ class VirtualAdapter:
         return OK
 
     def _open(self, line: bytes) -> bytes:
-        self.is_open, self._listen_only = True, False
-        return OK
+        return self._begin(listen_only=False)
 
     def _listen(self, line: bytes) -> bytes:
-        self.is_open, self._listen_only = True, True
+        return self._begin(listen_only=True)
+
+    def _begin(self, *, listen_only: bool) -> bytes:
+        self.sessions += self.is_open
+        self.is_open, self._listen_only = True, listen_only
         return OK
 
     def _close(self, line: bytes) -> bytes:
+        self.sessions += self.is_open
         self.is_open = False
         return OK
 

@@ -177,6 +177,40 @@ def test_a_line_that_comes_at_the_wrong_time_ends_no_connection(path):
         assert adapter.recv(1) == b"\r"
 
 
+# Terminals
+
+
+def test_a_client_of_a_terminal_gets_nothing_that_was_for_one_that_was_killed(path):
+    with serving(path) as served, can.Bus(interface="mdms", channel=str(path)) as other:
+        device = served.server.addresses.device
+
+        def opened(number):
+            terminal = os.open(device, os.O_RDWR | os.O_NOCTTY)
+            os.write(terminal, b"C\rS8\rO\rt%03X0\r" % number)
+            wait_for(served.ear, number)
+            return terminal
+
+        killed = opened(0x201)
+        # More than a terminal holds for a client that does not read.
+        for _ in range(5000):
+            other.send(can.Message(arbitration_id=0x202, is_extended_id=False))
+        other.send(can.Message(arbitration_id=0x203, is_extended_id=False))
+        wait_for(served.ear, 0x203)
+        os.close(killed)
+        terminal, came = opened(0x204), b""
+        while not came.endswith(b"z\r"):
+            came += os.read(terminal, 1 << 16)
+        assert came == b"\r\r\rz\r"
+        os.close(terminal)
+
+
+def wait_for(ear, can_id):
+    deadline_s = time.monotonic() + PATIENCE_S
+    while can_id not in {frame.can_id for frame in ear.frames}:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+
+
 # Many, and too much
 
 
