@@ -17,6 +17,7 @@ from mdms_protocol.codecs.frame import Frame
 #: Identifiers of the host alone: to all, to each node, and its heartbeat.
 _TO_ALL = (cob.NMT, cob.SYNC, cob.LSS_REQUEST, cob.HEARTBEAT_BASE + cob.NODE_MAX)
 _TO_NODES = (*cob.RPDO_BASES, cob.SDO_REQUEST_BASE)
+_DATA_MAX = 8
 
 
 def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
@@ -24,27 +25,44 @@ def read_log(path: Path) -> Iterator[tuple[float, Frame]]:
 
     A log of several buses is refused, for its frames go back to one.
     """
+    only = None
+    for time_s, frame, interface in read_buses(path):
+        only = only or interface
+        if interface != only:
+            raise InputError(
+                f"{path}: a log of several buses ({only}, {interface}), which cannot be replayed "
+                "to one"
+            )
+        yield time_s, frame
+
+
+def read_buses(path: Path) -> Iterator[tuple[float, Frame, str]]:
+    """Times since the run's start [s], frames and interfaces of a log. Raises `InputError`.
+
+    Frames of 11-bit data alone count.
+    """
     if not path.is_file():
         raise InputError(f"{path}: no such bus log; runs of the firmware have one")
     try:
         with can.CanutilsLogReader(path) as reader:
-            only = None
             for message in reader:
-                only = only or message.channel
-                if message.channel != only:
-                    raise InputError(
-                        f"{path}: a log of several buses ({only}, {message.channel}), which cannot "
-                        "be replayed to one"
-                    )
-                if not (message.is_extended_id or message.is_remote_frame):
-                    time_s = message.timestamp
-                    if not isfinite(time_s):
-                        raise InputError(f"{path}: not a candump log: a time is {time_s}")
-                    # Logs of older runs begin at 0.
-                    time_s -= START_S if time_s >= START_S else 0
-                    yield time_s, Frame(message.arbitration_id, bytes(message.data))
+                other = message.is_remote_frame or message.is_error_frame or message.is_fd
+                if not (message.is_extended_id or other):
+                    yield _read(message)
     except (ValueError, IndexError) as error:
         raise InputError(f"{path}: not a candump log: {error}") from None
+
+
+def _read(message: can.Message) -> tuple[float, Frame, str]:
+    """Raises ValueError for a message that no bus has carried."""
+    time_s = message.timestamp
+    if not isfinite(time_s):
+        raise ValueError(f"a time is {time_s}")
+    frame = Frame(message.arbitration_id, bytes(message.data))
+    if frame.can_id > cob.IDENTIFIER or len(frame.data) > _DATA_MAX:
+        raise ValueError(f"{frame.can_id:X}#{frame.data.hex().upper()} is no frame of CAN")
+    # Logs of older runs begin at 0.
+    return time_s - (START_S if time_s >= START_S else 0), frame, str(message.channel)
 
 
 #: Bytes at the end of a log that surely have a whole line.

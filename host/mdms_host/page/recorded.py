@@ -1,14 +1,13 @@
 """A recorded run as the page sees it: the same signals, at a time that a person chooses."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
+from mdms_host.can_link.bus_log import read_buses
 from mdms_host.layout import Layout
 from mdms_host.page import commands
 from mdms_host.page.bus_watch import KINDS, BusWatch, CellState
@@ -27,9 +26,8 @@ from mdms_host.page.flow import NO_ENDS, Ends, FlowCount, beside
 from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.run.derived import goals_at, goals_given, plan_at, slip_m_s
-from mdms_model.run.folder import BUS_LOG, START_S, StoredRun, bus_number
+from mdms_model.run.folder import BUS_LOG, StoredRun, bus_number
 from mdms_model.run.record import Event, Record
-from mdms_protocol.codecs.frame import Frame
 
 #: Instants of a run that are shown, and of these as many that the plots have.
 SHOWN_PER_S = 60.0
@@ -260,7 +258,12 @@ class _BusHistory:
 
     def _read(self, log: Path, layout: Layout, times_s: Floats) -> None:
         """Follow the log through once, and note how all is at each of the times."""
-        watch, frames = BusWatch(layout), _frames(log, layout.bus_count)
+        watch = BusWatch(layout)
+        frames = (
+            (time_s, frame, bus)
+            for time_s, frame, interface in read_buses(log)
+            if (bus := bus_number(interface)) < layout.bus_count
+        )
         counts = np.zeros((len(times_s), *self._rates.shape[1:]))
         bits = np.zeros(self._loads.shape)
         ahead = next(frames, None)
@@ -275,16 +278,6 @@ class _BusHistory:
         passed_s = np.maximum(times_s - times_s[before], 1e-3)
         self._rates = (counts - counts[before]) / passed_s[:, None, None]
         self._loads = (bits - bits[before]) / passed_s[:, None] / self._bitrate
-
-
-def _frames(log: Path, buses: int) -> Iterator[tuple[float, Frame, int]]:
-    """Times since the run's start [s], frames and buses of a log."""
-    with can.CanutilsLogReader(log) as reader:
-        for message in reader:
-            bus = bus_number(message.channel)
-            if not message.is_extended_id and bus < buses:
-                time_s = message.timestamp - (START_S if message.timestamp >= START_S else 0.0)
-                yield time_s, Frame(message.arbitration_id, bytes(message.data)), bus
 
 
 def _shown(time_s: Floats) -> NDArray[np.intp]:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from mdms_host.page import commands
 from mdms_host.page.bus_watch import CellState
 from mdms_host.page.commands import PageRefusedError
 from mdms_host.page.description import PARCEL_STATES, PHASES
+from mdms_model.errors import InputError
 from mdms_model.run.folder import BUS_LOG, export_csv, read_run, write_run
 from mdms_model.run.record import Event, Plan, Tile
 from mdms_model.scenario.file import load_scenario
@@ -79,6 +81,18 @@ def test_a_cell_with_fewer_wheels_shows_its_own_wheels_alone(tmp_path):
     assert told["wheel_directions"][1:4] == [[0.0, 1.0], [0.877583, 0.479426], None]
     x_m, y_m = told["cells_m"][1]
     assert told["wheels_m"][2:4] == [pytest.approx([x_m + 0.01, y_m]), None]
+
+
+@pytest.mark.parametrize(
+    "line", ["(1.0) mdms", "(1.0) mdms 701#000102030405060708", "(nan) mdms 080#"]
+)
+def test_a_damaged_bus_log_is_refused(run, tmp_path, line):
+    folder = tmp_path / "run"
+    copytree(run.folder, folder)
+    with (folder / BUS_LOG).open("a") as log:
+        log.write(f"{line}\n")
+    with pytest.raises(InputError, match="not a candump log"):
+        table_of(read_run(folder))
 
 
 def test_every_time_shows_the_record_of_then(table, run):

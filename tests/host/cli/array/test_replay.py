@@ -236,6 +236,8 @@ def test_player_keeps_the_times_of_the_log():
         ("no log\n", "not a candump log"),
         ("(nan) can1 080#\n", "not a candump log: a time is nan"),
         ("(1e400) can1 080#\n", "not a candump log: a time is inf"),
+        ("(1.0) can1 701#000102030405060708\n", "701#000102030405060708 is no frame of CAN"),
+        ("(1.0) can1 FFF#\n", "FFF# is no frame of CAN"),
     ],
 )
 def test_log_that_is_none_is_refused(tmp_path, capsys, text, told):
@@ -249,6 +251,9 @@ def test_log_of_several_buses_is_not_sent_to_one(tmp_path):
     path = tmp_path / "bus.log"
     path.write_text("(1.0) can1 080#\n(2.0) can1 181#00\n")
     assert len(list(read_log(path))) == 2
+    # Adapters log error frames without a bus.
+    path.write_text("(1.0) can1 080#\n(2.0) can1 20000080#0000000000000000\n")
+    assert len(list(read_log(path))) == 1
     path.write_text("(1.0) can0 080#\n(1.0) can1 080#\n")
     with pytest.raises(InputError, match=r"a log of several buses \(can0, can1\)"):
         list(read_log(path))
