@@ -249,9 +249,13 @@ QUEUE_WAIT_S = 0.01
 _FULL_HELP = "frames are not sent; does anybody acknowledge them, and is the bit rate right?"
 
 
+#: Errors that bytes without a meaning lead to: a line of a serial adapter, a stray datagram.
+_UNDECODABLE = (ValueError, TypeError, AttributeError, LookupError)
+
+
 def _is_of_device(error: Exception) -> bool:
-    """Whether the device failed; python-can also calls it so when a line cannot be decoded."""
-    return isinstance(error, _DEVICE_ERRORS) and not isinstance(error.__cause__, ValueError)
+    """Whether the device failed; python-can also calls it so when bytes cannot be decoded."""
+    return isinstance(error, _DEVICE_ERRORS) and not isinstance(error.__cause__, _UNDECODABLE)
 
 
 class LinkError(Error):

@@ -93,6 +93,15 @@ def test_frames_go_both_ways(clock) -> None:
         assert received(link, clock) == [HEARTBEAT]
 
 
+def test_stray_datagrams_are_no_device_that_is_gone(clock) -> None:
+    """python-can's UdpMulticastBus reports one byte of anybody as an error of its own."""
+    stray = can.CanOperationError("could not unpack received message")
+    stray.__cause__ = AttributeError("'int' object has no attribute 'update'")
+    with Link(ScriptedBus(*[stray] * 5, MESSAGE), clock) as link:
+        assert received(link, clock) == [HEARTBEAT]
+        assert link.garbled == 5
+
+
 @pytest.mark.parametrize("garbage", [ValueError("invalid literal"), IndexError()])
 def test_a_reader_that_dies_of_garbage_is_started_anew_and_told_of(clock, garbage) -> None:
     bus = ScriptedBus(garbage, MESSAGE, garbage, MESSAGE)
