@@ -4,6 +4,7 @@ Found by python-can through the entry point `can.interface`.
 """
 
 import contextlib
+import copy
 import select
 import socket
 import threading
@@ -54,9 +55,10 @@ class MdmsBus(can.BusABC):
         with self._sending:
             self._send_all(memoryview(data), timeout)
         if self._receive_own_messages:
-            msg.is_rx = False
-            msg.timestamp = epoch_now_s()
-            self._waiting.append(msg)
+            own = copy.deepcopy(msg)
+            own.is_rx = False
+            own.timestamp = epoch_now_s()
+            self._waiting.append(own)
 
     def _send_all(self, data: memoryview, timeout: float | None) -> None:
         # Once a packet has begun it must be completed, or the stream would be out of step.

@@ -177,6 +177,20 @@ def test_a_line_that_comes_at_the_wrong_time_ends_no_connection(path):
         assert adapter.recv(1) == b"\r"
 
 
+# python-can
+
+
+def test_a_message_that_is_sent_again_with_other_data_is_received_as_it_was_each_time(path):
+    options = {"interface": "mdms", "channel": str(path), "receive_own_messages": True}
+    with serving(path), can.Bus(**options) as bus:
+        message = can.Message(arbitration_id=0x201, data=[1], is_extended_id=False)
+        bus.send(message)
+        message.data[0] = 2
+        bus.send(message)
+        assert [bus.recv(PATIENCE_S).data[0] for _ in range(2)] == [1, 2]
+        assert message.is_rx
+
+
 # Terminals
 
 
