@@ -47,7 +47,14 @@ class MdmsBus(can.BusABC):
         super().__init__(channel, **options)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Hand a message to the bus; can.CanOperationError if it takes none within `timeout`."""
+        """Hand a message to the bus; can.CanOperationError if it takes none within `timeout`.
+
+        Frames of CAN FD and error frames raise it too.
+        """
+        if msg.is_fd or msg.is_error_frame:
+            raise can.CanOperationError(
+                "the served bus takes frames of classic CAN alone, and no FD or error frames"
+            )
         if not self._is_in_step:
             self._waiting.append(_error_frame())
             return
@@ -64,14 +71,16 @@ class MdmsBus(can.BusABC):
         # Once a packet has begun it must be completed, or the stream would be out of step.
         wait_s = timeout
         while data:
-            _, writable, _ = select.select([], [self._socket], [], wait_s)
+            try:
+                _, writable, _ = select.select([], [self._socket], [], wait_s)
+                data = data[self._socket.send(data) :] if writable else data
+            except OSError as error:
+                raise can.CanOperationError(f"the served bus is gone: {error}") from error
+            except ValueError as error:
+                raise can.CanOperationError(f"the served bus is closed: {error}") from None
             if not writable:
                 raise can.CanOperationError("the served bus takes no more frames; it is full")
             wait_s = None
-            try:
-                data = data[self._socket.send(data) :]
-            except OSError as error:
-                raise can.CanOperationError(f"the served bus is gone: {error}") from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._waiting and self._readable(timeout):
@@ -85,7 +94,7 @@ class MdmsBus(can.BusABC):
         try:
             readable, _, _ = select.select([self._socket], [], [], timeout)
         except (OSError, ValueError) as error:
-            raise can.CanOperationError(f"the served bus is closed: {error}") from error
+            raise can.CanOperationError(f"the served bus is closed: {error}") from None
         return bool(readable)
 
     def _read(self) -> None:

@@ -191,6 +191,31 @@ def test_a_message_that_is_sent_again_with_other_data_is_received_as_it_was_each
         assert message.is_rx
 
 
+@pytest.mark.parametrize(
+    "kind", [{"is_fd": True, "data": bytes(12)}, {"is_error_frame": True}], ids=["fd", "error"]
+)
+def test_a_message_that_no_classic_bus_carries_is_refused(path, kind):
+    message = can.Message(arbitration_id=0x201, is_extended_id=False, **kind)
+    with (
+        serving(path),
+        can.Bus(interface="mdms", channel=str(path)) as bus,
+        pytest.raises(can.CanOperationError, match="classic CAN alone"),
+    ):
+        bus.send(message)
+
+
+def test_a_bus_that_was_shut_down_is_closed_to_both_ways(path):
+    with serving(path):
+        bus = can.Bus(interface="mdms", channel=str(path))
+        bus.shutdown()
+        with pytest.raises(can.CanOperationError, match="is closed"):
+            bus.send(can.Message(arbitration_id=0x201, is_extended_id=False))
+        with pytest.raises(can.CanOperationError, match="is closed") as closed:
+            bus.recv(0.01)
+        # A cause would tell a reader of bytes that cannot be decoded.
+        assert closed.value.__cause__ is None
+
+
 # Terminals
 
 
