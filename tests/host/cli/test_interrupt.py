@@ -53,7 +53,7 @@ def test_a_service_under_nohup_heeds_no_hangup(monkeypatch):
     heeded = []
     monkeypatch.setattr(
         "mdms_host.cli.simulation.serve._serve",
-        lambda *_, **__: heeded.append(signal.getsignal(signal.SIGHUP)),
+        lambda *_, **__: (heeded.append(signal.getsignal(signal.SIGHUP)), None),
     )
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:

@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import CommandError
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.kept import level_of, reports_folder
 from mdms_host.cli.log_files import LogFolder, RotatingFile
+from mdms_model.run.folder import read_run
+from mdms_sim.nodes.bank import NodeDied
 
 
 def options(**given: object) -> Namespace:
@@ -101,3 +103,20 @@ def test_a_report_of_nothing_says_who_writes_one(tmp_path, monkeypatch, capsys) 
     assert "no `mdms run` or `mdms serve` of yours" in capsys.readouterr().err
     assert main(["report", "1"]) == 2
     assert "there are: none" in capsys.readouterr().err
+
+
+def test_a_service_keeps_its_run_though_a_cell_of_it_dies(tmp_path, monkeypatch, capsys):
+    out, reports = tmp_path / "run", tmp_path / "reports"
+
+    def dies(server, _over):
+        server.simulation.kernel.run_until(50_000_000)
+        raise NodeDied(4, "MemoryError")
+
+    monkeypatch.setattr("mdms_sim.serve.server.Server.run", dies)
+    name = ("--name", str(tmp_path / "sock"), "--log-dir", str(reports))
+    assert main(["serve", "array18", *name, "--out", str(out)]) == ExitCode.NODE_FAULT
+    told = capsys.readouterr().err
+    assert told.endswith("mdms: cell 4 has died: MemoryError\n")
+    assert read_run(out).record.time_s[-1] == pytest.approx(0.05)
+    (report,) = (path.parent for path in reports.glob("*/meta.json"))
+    assert read_run(report).figures["reason"] == "cell 4 has died: MemoryError"

@@ -23,11 +23,13 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.line.machine import Recipes
 from mdms_model.arrays import Floats
+from mdms_model.errors import Error
 from mdms_model.run.folder import BUS_LOG, check_other_run, fresh_folder
 from mdms_model.run.record import MOST_SAMPLES
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
+from mdms_sim.nodes.bank import NodeError
 from mdms_sim.nodes.kept_flash import KeptFlash
 from mdms_sim.physics.plane.world import World
 from mdms_sim.serve.server import Server, ways_in
@@ -64,8 +66,12 @@ def run(arguments: Namespace) -> ExitCode:
         told = believed(scenario)
         with keeping(scenario, layout_of(told), arguments, main=main) as kept:
             kept.run_by(recipes.jobs, lambda: recipes.running)
-            serve = _serve if arguments.out is None else _serve_and_keep
-            serve(recipes, slot, host, arguments, kept=kept, stored=stored)
+            if arguments.out is None:
+                _, ended_by = _serve(recipes, slot, host, arguments, kept=kept, stored=stored)
+            else:
+                ended_by = _serve_and_keep(recipes, slot, host, arguments, kept=kept, stored=stored)
+            if ended_by is not None:
+                raise ended_by
     except KeyboardInterrupt:
         # The usual end of a service, and the loss of a run folder that is not written yet.
         if arguments.out is not None:
@@ -138,13 +144,16 @@ def _serve_and_keep(
     *,
     kept: Kept,
     stored: KeptFlash | None,
-) -> None:
+) -> Exception | None:
+    """Serve to the end, whatever it is, and keep the run; the error that has ended it, if any."""
     clock, (scenario, _) = MonotonicClock(), recipes.first
     with fresh_folder(arguments.out) as folder:
         all_frames = keeps_frames(arguments)
         failed = say_log_ends(arguments.out)
         with open_log(folder / BUS_LOG, failed) if all_frames else nullcontext() as log:
-            simulation = _serve(recipes, slot, host, arguments, kept=kept, stored=stored, log=log)
+            simulation, ended_by = _serve(
+                recipes, slot, host, arguments, kept=kept, stored=stored, log=log
+            )
             outcome = simulation.outcome()
         host.add_to(outcome.record)
         lasted = lasting(scenario, float(outcome.record.time_s[-1]))
@@ -159,8 +168,10 @@ def _serve_and_keep(
         figures = {**ended.figures, "run": str(arguments.out)}
         keep = partial(keep_run, folder, lasted, outcome.record, figures)
         incomplete = written(arguments.out, keep)
-    if incomplete is not None:
-        raise incomplete
+    if incomplete is None or ended_by is None:
+        return ended_by or incomplete
+    say(f"mdms: {incomplete}")
+    return ended_by
 
 
 def _serve(
@@ -172,9 +183,14 @@ def _serve(
     kept: Kept,
     stored: KeptFlash | None,
     log: BinaryIO | None = None,
-) -> Simulation:
-    """Serve to the end; recorded where there is a run folder, in a bounded memory."""
+) -> tuple[Simulation, Exception | None]:
+    """Serve to the end; recorded where there is a run folder, in a bounded memory.
+
+    The second is the error that has ended a table that was served, None for a usual end.
+    """
     scenario, _ = recipes.first
+    ended_by: Exception | None = None
+    is_served = False
     cells = scenario.array.columns * scenario.array.rows
     flash = None if stored is None else stored.flash
     with closing(open_bank(arguments.nodes, addresses_of(scenario).node_ids, flash)) as bank:
@@ -196,30 +212,38 @@ def _serve(
             say(text)
             kept.event(simulation.kernel.now_ns / NS_PER_S, "serve", text)
 
-        with ExitStack() as opened:
-            server = opened.enter_context(
-                Server(simulation, name, arguments.tcp, arguments.speed, report=report)
-            )
-            _keep_frames(simulation, kept)
-            pressed = opened.enter_context(interrupted(kept.on_hangup))
-            over: Callable[[], object] = pressed
-            if slot:
-                # The page is an extra.
-                from mdms_host.cli.simulation.live import attended  # noqa: PLC0415
-
-                over = opened.enter_context(
-                    attended(
-                        scenario, slot, server, arguments, recipes=recipes, over=over, kept=kept
-                    )
+        try:
+            with ExitStack() as opened:
+                server = opened.enter_context(
+                    Server(simulation, name, arguments.tcp, arguments.speed, report=report)
                 )
-            over = _kept(server, kept, over)
-            buses = len(server.all_addresses)
-            where = "a virtual CAN bus" if buses == 1 else f"{buses} virtual CAN buses"
-            print(f"{scenario.title}: {cells} cells on {where}; connect with")
-            for addresses in server.all_addresses:
-                print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
-            server.run(_Watch(simulation, stored, over, report))
-    return simulation
+                _keep_frames(simulation, kept)
+                pressed = opened.enter_context(interrupted(kept.on_hangup))
+                over: Callable[[], object] = pressed
+                if slot:
+                    # The page is an extra.
+                    from mdms_host.cli.simulation.live import attended  # noqa: PLC0415
+
+                    over = opened.enter_context(
+                        attended(
+                            scenario, slot, server, arguments, recipes=recipes, over=over, kept=kept
+                        )
+                    )
+                over = _kept(server, kept, over)
+                buses = len(server.all_addresses)
+                where = "a virtual CAN bus" if buses == 1 else f"{buses} virtual CAN buses"
+                print(f"{scenario.title}: {cells} cells on {where}; connect with")
+                for addresses in server.all_addresses:
+                    print(*(f"  {line}" for line in ways_in(addresses)), sep="\n", flush=True)
+                is_served = True
+                server.run(_Watch(simulation, stored, over, report))
+        except (Error, CommandError) as error:
+            if not is_served:
+                raise
+            ended_by = error
+            if isinstance(error, NodeError):
+                kept.after_fault(simulation.kernel.now_ns / NS_PER_S, str(error))
+    return simulation, ended_by
 
 
 def _keep_frames(simulation: Simulation, kept: Kept) -> None:
