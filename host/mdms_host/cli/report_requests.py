@@ -84,18 +84,23 @@ class ReportRequests:
                 connection, _ = listener.accept()
             except OSError:
                 return
-            with connection, suppress(OSError, ValueError):
+            with connection, suppress(OSError, ValueError, RecursionError):
                 connection.settimeout(_ASKS_S)
                 self._answer(connection, json.loads(connection.recv(_LONGEST)))
 
-    def _answer(self, connection: socket.socket, asked: dict[str, Any]) -> None:
-        if asked.get("do") == "title":
+    def _answer(self, connection: socket.socket, asked: Any) -> None:
+        """Raises OSError."""
+        tree = asked if isinstance(asked, dict) else {}
+        do, folder = tree.get("do"), tree.get("folder")
+        if do == "title":
             answer: dict[str, Any] = {"title": self._title}
-        else:
-            request = Request(Path(asked["folder"]) if asked.get("folder") else None)
+        elif do == "report" and isinstance(folder, str | None):
+            request = Request(Path(folder) if folder else None)
             self._waiting.put(request)
             request.wait(ANSWER_S)
             answer = request.answer
+        else:
+            answer = {"error": "that is no request"}
         connection.sendall(json.dumps(answer).encode())
 
 

@@ -1,5 +1,7 @@
 """`--log`: what is kept, log files that are rotated and opened again, and their refusals."""
 
+import os
+import socket
 from argparse import Namespace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.kept import level_of, reports_folder
 from mdms_host.cli.log_files import LogFolder, RotatingFile
+from mdms_host.cli.report_requests import ReportRequests, folder_of_requests, running
 from mdms_model.run.folder import read_run
 from mdms_sim.nodes.bank import NodeDied
 
@@ -120,3 +123,19 @@ def test_a_service_keeps_its_run_though_a_cell_of_it_dies(tmp_path, monkeypatch,
     assert read_run(out).record.time_s[-1] == pytest.approx(0.05)
     (report,) = (path.parent for path in reports.glob("*/meta.json"))
     assert read_run(report).figures["reason"] == "cell 4 has died: MemoryError"
+
+
+@pytest.mark.parametrize(
+    "sent", [b"[]", b"5", b'{"do": "report", "folder": 5}', b"[" * 60_000, b""]
+)
+def test_a_program_that_asks_for_no_report_keeps_nobody_from_one(tmp_path, monkeypatch, sent):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    requests = ReportRequests("a table")
+    (path,) = folder_of_requests().iterdir()
+    with socket.socket(socket.AF_UNIX) as rude:
+        rude.connect(str(path))
+        rude.sendall(sent)
+        rude.shutdown(socket.SHUT_WR)
+        rude.recv(1 << 10)
+    assert running() == {os.getpid(): "a table"}
+    requests.close()
