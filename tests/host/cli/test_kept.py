@@ -1,5 +1,6 @@
 """`--log`: what is kept, log files that are rotated and opened again, and their refusals."""
 
+import json
 import os
 import socket
 from argparse import Namespace
@@ -123,6 +124,25 @@ def test_a_service_keeps_its_run_though_a_cell_of_it_dies(tmp_path, monkeypatch,
     assert read_run(out).record.time_s[-1] == pytest.approx(0.05)
     (report,) = (path.parent for path in reports.glob("*/meta.json"))
     assert read_run(report).figures["reason"] == "cell 4 has died: MemoryError"
+
+
+def test_no_run_takes_the_folder_of_a_service_whose_clients_nothing_repeats(
+    tmp_path, monkeypatch, capsys
+):
+    out = str(tmp_path / "run")
+    monkeypatch.setattr(
+        "mdms_sim.serve.server.Server.run",
+        lambda server, _over: server.simulation.kernel.run_until(50_000_000),
+    )
+    assert main(["serve", "array18", "--name", str(tmp_path / "sock"), "--out", out]) == 0
+    served = read_run(out).figures
+    assert main(["simulate", out, "--out", out]) == ExitCode.USAGE
+    assert "holds another run" in capsys.readouterr().err
+    assert read_run(out).figures == served
+    assert main(["simulate", out, "--json"]) == ExitCode.TIME_LIMIT
+    told = capsys.readouterr()
+    assert "a run on a table, which nothing repeats" in told.err
+    assert "repeats" not in json.loads(told.out)
 
 
 @pytest.mark.parametrize(

@@ -166,6 +166,8 @@ def _serve_and_keep(
             wall_s=clock.now_s(),
         )
         figures = {**ended.figures, "run": str(arguments.out)}
+        # No seed repeats what other programs and people did.
+        del figures["seed"]
         keep = partial(keep_run, folder, lasted, outcome.record, figures)
         incomplete = written(arguments.out, keep)
     if incomplete is None or ended_by is None:
