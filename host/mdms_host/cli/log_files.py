@@ -99,7 +99,7 @@ class LogFolder:
 
     def __init__(self, folder: Path, failed: Callable[[str], object]) -> None:
         self.folder = folder
-        self._lock = _locked(folder)
+        self._lock = locked(folder, LOCK, "--log-dir")
         self.events = RotatingFile(folder / EVENTS, EVENT_BYTES, EVENT_FILES, failed)
         self.frames = RotatingFile(folder / FRAMES, FRAME_BYTES, FRAME_FILES, failed)
 
@@ -120,13 +120,17 @@ class LogFolder:
         os.close(self._lock)
 
 
-def _locked(folder: Path) -> int:
+def locked(folder: Path, name: str, option: str) -> int:
+    """A descriptor that keeps other commands away as long as it is open: a lock in a folder.
+
+    Raises `CommandError` where another command has it, or the folder cannot be written.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+        lock = os.open(folder / name, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
         raise CommandError(
-            f"--log-dir {folder}: cannot be written: {error.strerror}", ExitCode.USAGE
+            f"{option} {folder}: cannot be written: {error.strerror}", ExitCode.USAGE
         ) from None
     try:
         if fcntl is not None:
@@ -134,7 +138,7 @@ def _locked(folder: Path) -> int:
     except OSError:
         os.close(lock)
         raise CommandError(
-            f"--log-dir {folder}: another command writes there; give each a folder of its own",
+            f"{option} {folder}: another command writes there; give each a folder of its own",
             ExitCode.USAGE,
         ) from None
     return lock

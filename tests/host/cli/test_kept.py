@@ -126,6 +126,24 @@ def test_a_service_keeps_its_run_though_a_cell_of_it_dies(tmp_path, monkeypatch,
     assert read_run(report).figures["reason"] == "cell 4 has died: MemoryError"
 
 
+def test_the_settings_of_cells_are_kept_by_one_service_at_a_time(tmp_path, monkeypatch, capsys):
+    state = ("--state", str(tmp_path / "state"))
+    codes = []
+
+    def serves_meanwhile(*_arguments, **_kept):
+        codes.append(main(["serve", "array18", *state]))
+        return None, None
+
+    monkeypatch.setattr("mdms_host.cli.simulation.serve._serve", serves_meanwhile)
+    assert main(["serve", "array18", *state]) == ExitCode.OK
+    assert codes == [ExitCode.USAGE]
+    assert "another command writes there; give each a folder of its own" in capsys.readouterr().err
+    monkeypatch.setattr(
+        "mdms_host.cli.simulation.serve._serve", lambda *_arguments, **_kept: (None, None)
+    )
+    assert main(["serve", "array18", *state]) == ExitCode.OK
+
+
 def test_no_run_takes_the_folder_of_a_service_whose_clients_nothing_repeats(
     tmp_path, monkeypatch, capsys
 ):

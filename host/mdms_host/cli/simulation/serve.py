@@ -1,8 +1,9 @@
 """`mdms serve`: the virtual array in real time, for other programs."""
 
+import os
 from argparse import Namespace
-from collections.abc import Callable
-from contextlib import ExitStack, closing, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -19,6 +20,7 @@ from mdms_host.cli.exits import CommandError, ExitCode, has_arrived, interrupted
 from mdms_host.cli.files import writing, written
 from mdms_host.cli.kept import Kept, check_log, keeping, keeps_frames, say_log_ends
 from mdms_host.cli.line import Job, has_line, made_folder, recipes_of
+from mdms_host.cli.log_files import locked
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.line.machine import Recipes
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from mdms_host.page.run_slot import RunSlot
 
 #: The file of the stored settings in the folder `--state`.
-STORED_CELLS = "cells.json"
+STORED_CELLS, LOCK_OF_CELLS = "cells.json", ".cells.lock"
 #: How often somebody looks whether a cell has stored something, in the table's time.
 KEEP_NS = NS_PER_S
 
@@ -57,45 +59,55 @@ def run(arguments: Namespace) -> ExitCode:
     recipes = recipes_of(arguments, arguments.scenario, (scenario, main), overrides)
     if arguments.out is not None and not arguments.force:
         check_other_run(arguments.out, None)
-    stored = _kept_flash(scenario, arguments)
-    try:
-        attended = arguments.page is not None or has_line(arguments)
-        slot = _slot(recipes) if attended else None
-        # Programs from elsewhere keep their own beliefs.
-        host = HostLog(scenario, lambda: slot.coordinator if slot else None)
-        told = believed(scenario)
-        with keeping(scenario, layout_of(told), arguments, main=main) as kept:
-            kept.run_by(recipes.jobs, lambda: recipes.running)
-            if arguments.out is None:
-                _, ended_by = _serve(recipes, slot, host, arguments, kept=kept, stored=stored)
-            else:
-                ended_by = _serve_and_keep(recipes, slot, host, arguments, kept=kept, stored=stored)
-            if ended_by is not None:
-                raise ended_by
-    except KeyboardInterrupt:
-        # The usual end of a service, and the loss of a run folder that is not written yet.
-        if arguments.out is not None:
-            raise
-        has_arrived()
-    finally:
-        if stored is not None:
-            with writing(stored.path):
-                stored.keep()
+    attended = arguments.page is not None or has_line(arguments)
+    slot = _slot(recipes) if attended else None
+    # Programs from elsewhere keep their own beliefs.
+    host = HostLog(scenario, lambda: slot.coordinator if slot else None)
+    told = believed(scenario)
+    with _kept_flash(scenario, arguments) as stored:
+        try:
+            with keeping(scenario, layout_of(told), arguments, main=main) as kept:
+                kept.run_by(recipes.jobs, lambda: recipes.running)
+                if arguments.out is None:
+                    _, ended_by = _serve(recipes, slot, host, arguments, kept=kept, stored=stored)
+                else:
+                    ended_by = _serve_and_keep(
+                        recipes, slot, host, arguments, kept=kept, stored=stored
+                    )
+                if ended_by is not None:
+                    raise ended_by
+        except KeyboardInterrupt:
+            # The usual end of a service, and the loss of a run folder that is not written yet.
+            if arguments.out is not None:
+                raise
+            has_arrived()
     return ExitCode.OK
 
 
-def _kept_flash(scenario: Scenario, arguments: Namespace) -> KeptFlash | None:
+@contextmanager
+def _kept_flash(scenario: Scenario, arguments: Namespace) -> Iterator[KeptFlash | None]:
     """The flash of the cells as `--state` keeps it. Either kind of cell continues it.
 
     Raises `InputError` and `CommandError`.
     """
     if arguments.state is None:
-        return None
+        yield None
+        return
     path = made_folder(arguments) / STORED_CELLS
+    lock = locked(path.parent, LOCK_OF_CELLS, "--state")
     try:
-        return KeptFlash(path, scenario.array.columns * scenario.array.rows)
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be read: {error.strerror}", ExitCode.USAGE) from None
+        try:
+            stored = KeptFlash(path, scenario.array.columns * scenario.array.rows)
+        except OSError as error:
+            told = f"{path}: cannot be read: {error.strerror}"
+            raise CommandError(told, ExitCode.USAGE) from None
+        try:
+            yield stored
+        finally:
+            with writing(path):
+                stored.keep()
+    finally:
+        os.close(lock)
 
 
 class _Watch:
