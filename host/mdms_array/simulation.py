@@ -25,7 +25,6 @@ from mdms_array.run import (
     FaultError,
     LostError,
     Run,
-    RunError,
     StoppedError,
     TimeLimitError,
 )
@@ -397,7 +396,8 @@ class VirtualDriver:
         )
         _schedule_signals(self._simulation, scenario, program)
         self._wall_s = 0.0
-        self._closed = False
+        #: Why no more time may pass, None while it may.
+        self._ended: str | None = None
         self._advances = False
 
     def begin(self) -> None:
@@ -409,7 +409,7 @@ class VirtualDriver:
 
     def close(self) -> None:
         """Let no more time pass."""
-        self._closed = True
+        self._ended = "its `with` block has ended"
 
     @property
     def table(self) -> Table:
@@ -427,8 +427,8 @@ class VirtualDriver:
         limit_s: float | None,
     ) -> Result:
         """Let time pass until a coroutine is done, and return its result. Raises its errors."""
-        if self._closed:
-            raise StoppedError("the table has stopped: its `with` block has ended", self.run_so_far)
+        if self._ended is not None:
+            raise StoppedError(f"the table has stopped: {self._ended}", self.run_so_far)
         task = self.table.start(routine(self.table))
         task.heed()
 
@@ -439,7 +439,7 @@ class VirtualDriver:
         limit_s = LONGEST_S if limit_s is None else limit_s
         try:
             self._advance(limit_s, has_result)
-        except RunError:
+        except BaseException:
             task.cancel()
             raise
         if not has_result():
@@ -475,6 +475,10 @@ class VirtualDriver:
         self._advances = True
         try:
             simulation.run_until(end_s, self._plans.look, ended)
+        except BaseException:
+            # What was under way, such as the next step of time, is lost.
+            self._ended = "it was broken off within a step; begin another one"
+            raise
         finally:
             self._advances = False
         self._wall_s += clock.now_s()

@@ -133,6 +133,21 @@ def test_a_table_by_hand_goes_on_after_a_call_that_failed():
         assert true_pose == pytest.approx((-0.10, 0.0, 0.2), abs=5e-3)
 
 
+def test_a_table_that_was_interrupted_within_a_step_does_not_go_on(monkeypatch):
+    """The next step of time was not asked for yet, so no later call would come to its end."""
+
+    def interrupt(*_arguments):
+        raise KeyboardInterrupt
+
+    with mdms.virtual("array18") as table:
+        monkeypatch.setattr("mdms_sim.physics.plane.world.World.step_cells", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            table.sleep(0.1)
+        monkeypatch.undo()
+        with pytest.raises(mdms.StoppedError, match="broken off within a step; begin another"):
+            table.signal("never", limit_s=0.1)
+
+
 def test_a_call_that_takes_too_long_is_given_up_and_the_table_goes_on():
     with mdms.virtual("array18") as table:
         with pytest.raises(mdms.TimeLimitError, match=r"not done within 0.2 s"):
