@@ -13,11 +13,13 @@ from mdms_host.commissioning.cell_settings import StrangerError
 from mdms_host.commissioning.lss_master import LssAddress, LssError
 from mdms_host.commissioning.network import (
     Commissioning,
+    CommissioningError,
     Identity,
     RefusedError,
     SilentError,
     operational_text,
 )
+from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
 
@@ -54,7 +56,7 @@ def find_cells(commissioning: Commissioning) -> FoundCells:
     such cells cannot be told apart. Raises LssError.
     """
     found = commissioning.find()
-    blank = tuple(commissioning.lss.find_blank())
+    blank = find_blank(commissioning, found)
     present: dict[int, Identity] = {}
     unclear: list[int] = []
     for node_id in found:
@@ -77,6 +79,25 @@ def find_cells(commissioning: Commissioning) -> FoundCells:
         commissioning.lss.leave()
     strangers = tuple(node_id for node_id in unclear if node_id not in hidden.values())
     return FoundCells(present, blank, hidden, strangers)
+
+
+def find_blank(commissioning: Commissioning, found: Iterable[int]) -> tuple[LssAddress, ...]:
+    """All cells without node id; `found` are the node ids that answer. Raises LssError.
+
+    A command that was killed has left cells that answer still, and lose their ids with the next
+    restart. They keep these ids.
+    """
+    blank = commissioning.lss.find_blank()
+    for node_id in found if blank else ():
+        with suppress(CommissioningError, LssError):
+            numbers = (commissioning.read(node_id, indices.IDENTITY, sub) for sub in range(1, 5))
+            one = LssAddress(*numbers)
+            if one in blank:
+                commissioning.lss.select(one)
+                commissioning.lss.set_node_id(node_id)
+                commissioning.lss.leave()
+                blank.remove(one)
+    return tuple(blank)
 
 
 def address(serial: int) -> LssAddress:

@@ -17,6 +17,7 @@ from mdms_host.commissioning.node_ids import (
     assign_by_serial,
     assign_in_order,
     carry_out,
+    find_blank,
     refuse_host_node,
 )
 
@@ -64,7 +65,8 @@ def _refuse_host_node(wanted: dict[int, int], file: Path) -> None:
 def _plan(
     commissioning: Commissioning, wanted: dict[int, int] | None, first: int
 ) -> list[Assignment]:
-    found, blank = commissioning.find(), commissioning.lss.find_blank()
+    found = commissioning.find()
+    blank = find_blank(commissioning, found)
     if not found and not blank:
         raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     if wanted is None:

@@ -177,7 +177,10 @@ def _examine_by_lss(commissioning: Commissioning, examined: Examination) -> None
     with suppress(LssError):
         examined.blank = [each.serial for each in lss.find_blank()]
     known = [*examined.serials, *examined.blank]
-    examined.twins = sorted({serial for serial in known if known.count(serial) > 1})
+    for serial in sorted({serial for serial in known if known.count(serial) > 1}):
+        # One cell is both where a command was killed that gave it another node id.
+        if serial not in examined.blank or not _is_one(commissioning, serial):
+            examined.twins.append(serial)
     for serial in lss.find_beside(known):
         try:
             lss.select(address(serial))
@@ -186,6 +189,17 @@ def _examine_by_lss(commissioning: Commissioning, examined: Examination) -> None
             examined.twins.append(serial)
         finally:
             lss.leave()
+
+
+def _is_one(commissioning: Commissioning, serial: int) -> bool:
+    """Whether one cell alone answers to a serial number by LSS."""
+    try:
+        commissioning.lss.select(address(serial))
+    except LssError:
+        return False
+    finally:
+        commissioning.lss.leave()
+    return True
 
 
 _REFERENCES_M_S = (0.05, 0.15)

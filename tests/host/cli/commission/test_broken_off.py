@@ -1,8 +1,11 @@
 """`mdms commission` that ends in the middle, at any stage, and the result of the next run."""
 
+import json
+
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, answered, serials
 
+from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import read_array
@@ -91,6 +94,50 @@ def test_broken_off_at_any_stage_it_ends_well_the_next_time(
             bus.restart(node_id)
         assert serials(bus) == list(ORDER)
         assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
+
+
+def doctor_finds(capsys):
+    capsys.readouterr()
+    main(["doctor", "--json", "-i", "virtual"])
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    return [each["kind"] for each in findings if each["serious"]]
+
+
+def test_a_cell_that_was_to_lose_its_node_id_is_taken_for_no_second_cell(
+    commission, listed, bus, cells, capsys
+):
+    cut = Cut(cells, [GIVE_ID, restart], killed=True)
+    assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+    assert cut.fired
+    cells.mute = False
+    assert doctor_finds(capsys) == ["blank"]
+    assert main(["configure", "assign", "-i", "virtual"]) == ExitCode.OK
+    assert "no cell needs a node id" in capsys.readouterr().out
+    assert doctor_finds(capsys) == []
+    for node_id in (1, 2, 3):
+        bus.restart(node_id)
+    assert serials(bus) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("again", ["commission", "assign"])
+def test_a_cell_that_was_to_lose_its_node_id_gets_its_own_the_next_time(
+    commission, listed, cells, tmp_path, again
+):
+    Cut(cells, [GIVE_ID, restart], killed=True)
+    assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+    cells.mute = False
+    if again == "commission":
+        assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
+    else:
+        rows = (f'[[cell]]\nserial = "{one:08X}"\nnode = {n}\n' for n, one in enumerate(ORDER, 1))
+        file = tmp_path / "ids.toml"
+        file.write_text("".join(rows))
+        assigned = main(["configure", "assign", "--from", str(file), "-i", "virtual"])
+        assert assigned == ExitCode.OK
+    with Commissioning(None, MonotonicClock()) as bus:
+        for node_id in (1, 2, 3):
+            bus.restart(node_id)
+        assert serials(bus) == list(ORDER)
 
 
 def test_an_answer_that_was_cut_in_two_is_asked_again(commission, cells, tmp_path, monkeypatch):
