@@ -16,7 +16,7 @@ import pytest
 from mdms_host.can_link.link import LinkCounts
 from mdms_host.clock import MonotonicClock
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.codecs import nmt
+from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import STANDARD_MASK
 from mdms_sim.nodes import CellBank
@@ -226,7 +226,20 @@ class OtherHost:
     """Another host on the same bus, which sends a command when it is told to."""
 
     def __init__(self, array: SimulatedArray | StandingArray) -> None:
+        self._array = array
         self._send = array.attach(lambda _frame, _now_s: None)
+
+    def run(self) -> None:
+        """Begin a run on a standing array: heartbeats from now on."""
+        due_ns = 0
+
+        def beat() -> None:
+            nonlocal due_ns
+            if self._array.now_ns >= due_ns:
+                due_ns = self._array.now_ns + NS_PER_S // 10
+                self._send(nmt.heartbeat(cob.HOST_NODE, nmt.OPERATIONAL))
+
+        self._array.hand = beat
 
     def stop(self) -> None:
         """As `mdms stop` does."""

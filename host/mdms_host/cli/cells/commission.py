@@ -108,7 +108,10 @@ def run(arguments: Namespace) -> ExitCode:
         count = len(cells)
         if not confirmed(arguments, f"Write ids, places and settings to {count} cells?"):
             raise CommandError("nothing was written", ExitCode.FAILURE)
-        _give_ids(job, find_cells(commissioning), {cell.serial: cell.node_id for cell in cells})
+        # A run may have begun while the person was asked.
+        roll = find_cells(commissioning)
+        refuse_busy(commissioning, [*roll.present])
+        _give_ids(job, roll, {cell.serial: cell.node_id for cell in cells})
         cells = _nudged(job, cells, file.table.columns if _asks(arguments) else None)
         done = _write(job, cells)
         if key is not None:
@@ -190,6 +193,7 @@ def _spots_coded(job: _Job, roll: FoundCells, columns: int) -> dict[int, Spot]:
     count = len(roll.serials)
     if not confirmed(job.arguments, f"Give {count} cells other node ids, to read their places?"):
         raise CommandError("nothing was written", ExitCode.FAILURE)
+    refuse_busy(job.commissioning, [*roll.present])
     try:
         renamed = _give_ids(job, roll, steps.uncoded_ids(roll))
         if len(renamed.present) != count:
@@ -311,7 +315,11 @@ def _may_nudge(job: _Job, asking: bool) -> bool:
 
 
 def _write(job: _Job, cells: list[FiledCell]) -> list[steps.Commissioned]:
-    """Write and store the settings of all cells; one that fails does not keep the others."""
+    """Write and store the settings of all cells; one that fails does not keep the others.
+
+    Raises BusyError where a run has begun while a person was asked.
+    """
+    refuse_busy(job.commissioning, [])
     done = []
     for cell in cells:
         try:

@@ -282,10 +282,11 @@ def _restore(
     if arguments.dry_run:
         print(f"{where}{len(changes)} settings are not at their defaults")
         return
-    refuse_other_host(commissioning)
     question = f"{where}Restore the defaults of node {ranges(node_ids)}, and restart?"
     if not agreed(arguments, question):
         raise CommandError("nothing was changed", ExitCode.FAILURE)
+    # A run may have begun while the person was asked.
+    refuse_other_host(commissioning)
     for node_id in node_ids:
         commissioning.restore_defaults(node_id)
     for change in changes:

@@ -2,15 +2,17 @@
 
 import io
 import json
+from types import SimpleNamespace
 
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, NONE, ORDER, ORDER_6, blank, serials
+from tests.virtual_array import OtherHost
 
 from mdms_host.cli.exits import ExitCode
 from mdms_host.commissioning.array_file import array_document, read_array
 from mdms_host.commissioning.network import SilentError
 from mdms_protocol import indices
-from mdms_protocol.codecs import nmt
+from mdms_protocol.codecs import cob, nmt
 
 
 def neighbours(bus, node_id):
@@ -173,6 +175,26 @@ def test_cells_that_a_run_has_are_left_alone(commission, cells, listed, bus, cap
     cells.sleep(0.2)
     assert commission("--list", listed, *GRID, "--yes") == ExitCode.NODE_FAULT
     assert "node 3 is operational; turn it off first: mdms stop" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("answered", [4, 5], ids=["before the ids", "before the settings"])
+def test_a_run_that_began_while_a_person_was_asked_is_left_alone(
+    commission, cells, monkeypatch, capsys, answered
+):
+    answers = ["", "", "", "", "y", "n"]
+    commands = []
+
+    def answer() -> str:
+        if len(answers) == 6 - answered:
+            OtherHost(cells.array).run()
+            cells.sleep(0.2)
+            cells.before_send = lambda frame: commands.extend([frame] * (frame.can_id == cob.NMT))
+        return answers.pop(0) + "\n"
+
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True, readline=answer))
+    assert commission(*GRID) == ExitCode.NODE_FAULT
+    assert "another host runs the array" in capsys.readouterr().err
+    assert commands == []
 
 
 def test_without_a_terminal_somebody_has_to_say_how(commission, listed, monkeypatch, capsys):

@@ -3,9 +3,10 @@
 import io
 import json
 import tomllib
+from types import SimpleNamespace
 
 import pytest
-from tests.virtual_array import StandingArray, virtual_time
+from tests.virtual_array import OtherHost, StandingArray, virtual_time
 
 from mdms_array.checks import gain_limits
 from mdms_host.cli import main
@@ -418,15 +419,7 @@ def test_nothing_is_written_beside_another_host(action, cells, configure, capsys
     path.write_text(path.read_text().replace("axis1.gain = 13", "axis1.gain = 12"))
     before = values(configure, capsys, "axis1.gain")
     capsys.readouterr()
-    sent = cells.array.attach(lambda _frame, _now_s: None)
-    beat = [0]
-
-    def host() -> None:
-        if cells.array.now_ns >= beat[0]:
-            sent(nmt.heartbeat(cob.HOST_NODE, nmt.OPERATIONAL))
-            beat[0] = cells.array.now_ns + 100_000_000
-
-    cells.array.hand = host
+    OtherHost(cells.array).run()
     wrote = []
     cells.before_send = lambda frame: wrote.extend(
         [frame] if frame.data[:1] in (b"\x2f", b"\x2b", b"\x27", b"\x23") else []
@@ -436,3 +429,19 @@ def test_nothing_is_written_beside_another_host(action, cells, configure, capsys
     assert [frame for frame in wrote if frame.can_id >> 7 == 0x600 >> 7] == []
     cells.array.hand = lambda: None
     assert values(configure, capsys, "axis1.gain") == before
+
+
+def test_cells_are_not_restarted_in_a_run_that_began_during_the_question(
+    cells, configure, capsys, monkeypatch
+):
+    def begins() -> str:
+        OtherHost(cells.array).run()
+        cells.sleep(0.2)
+        return "y"
+
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True, readline=begins))
+    commands = []
+    cells.before_send = lambda frame: commands.extend([frame] * (frame.can_id == cob.NMT))
+    assert configure("restore-defaults") == ExitCode.FAILURE
+    assert "another host runs on this bus" in capsys.readouterr().err
+    assert commands == []
