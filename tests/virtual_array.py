@@ -16,7 +16,7 @@ import pytest
 from mdms_host.can_link.link import LinkCounts
 from mdms_host.clock import MonotonicClock
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.wire import STANDARD_MASK
 from mdms_sim.nodes import CellBank
@@ -244,3 +244,35 @@ class OtherHost:
     def stop(self) -> None:
         """As `mdms stop` does."""
         self._send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+
+
+class Pump:
+    """A node of another kind: it answers reads of its identity with values of up to four bytes.
+
+    It takes any value that is `written`. CiA 301 leaves the name to the device.
+    """
+
+    NODE = 9
+
+    def __init__(self, array: SimulatedArray | StandingArray, name: bytes | None = b"pump") -> None:
+        self.written: list[bytes] = []
+        self._values = {} if name is None else {(0x1008, 0): name, (0x100A, 0): b"1"}
+        self._values |= {(0x1018, sub): bytes((sub, 0, 0, 0)) for sub in range(1, 5)}
+        self._send = array.attach(self.on_frame)
+
+    def on_frame(self, frame: Frame, _now_s: float) -> None:
+        """Answer a request."""
+        if frame.can_id != cob.SDO_REQUEST_BASE + self.NODE:
+            return
+        if frame.data[0] & sdo.SPECIFIER == sdo.DOWNLOAD:
+            self.written.append(frame.data)
+            answer = bytes((sdo.DOWNLOAD_RESPONSE,)) + frame.data[1:4] + bytes(4)
+            self._send(Frame(cob.SDO_RESPONSE_BASE + self.NODE, answer))
+            return
+        index, sub = int.from_bytes(frame.data[1:3], "little"), frame.data[3]
+        value = self._values.get((index, sub))
+        answer = sdo.abort(index, sub, sdo.NO_SUCH_OBJECT)
+        if value is not None:
+            head = sdo.UPLOAD_RESPONSE | (4 - len(value)) << 2 | sdo.EXPEDITED | sdo.SIZE_TOLD
+            answer = bytes((head,)) + frame.data[1:4] + value.ljust(4, b"\0")
+        self._send(Frame(cob.SDO_RESPONSE_BASE + self.NODE, answer))

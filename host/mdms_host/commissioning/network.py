@@ -18,7 +18,7 @@ from mdms_host.clock import Clock
 from mdms_host.commissioning.lss_master import LssMaster
 from mdms_model.participant import Participant
 from mdms_protocol import indices, pdo
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import DEVICE_NAME, ENTRIES, PRODUCT_CODE, VENDOR_ID
 from mdms_protocol.emergencies import LOW_SUPPLY, VOLTAGE_ERROR, code_text
@@ -97,6 +97,8 @@ _FLASH_S = 3.0
 #: A reset, and the time for which a cell makes sure that its node id is its own.
 _BOOT_S = 3.0
 _LOOK_S = 0.005
+#: Refusals of a node that has no such object.
+_ABSENT = (sdo.NO_SUCH_OBJECT, sdo.NO_SUCH_SUB_INDEX)
 #: Bytes of an SDO answer, and of an emergency.
 _WHOLE = 8
 #: No entry that is read here has more bytes.
@@ -209,10 +211,18 @@ class Commissioning:
             self._arrivals = None
 
     def identity(self, node_id: int) -> Identity:
-        """The identity of a node. Raises SilentError, or RefusedError if it has no such objects."""
-        name = self.read_text(node_id, indices.DEVICE_NAME)
-        software = self.read_text(node_id, indices.SOFTWARE_VERSION)
-        numbers = [self.read(node_id, indices.IDENTITY, sub) for sub in range(1, 5)]
+        """The identity of a node; one that lacks an object of it, as no cell does, is called '?'.
+
+        Raises SilentError, RefusedError.
+        """
+        try:
+            name = self.read_text(node_id, indices.DEVICE_NAME)
+            software = self.read_text(node_id, indices.SOFTWARE_VERSION)
+            numbers = [self.read(node_id, indices.IDENTITY, sub) for sub in range(1, 5)]
+        except RefusedError as refusal:
+            if refusal.code not in _ABSENT:
+                raise
+            return Identity("?", "", 0, 0, 0, 0)
         return Identity(name, software, *numbers)
 
     def read(self, node_id: int, index: int, sub: int = 0) -> int:

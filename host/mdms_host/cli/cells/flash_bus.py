@@ -116,7 +116,7 @@ def _flash_one_bus(arguments: Namespace) -> "tuple[dict[str, Any], frozenset[int
             cells = read_candidates(commissioning, node_ids, share)
         if not cells:
             raise CommandError("there is no MDMS cell on the bus", ExitCode.NODE_FAULT)
-        present = frozenset(node_ids)
+        present = frozenset(cell.node_id for cell in cells)
         if arguments.list:
             return _list(arguments, cells), present
         rows = _planned(arguments, cells)

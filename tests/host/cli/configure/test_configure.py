@@ -6,7 +6,7 @@ import tomllib
 from types import SimpleNamespace
 
 import pytest
-from tests.virtual_array import OtherHost, StandingArray, virtual_time
+from tests.virtual_array import OtherHost, Pump, StandingArray, virtual_time
 
 from mdms_array.checks import gain_limits
 from mdms_host.cli import main
@@ -16,8 +16,7 @@ from mdms_host.commissioning.network import Commissioning, SilentError, ranges
 from mdms_host.commissioning.node_ids import address_of
 from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.codecs import cob, nmt, sdo
-from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.codecs import cob, nmt
 from mdms_sim.nodes.python_bank import PythonBank
 
 
@@ -195,35 +194,23 @@ def test_absent_node_is_named_with_those_that_are_there(configure, capsys):
     assert configure("show", "gain", "--node", "all") == ExitCode.OK
 
 
-class Pump:
-    """A node of another kind: it answers reads of its identity with values of up to four bytes."""
-
-    NODE = 9
-
-    def __init__(self, array):
-        self._values = {(0x1008, 0): b"pump", (0x100A, 0): b"1"}
-        self._values |= {(0x1018, sub): bytes((sub, 0, 0, 0)) for sub in range(1, 5)}
-        self._send = array.attach(self.on_frame)
-
-    def on_frame(self, frame, _now_s):
-        if frame.can_id != cob.SDO_REQUEST_BASE + self.NODE:
-            return
-        index, sub = int.from_bytes(frame.data[1:3], "little"), frame.data[3]
-        value = self._values.get((index, sub))
-        answer = sdo.abort(index, sub, sdo.NO_SUCH_OBJECT)
-        if value is not None:
-            head = sdo.UPLOAD_RESPONSE | (4 - len(value)) << 2 | sdo.EXPEDITED | sdo.SIZE_TOLD
-            answer = bytes((head,)) + frame.data[1:4] + value.ljust(4, b"\0")
-        self._send(Frame(cob.SDO_RESPONSE_BASE + self.NODE, answer))
-
-
-def test_stranger_is_left_alone_unless_it_is_meant(configure, capsys, cells):
-    Pump(cells.array)
+@pytest.mark.parametrize("name", [b"pump", None])
+def test_stranger_is_left_alone_unless_it_is_meant(configure, capsys, cells, name):
+    Pump(cells.array, name)
     assert configure("show", "axis1.gain", "--json") == ExitCode.OK
     told = capsys.readouterr()
-    assert "node 9 is 'pump', not an MDMS cell; left alone" in told.err
+    called = "?" if name is None else name.decode()
+    assert f"node 9 is {called!r}, not an MDMS cell; left alone" in told.err
     assert list(json.loads(told.out)["settings"][0]["values"]) == ["1", "2", "3"]
     assert configure("show", "axis1.gain", "--node", "9") == ExitCode.NODE_FAULT
+
+
+def test_a_stranger_makes_up_for_no_missing_cell(cells, capsys):
+    Pump(cells.array, None)
+    assert main(["scan", "--cells", "4", "-i", "virtual"]) == ExitCode.NODE_FAULT
+    assert "3 of 4 cells answer" in capsys.readouterr().err
+    assert main(["flash", "--bus", "--list", "-i", "virtual"]) == ExitCode.OK
+    assert capsys.readouterr().err == ""
 
 
 def test_array_is_backed_up_and_restored_by_serial_number(configure, capsys, tmp_path):
