@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 from tests.conftest import MDMS
-from tests.virtual_array import SimulatedArray, virtual_time
+from tests.virtual_array import Pump, SimulatedArray, virtual_time
 
 from mdms_host.cli import main
 from mdms_host.cli.cells import doctor
@@ -126,6 +126,7 @@ def found(capsys):
 
 
 def test_a_good_stop_is_pressed_and_released_and_nothing_is_found(table, capsys):
+    Pump(table)
     assert main(STOP) == ExitCode.OK
     printed = capsys.readouterr()
     assert printed.out.startswith("6 cells: the last lost its supply 0.")

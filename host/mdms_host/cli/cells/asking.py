@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from mdms_host.cli.cell_options import nodes_of
-from mdms_host.cli.cells.configure_cells import open_table, present_nodes
+from mdms_host.cli.cells.configure_cells import open_table, read_cells
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
@@ -31,7 +30,7 @@ def identify(arguments: Namespace) -> ExitCode:
     """Have the cells blink; they end it by themselves."""
     with open_table(arguments) as opened:
         for bus, commissioning in opened:
-            node_ids = present_nodes(commissioning, nodes_of(arguments.nodes))
+            node_ids = [cell.node_id for cell in read_cells(commissioning, arguments)]
             for node_id in node_ids:
                 blink(commissioning, node_id, arguments.seconds)
             where = f"{bus.name}, " if len(opened) > 1 else ""

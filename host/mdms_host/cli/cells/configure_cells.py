@@ -75,7 +75,7 @@ def refuse_absent(
 def read_cells(
     commissioning: Commissioning,
     arguments: Namespace,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[Parameter] = (),
     *,
     to_write: bool = False,
 ) -> list[CellSettings]:

@@ -9,14 +9,14 @@ from mdms_array.host import settings_of
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.cells.asking import AtTerminal, pressed_keys
-from mdms_host.cli.cells.configure_cells import open_commissioning, present_nodes
+from mdms_host.cli.cells.configure_cells import open_commissioning, read_cells
 from mdms_host.cli.console import progress
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, placed_cells, read_array
-from mdms_host.commissioning.cell_settings import check_identity, read_settings
+from mdms_host.commissioning.cell_settings import read_settings
 from mdms_host.commissioning.doctor.diagnosis import diagnose
 from mdms_host.commissioning.doctor.emergency_stop import SHORT, StopTest
 from mdms_host.commissioning.doctor.examination import Examination, examine, examine_wheels
@@ -160,17 +160,16 @@ def _row(finding: Finding) -> dict[str, object]:
 
 def _stop(arguments: Namespace) -> ExitCode:
     """Test the emergency stop with a person, and print the findings; exit code 1 for anything."""
-    form, wanted = SHORT, nodes_of(arguments.nodes)
+    form = SHORT
     if arguments.array is not None:
         file = read_array(arguments.array)
         form = SHORT if file.stop is None else file.stop.form
         channel = getattr(arguments, "channel", None)
-        wanted = wanted or sorted(cell.node_id for cell in placed_cells(file, channel))
+        listed = sorted(cell.node_id for cell in placed_cells(file, channel))
+        arguments.nodes = arguments.nodes or [listed]
     nobody = "mdms doctor --stop needs a person at a terminal, who presses the emergency stop"
     with pressed_keys(nobody) as pressed, open_commissioning(arguments) as commissioning:
-        node_ids = present_nodes(commissioning, wanted)
-        for node_id in node_ids:
-            check_identity(node_id, commissioning.identity(node_id))
+        node_ids = [cell.node_id for cell in read_cells(commissioning, arguments)]
         refuse_busy(commissioning, node_ids)
         test = StopTest(commissioning, MonotonicClock(), AtTerminal(pressed), form, arguments.limit)
         findings = test.run(node_ids)

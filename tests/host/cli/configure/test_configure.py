@@ -205,6 +205,14 @@ def test_stranger_is_left_alone_unless_it_is_meant(configure, capsys, cells, nam
     assert configure("show", "axis1.gain", "--node", "9") == ExitCode.NODE_FAULT
 
 
+def test_no_stranger_is_told_to_blink(cells, capsys):
+    pump = Pump(cells.array)
+    assert main(["identify", "-i", "virtual"]) == ExitCode.OK
+    assert capsys.readouterr().out == "node 1-3: both LEDs blink together for 5 s\n"
+    assert main(["identify", "--node", "9", "-i", "virtual"]) == ExitCode.NODE_FAULT
+    assert pump.written == []
+
+
 def test_a_stranger_makes_up_for_no_missing_cell(cells, capsys):
     Pump(cells.array, None)
     assert main(["scan", "--cells", "4", "-i", "virtual"]) == ExitCode.NODE_FAULT
