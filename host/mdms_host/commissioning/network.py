@@ -172,7 +172,7 @@ class Commissioning:
         self.link.close()
 
     def find(self, listen_s: float = 0.3) -> list[int]:
-        """Node ids that send or answer within the time; the device type of all is requested.
+        """Node ids that tell of themselves within the time; the device type of all is requested.
 
         The host's own is among them if a node answers there: a cell that has it.
         """
@@ -339,6 +339,9 @@ class Commissioning:
             self._host_node_answers = True
         if frame.can_id == cob.LSS_RESPONSE:
             self.lss.on_response(frame.data)
+        if frame.can_id & ~cob.NODE_MAX in cob.TPDO_BASES:
+            # Gateways repeat those of other buses, under node ids that nobody answers to here.
+            return
         if len(frame.data) == _WHOLE:
             self._network.notify(frame.can_id, bytearray(frame.data), now_s)
         else:

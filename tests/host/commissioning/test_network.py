@@ -10,6 +10,7 @@ from tests.virtual_array import StandingArray, virtual_time
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning, RefusedError, SilentError
 from mdms_host.commissioning.status import scan_bus, scan_table
+from mdms_protocol import pdo
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE
@@ -29,6 +30,14 @@ def test_all_cells_are_found_with_their_identities(standing_cells) -> None:
 def test_nothing_is_found_on_an_empty_bus() -> None:
     with virtual_time(StandingArray(None, 0)):
         assert scan_bus(None, MonotonicClock()) == []
+
+
+def test_a_cell_whose_pdos_a_gateway_repeats_is_no_node_of_this_bus(standing_cells) -> None:
+    array = standing_cells.array
+    send = array.attach(lambda _frame, _now_s: None)
+    speeds = Frame(pdo.ACTUAL_VELOCITY.can_id(cob.CELL_NODE_MAX), bytes(8))
+    array.hand = lambda: send(speeds)
+    assert [node.node_id for node in scan_bus(None, MonotonicClock())] == [1, 2, 3]
 
 
 def test_a_stranger_is_found_and_told_from_cells() -> None:
