@@ -15,6 +15,7 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError, I
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.dictionary import PRODUCT_CODE, VENDOR_ID
 from mdms_protocol.emergencies import (
     IN_ANOTHERS_PLACE,
     PLACE_SOURCE,
@@ -112,6 +113,9 @@ _READS = (
     *(Read(index, 0) for index in (*_ERROR_CODES, indices.SUSPECT, indices.ERROR_REGISTER)),
 )
 _READ_NEIGHBOURS = tuple(Read(*place) for place in NEIGHBOURS)
+#: Vendor and product: only the first is there for certain (CiA 301, 7.5.2.21).
+_KIND = {(indices.IDENTITY, 1): VENDOR_ID, (indices.IDENTITY, 2): PRODUCT_CODE}
+_READ_KIND = tuple(Read(*place) for place in _KIND)
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
@@ -154,22 +158,29 @@ class StatusModel:
 
     It sends little: the statuswords, presence bits and suspect of a node are read when it appears,
     and when it is pre-operational again. An operational node reports changes by itself, and a node
-    that is being flashed must not be disturbed. With `asks_neighbours` it reads the node ids of
-    the cells around each as well.
+    that is being flashed must not be disturbed. With `asks_neighbours` it reads the kind of each
+    and the node ids of the cells around it as well.
     """
 
     def __init__(self, *, asks_neighbours: bool = False) -> None:
-        self._reads = (*_READS, *(_READ_NEIGHBOURS if asks_neighbours else ()))
+        self._reads = (*_READ_KIND, *_READS, *_READ_NEIGHBOURS) if asks_neighbours else _READS
         self._cells: dict[int, RemoteCell] = {}
         self._reading: dict[int, SdoClient] = {}
         self._next_poll_s = 0.0
         #: The node ids that each node has stored of the cells around it, once it is read.
         self.neighbours: dict[int, tuple[int, ...]] = {}
+        #: The nodes that say that they are no cells.
+        self.strangers: set[int] = set()
 
     @property
     def wake_s(self) -> float:
         """When to poll it next [s]."""
         return min((client.wake_s for client in self._reading.values()), default=self._next_poll_s)
+
+    @property
+    def cells(self) -> frozenset[int]:
+        """The nodes that have appeared so far, without strangers."""
+        return frozenset(self._cells.keys() - self.strangers)
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """Take in a node's frame; a node appears with its first heartbeat."""
@@ -211,6 +222,8 @@ class StatusModel:
             return
         del self._reading[node_id]
         answers = client.answers
+        if any(answers.get(place, kind) != kind for place, kind in _KIND.items()):
+            self.strangers.add(node_id)
         if client.done:
             named = (answers.get(place, 0) for place in NEIGHBOURS)
             self.neighbours[node_id] = tuple(filter(None, named))

@@ -106,7 +106,7 @@ def status(arguments: Namespace) -> ExitCode:
         print(json.dumps({"cells": cells, "link": asdict(link.counts), **figures_of(missing)}))
     if not rows:
         raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
-    crowded = max(len(model.rows(0.0)) for model in models)
+    crowded = max(len(model.cells) for model in models)
     warn_of_load(crowded, wire_of(table.options))
     refuse_missing(table.is_split, missing)
     _refuse_faulty(rows)
@@ -126,7 +126,7 @@ def stop(arguments: Namespace) -> ExitCode:
     if failed and not table.is_split:
         raise failed[0][1]
     missing = missing_cells(
-        [HeardCells(bus, frozenset(end.report.heard), end.neighbours) for bus, end in stopped],
+        [HeardCells(bus, end.cells, end.neighbours) for bus, end in stopped],
         arguments.cells,
     )
     if arguments.json:
@@ -135,7 +135,7 @@ def stop(arguments: Namespace) -> ExitCode:
         split = {"buses": figures, "not_stopped": errors}
         told = split if table.is_split else figures[table.buses[0].name]
         print(json.dumps({**told, **figures_of(missing)}))
-    heard = sum(len(end.report.heard) for _, end in stopped)
+    heard = any(end.report.heard for _, end in stopped)
     if not heard and not failed:
         raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     texts = [
@@ -144,7 +144,8 @@ def stop(arguments: Namespace) -> ExitCode:
         if end.report.not_off
     ]
     if heard and not texts and not arguments.json:
-        print(f"{heard} cells are off{_over(table, len(stopped))}")
+        cells = sum(len(end.cells) for _, end in stopped)
+        print(f"{cells} cells are off{_over(table, len(stopped))}")
     if failed:
         names = ", ".join(f"{bus.name} ({error})" for bus, error in failed)
         texts.insert(0, f"not stopped: {names}; {CUT}")
@@ -156,9 +157,10 @@ def stop(arguments: Namespace) -> ExitCode:
 
 @dataclass(frozen=True, slots=True)
 class _Stopped:
-    """A bus on which all was turned off, and the neighbours that each of its cells has stored."""
+    """A bus on which all was turned off, its cells, and the neighbours that each has stored."""
 
     report: StopReport
+    cells: frozenset[int]
     neighbours: Mapping[int, Sequence[int]]
 
 
@@ -175,7 +177,7 @@ def _stop_bus(bus: TableBus) -> _Stopped | LinkError:
                 drive(model, link, clock, lambda: clock.now_s() >= end_s)
     except LinkError as error:
         return error
-    return _Stopped(report, model.neighbours)
+    return _Stopped(report, frozenset(report.heard) - model.strangers, model.neighbours)
 
 
 def _over(table: TableBuses, stopped: int) -> str:
@@ -190,7 +192,7 @@ def _missing_of(
 ) -> list[MissingCells]:
     return missing_cells(
         [
-            HeardCells(bus, frozenset(row.node_id for row in model.rows(0.0)), model.neighbours)
+            HeardCells(bus, model.cells, model.neighbours)
             for bus, model in zip(table.buses, models, strict=True)
         ],
         cells,
