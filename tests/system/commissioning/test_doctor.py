@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.system.links.serving import serving
-from tests.virtual_array import SimulatedArray, StandingArray, virtual_time
+from tests.virtual_array import OtherHost, SimulatedArray, StandingArray, virtual_time
 
 from mdms_cell.canopen.objects import find
 from mdms_host.cli import main
@@ -202,6 +202,28 @@ def test_settings_that_a_run_has_left_are_no_finding(tmp_path, capsys):
         assert "18 cells: 0 serious findings" in capsys.readouterr().out
         bank._cells[4]._objects.put(indices.REVERSAL_TIME, 0, 1)
         assert main(["doctor", "--array", str(path), *BUS]) == ExitCode.NODE_FAULT
+
+
+@pytest.mark.parametrize("event", ["power off", "stop"])
+def test_findings_are_not_lost_with_a_cell_that_dies_or_is_stopped_amid_a_turn(capsys, event):
+    bank = PythonBank(range(1, 19))
+    array = SimulatedArray(bank, "fault=[{kind='lift', parcel='box'}]")
+    started = []
+
+    def look(frame):
+        if frame == nmt.command(nmt.START, 2) and 2 not in started:
+            bank.power_off(1) if event == "power off" else OtherHost(array).stop()
+        if frame.can_id == cob.NMT and frame.data[0] == nmt.START:
+            started.append(frame.data[1])
+
+    with virtual_time(array) as time:
+        time.before_send = look
+        arguments = ["doctor", "--json", "--turn", "--node", "1-3", *BUS]
+        assert main(arguments) == ExitCode.NODE_FAULT
+    kinds, _ = found(capsys)
+    assert kinds.pop("no-drive") == [(2,)]
+    assert kinds.pop("silent-node", None) == ([(2,)] if event == "power off" else None)
+    assert (3 in started) == (event == "power off")
 
 
 def test_an_empty_bus_is_a_finding_and_so_is_another_host(capsys):

@@ -31,7 +31,7 @@ from mdms_host.commissioning.table_cells import (
     how_known,
     missing_cells,
 )
-from mdms_host.commissioning.wheel_turn import BusyError, refuse_busy
+from mdms_host.commissioning.wheel_turn import BusyError, TurnStoppedError, refuse_busy
 from mdms_model.loop_margin import motor_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
@@ -137,7 +137,10 @@ def _settings(
 def _wheels(
     commissioning: Commissioning, examined: Examination, arguments: Namespace
 ) -> list[Finding]:
-    """Wheels of the cells that `--node` names are turned where nobody else drives."""
+    """Wheels of the cells that `--node` names are turned where nobody else drives.
+
+    After a stop no other wheel is turned.
+    """
     motor = motor_of(load_scenario(arguments.scenario).cell)
     wanted = nodes_of(arguments.nodes)
     node_ids = [node for node in examined.cells if wanted is None or node in wanted]
@@ -146,10 +149,14 @@ def _wheels(
         for done, node_id in enumerate(node_ids, 1):
             try:
                 refuse_busy(commissioning, [node_id])
+                findings += examine_wheels(commissioning, node_id, motor)
             except BusyError as error:
                 findings.append(Finding("no-drive", str(error), (node_id,)))
-            else:
-                findings += examine_wheels(commissioning, node_id, motor)
+            except TurnStoppedError as error:
+                findings.append(Finding("no-drive", str(error), (node_id,)))
+                # Nor is a wheel of the other buses.
+                arguments.turn = False
+                break
             share(done / len(node_ids))
     return findings
 

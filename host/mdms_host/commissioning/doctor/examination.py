@@ -20,10 +20,12 @@ from mdms_host.commissioning.network import (
     CommissioningError,
     Identity,
     RefusedError,
+    SilentError,
 )
 from mdms_host.commissioning.node_ids import address
 from mdms_host.commissioning.wheel_turn import (
     Direction,
+    TurnStoppedError,
     WheelError,
     nudge,
     refuse_steering,
@@ -215,18 +217,21 @@ def examine_wheels(
 ) -> Iterator[Finding]:
     """The parameters of the wheels of a cell with such motors.
 
-    Raises StoppedError, SilentError, DeviceGoneError.
+    Raises TurnStoppedError, DeviceGoneError.
     """
     try:
         refuse_steering(commissioning, node_id)
+        for axis in range(1, AXES + 1):
+            try:
+                yield from _examine(commissioning, node_id, axis, motor)
+            except WheelError as error:
+                yield Finding("no-drive", str(error), (node_id,))
+    except TurnStoppedError:
+        raise
+    except SilentError as error:
+        yield Finding("silent-node", str(error), (node_id,))
     except CommissioningError as error:
         yield Finding("no-drive", str(error), (node_id,))
-        return
-    for axis in range(1, AXES + 1):
-        try:
-            yield from _examine(commissioning, node_id, axis, motor)
-        except WheelError as error:
-            yield Finding("no-drive", str(error), (node_id,))
 
 
 def _examine(
