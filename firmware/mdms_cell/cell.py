@@ -123,7 +123,7 @@ class Cell:
         self._beat = Beat()
         blink = getattr(self._board, "blink", _no_leds)
         self._identification = _Identification(objects, blink, self._attend)
-        self._parameters = Parameters(objects, self._store, self._axes.driving, self._emcy)
+        self._parameters = Parameters(objects, self._store, self._awake, self._emcy)
         self._update = self._updating()
         self._tie_cell()
 
@@ -188,6 +188,10 @@ class Cell:
 
     def _read_signature(self):
         return signature.of(self._objects.data)
+
+    def _awake(self):
+        """Whether an axis is on, or a wheel brakes still: no flash may be written then."""
+        return not speed_loop.let_sleep(self._registers)
 
     def _may_enable(self):
         return self.state == nmt.OPERATIONAL and not self._update.busy

@@ -336,6 +336,25 @@ def test_nothing_is_saved_while_a_motor_is_on():
     assert board.take()[-1] == (0x585, sdo.abort(0x1010, 1, sdo.WRONG_STATE))
 
 
+def test_nothing_is_saved_while_a_wheel_brakes():
+    cell, board = operational()
+    enable(cell)
+    cell.tick()
+    cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
+    assert asked_to_save(cell, board) == sdo.WRONG_STATE
+    for _ in range(100):
+        cell.tick()
+    # It stands, and this board has no memory.
+    assert asked_to_save(cell, board) == sdo.CANNOT_STORE
+
+
+def asked_to_save(cell, board):
+    """The code of the refusal."""
+    board.take()
+    cell.on_frame(0x605, sdo.write_request(0x1010, 1, b"save"), cell.now_ms)
+    return int.from_bytes(board.take()[-1][1][4:], "little")
+
+
 def test_full_transmit_queue_is_counted():
     cell, board = operational()
     board.send = lambda can_id, data: False

@@ -111,7 +111,7 @@ class Store:
 
 
 class Parameters:
-    """Ties 0x1010 and 0x1011 to the store; `driving()` returns whether motors are on.
+    """Ties 0x1010 and 0x1011 to the store; `driving()` is whether motors are on, or brake still.
 
     Erasing flash stops the processor, so nothing is stored while they are. Saved values that do not
     fit are reported to `emcy`, with the first of them and their number, until they are given up.

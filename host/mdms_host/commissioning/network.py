@@ -94,6 +94,8 @@ class ForeignStops:
 _ANSWER_S = 1.0
 #: Erasing a sector of flash may take a board this long.
 _FLASH_S = 3.0
+#: A cell writes no flash while a wheel brakes: 2 s at most (0x3004), unless that was set longer.
+_BRAKES_S = 2.5
 #: A reset, and the time for which a cell makes sure that its node id is its own.
 _BOOT_S = 3.0
 _LOOK_S = 0.005
@@ -293,11 +295,20 @@ class Commissioning:
         self.link.send(nmt.command(code, node_id))
 
     def _sign(self, node_id: int, index: int, signature: bytes) -> None:
-        """Write what makes 0x1010 and 0x1011 act, to all parameters."""
+        """Write what makes 0x1010 and 0x1011 act, to all parameters, once no wheel brakes."""
         client = self._node(node_id).sdo
         usual_s, client.RESPONSE_TIMEOUT = client.RESPONSE_TIMEOUT, _FLASH_S
+        end_s = self._clock.now_s() + _BRAKES_S
         try:
-            self.write(node_id, index, 1, int.from_bytes(signature, "little"))
+            while True:
+                try:
+                    self.write(node_id, index, 1, int.from_bytes(signature, "little"))
+                    return
+                except RefusedError as refusal:
+                    on = self.states.get(node_id) == nmt.OPERATIONAL
+                    if refusal.code != sdo.WRONG_STATE or on or self._clock.now_s() >= end_s:
+                        raise
+                self._clock.sleep(_LOOK_S)
         finally:
             client.RESPONSE_TIMEOUT = usual_s
 

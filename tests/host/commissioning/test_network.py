@@ -167,6 +167,18 @@ def test_a_node_that_is_not_there_is_silent(commissioning) -> None:
         commissioning.read(77, 0x2000)
 
 
+def test_settings_are_stored_once_no_wheel_brakes(commissioning, standing_cells, monkeypatch):
+    parameters = standing_cells.array.bank._cells[0]._parameters
+    ends_s = standing_cells.now_s() + 1.0
+    monkeypatch.setattr(parameters, "_driving", lambda: standing_cells.now_s() < ends_s)
+    commissioning.store(1)
+    assert ends_s <= standing_cells.now_s() < ends_s + 0.1
+    monkeypatch.setattr(parameters, "_driving", lambda: True)
+    with pytest.raises(RefusedError):
+        commissioning.store(1)
+    assert standing_cells.now_s() < ends_s + 3.0
+
+
 def test_nmt_commands_reach_one_node(commissioning) -> None:
     commissioning.command(nmt.START, 2)
     # Its next heartbeat says so.
