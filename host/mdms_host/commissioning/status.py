@@ -144,8 +144,9 @@ class CellStatus:
 
     @property
     def in_fault(self) -> bool:
-        """Whether an axis of it is in fault, or an error of it stands."""
-        return bool(self.errors) or any("fault" in name for name in self.drives or ())
+        """Whether an axis of it is in fault, an error of it stands, or a neighbour suspects it."""
+        told = self.errors or self.suspected_by
+        return bool(told) or any("fault" in name for name in self.drives or ())
 
     @property
     def silent(self) -> bool:
@@ -265,7 +266,7 @@ def status_table(rows: list[CellStatus], dots: tuple[str, str] = ("●", "○"))
             _dots(row.presence, dots),
             " ".join(f"{speed * 1e3:5.1f}" for speed in row.speeds_m_s or ()),
             _remark(row),
-            style="red" if row.silent or row.in_fault or row.suspected_by else None,
+            style="red" if row.silent or row.in_fault else None,
         )
     return table
 

@@ -197,7 +197,10 @@ def test_a_suspect_from_before_is_read() -> None:
             if frame.can_id == 0x605:
                 index = frame.data[1] | frame.data[2] << 8
                 model.on_frame(answer(index, replies[index]), step / 100)
-    assert [row.suspected_by for row in model.rows(0.1)] == [(), (5,)]
+    assert [(row.suspected_by, row.in_fault) for row in model.rows(0.1)] == [
+        ((), False),
+        ((5,), True),
+    ]
 
 
 def test_a_cell_in_anothers_place_from_before_is_named() -> None:
