@@ -88,7 +88,7 @@ def test_a_cell_of_another_protocol_is_marked(standing_cells, capsys, monkeypatc
         return replace(found, revision=0x00020000) if node_id == 2 else found
 
     monkeypatch.setattr(Commissioning, "identity", older)
-    assert main(["scan", "--json", "-i", "virtual"]) == ExitCode.OK
+    assert main(["scan", "--json", "-i", "virtual"]) == ExitCode.NODE_FAULT
     nodes = json.loads(capsys.readouterr().out)["nodes"]
     assert [node["problem"] for node in nodes] == [
         None,

@@ -70,7 +70,22 @@ def scan(arguments: Namespace) -> ExitCode:
     crowded = max(sum(node.is_cell for node in some) for some in nodes.values())
     warn_of_load(crowded, wire_of(table.options))
     refuse_missing(table.is_split, missing)
+    _refuse_unfit(table, nodes)
     return ExitCode.OK
+
+
+def _refuse_unfit(table: TableBuses, nodes: Mapping[str, Sequence[FoundNode]]) -> None:
+    """Raise `CommandError` where a cell speaks another protocol, or a node does not answer."""
+    texts = []
+    for bus, some in nodes.items():
+        cells = [node for node in some if node.is_cell or node.identity is None]
+        if unfit := [node.node_id for node in cells if node.problem]:
+            texts.append(f"{f'{bus}, ' if table.is_split else ''}node {ranges(unfit)}")
+    if texts:
+        named = ", ".join(texts)
+        raise CommandError(
+            f"not fit for a run: {named}; mdms doctor names the cure", ExitCode.NODE_FAULT
+        )
 
 
 def _heard(table: TableBuses, number: int, nodes: Sequence[FoundNode]) -> HeardCells:

@@ -184,8 +184,10 @@ def test_status_for_people_is_a_table(channel, capsys):
 
 def test_scan_tells_of_nodes_that_do_not_answer(channel, capsys):
     with Nodes(channel, {5: nmt.OPERATIONAL}):
-        assert on(channel, "scan", "--json") == ExitCode.OK
-    (node,) = json.loads(capsys.readouterr().out)["nodes"]
+        assert on(channel, "scan", "--json") == ExitCode.NODE_FAULT
+    told = capsys.readouterr()
+    assert "not fit for a run: node 5; mdms doctor names the cure" in told.err
+    (node,) = json.loads(told.out)["nodes"]
     assert (node["node_id"], node["state"], node["identity"]) == (5, "operational", None)
     assert node["problem"]
 
