@@ -15,7 +15,7 @@ from mdms_host.commissioning.network import ForeignStops
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame
-from mdms_protocol.emergencies import error_text
+from mdms_protocol.emergencies import LOW_SUPPLY, code_text, error_text
 from mdms_protocol.entry import MICROMETRES_PER_SECOND, steps_per_unit
 
 #: A wheel that is to be looked at turns no faster.
@@ -231,7 +231,11 @@ class Jog:
 
     @property
     def _errors(self) -> str:
-        return "".join(f"; {error_text(*error)}" for error in self.cell.errors.items())
+        told = [error_text(*error) for error in self.cell.errors.items()]
+        if self.cell.lacks_supply and LOW_SUPPLY not in self.cell.errors.values():
+            # Its emergency went out before anybody listened.
+            told.append(code_text(LOW_SUPPLY))
+        return "".join(f"; {text}" for text in told)
 
 
 def _limits(axis: int, limit_mv: int | None) -> tuple[Setting, ...]:

@@ -219,6 +219,16 @@ def test_no_wheel_is_turned_while_an_emergency_stop_is_pressed(pressed, capsys):
         assert ("at node 1-4, 6-18" in told) == pressed
 
 
+@pytest.mark.parametrize("more", [[], ["--reset"]])
+def test_a_cell_whose_fuse_had_blown_before_says_so(more, capsys):
+    with virtual_time(
+        SimulatedArray(PythonBank(range(1, 19)), without_supply(0.0, [CELL]))
+    ) as time:
+        time.sleep(0.5)
+        assert main([*JOG, *more]) == ExitCode.NODE_FAULT
+    assert "; 0x3220: supply below the undervoltage limit\n" in capsys.readouterr().err
+
+
 def test_a_cell_that_has_gone_is_waited_for_once():
     fault = f"fault=[{{kind='off', cells=[{CELL + 1}], start_s=0.5}}]"
     with (
