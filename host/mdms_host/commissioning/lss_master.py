@@ -77,6 +77,7 @@ class LssMaster:
 
         A fast scan finds the lowest of them, which then keeps out of the next scan.
         """
+        self._take_back()
         for timeout_s in self._timeouts_s:
             self._timeout_s = timeout_s
             self.leave()
@@ -179,6 +180,16 @@ class LssMaster:
     def leave(self) -> None:
         """End the configuration of all cells; those that were blank boot with their node ids."""
         self._send(lss.SWITCH_GLOBAL, bytes((lss.WAITING,)))
+
+    def _take_back(self) -> None:
+        """End the configuration of a master that was killed: an id that is not stored counts not.
+
+        The cell would boot with it, and lose it with its power.
+        """
+        self._send(lss.CONFIGURE_NODE_ID, bytes((cob.NODE_NONE,)))
+        self.leave()
+        self._timeout_s = self._answer_s
+        self._others_answer()
 
     def _scan_all(self) -> list[LssAddress]:
         found: list[LssAddress] = []

@@ -89,11 +89,30 @@ def test_broken_off_at_any_stage_it_ends_well_the_next_time(
     assert cut.fired
     cells.mute = False
     assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
+    switched_off_and_on(cells)
     with Commissioning(None, MonotonicClock()) as bus:
-        for node_id in range(1, 4):
-            bus.restart(node_id)
         assert serials(bus) == list(ORDER)
         assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
+
+
+def switched_off_and_on(cells):
+    for cell in range(3):
+        cells.array.bank.power_off(cell)
+        cells.array.bank.restart(cell)
+    cells.sleep(0.3)
+
+
+@pytest.mark.parametrize("cells", [(NONE,) * 3], indirect=True)
+def test_a_node_id_that_a_killed_command_has_not_stored_is_given_again(cells, capsys):
+    Cut(cells, [GIVE_ID, STORE_ID], killed=True)
+    assign = ["configure", "assign", "-i", "virtual"]
+    assert main(assign) == INTERRUPTED
+    cells.mute = False
+    assert doctor_finds(capsys) == ["blank"]
+    assert main(assign) == ExitCode.OK
+    switched_off_and_on(cells)
+    with Commissioning(None, MonotonicClock()) as bus:
+        assert serials(bus) == [1, 2, 3]
 
 
 def doctor_finds(capsys):
