@@ -180,7 +180,11 @@ def assign_by_serial(
     known = [*cells, *((address_of(who), node_id) for node_id, who in present.items())]
     absent = wanted.keys() - {address.serial for address, _ in known}
     if absent:
-        raise NodeIdError(f"not on the bus: {', '.join(f'{one:08X}' for one in sorted(absent))}")
+        names = ", ".join(f"{one:08X}" for one in sorted(absent))
+        raise NodeIdError(
+            f"not on the bus: {names}; is it powered, or has another cell its node id? mdms doctor "
+            "tells, and mdms commission gives each its own"
+        )
     serials = [address.serial for address, _ in known if address.serial in wanted]
     twice = {serial for serial in serials if serials.count(serial) > 1}
     if twice:
