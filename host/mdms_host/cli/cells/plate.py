@@ -11,6 +11,7 @@ from mdms_host.commissioning.commissioner import start
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import SightingError, Sightings, Spot
+from mdms_host.commissioning.wheel_turn import TurnStoppedError
 from mdms_host.layout import Layout
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cob, nmt
@@ -99,12 +100,19 @@ def _watch(
     sightings: Sightings,
     arguments: Namespace,
 ) -> dict[int, Spot]:
-    """Until the cells fill a grid, and nothing new has come for a moment."""
+    """Until the cells fill a grid, and nothing new has come for a moment.
+
+    A cell that restarts goes on to report. Raises TurnStoppedError where another host stops cells.
+    """
     clock = MonotonicClock()
     settling = _Settling(sightings, len(keys), (arguments.columns, arguments.rows))
     watch = PlateWatch(sightings, keys)
     end_s = clock.now_s() + arguments.limit
     while clock.now_s() < end_s:
+        if reason := commissioning.foreign_stops.reason():
+            raise TurnStoppedError(f"the cells were stopped: {reason}; begin again")
+        restarted = [node for node in keys if commissioning.states.get(node) != nmt.OPERATIONAL]
+        start(commissioning, restarted)
         for node_id, serial in keys.items():
             if serial not in sightings.seen:
                 blink(commissioning, node_id, _BLINK_S)

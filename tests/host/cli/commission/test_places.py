@@ -7,6 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 from tests.host.cli.commission.on_the_table import GRID, ORDER, ORDER_6, answered, blank, serials
+from tests.virtual_array import OtherHost
 
 from mdms_host.cli.cells.plate import check_corner
 from mdms_host.cli.exits import CommandError, ExitCode
@@ -73,8 +74,8 @@ def test_place_that_was_undone_is_not_kept(commission, bus, monkeypatch):
     assert [bus.read(node_id, indices.PLACE, 1) for node_id in (1, 2, 3)] == [0, 0, 0]
 
 
-@blank
-def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells, tmp_path, capsys):
+def moved_plate(bus, cells):
+    """A hand that moves a plate over a table of two rows while somebody watches."""
     layout = Layout(3, 2)
     place_of = {serial: place for place, serial in enumerate(ORDER_6)}
     # A hand over a table: along both rows and between them, again until it is over.
@@ -92,7 +93,12 @@ def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells,
             for serial in ORDER_6:
                 cells.array.presence[serial - 1] = bits[place_of[serial]]
 
-    cells.array.hand = move
+    return move
+
+
+@blank
+def test_a_plate_that_is_moved_over_the_table_places_all(commission, bus, cells, tmp_path, capsys):
+    cells.array.hand = moved_plate(bus, cells)
     done = commission("--plate", "--corner", "00000004", "--yes", "--limit", "30")
     assert done == ExitCode.OK, capsys.readouterr().err
     assert serials(bus, 6) == list(ORDER_6)
@@ -108,6 +114,25 @@ def test_a_corner_that_lies_elsewhere_shows_that_cells_are_mounted_turned():
         check_corner(11, spots, (2, 1))
     with pytest.raises(CommandError, match="0000000C is not on the bus"):
         check_corner(12, spots, (2, 1))
+
+
+@blank
+@pytest.mark.parametrize("event", ["restart", "stop"])
+def test_a_cell_that_restarts_is_seen_and_a_stop_is_heeded_amid_a_plate(
+    commission, bus, cells, capsys, event
+):
+    move, other, moves = moved_plate(bus, cells), OtherHost(cells.array), itertools.count()
+
+    def hand():
+        move()
+        if bus.states.get(TOP) == nmt.OPERATIONAL and next(moves) == 500:
+            cells.array.bank.restart(2) if event == "restart" else other.stop()
+
+    cells.array.hand = hand
+    done = commission("--plate", "--yes", "--limit", "60")
+    told = capsys.readouterr().err
+    assert done == (ExitCode.OK if event == "restart" else ExitCode.NODE_FAULT), told
+    assert ("another host has sent" in told) == (event == "stop")
 
 
 def test_a_plate_that_nobody_moves_ends_with_time(commission, cells, capsys):
