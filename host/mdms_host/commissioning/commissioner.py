@@ -264,6 +264,7 @@ def write_settings(commissioning: Commissioning, cell: FiledCell) -> Commissione
             f"node {cell.node_id} is {settings.serial:08X} now, and was {cell.serial:08X}"
         )
     changes = settings.changes(cell.values)
+    commissioning.expect_boot(cell.node_id)
     apply_changes(commissioning, changes, lambda _share: None)
     stored = _keep(commissioning, cell.node_id)
     return Commissioned(cell.node_id, len(changes), stored)
@@ -307,6 +308,7 @@ def _keep(commissioning: Commissioning, node_id: int) -> bool:
         if refusal.code == sdo.CANNOT_STORE:
             return False
         raise
+    commissioning.refuse_booted([node_id])
     before = commissioning.read(node_id, indices.SIGNATURE)
     commissioning.restart(node_id)
     if commissioning.read(node_id, indices.SIGNATURE) != before:

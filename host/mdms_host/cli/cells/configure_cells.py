@@ -112,15 +112,18 @@ def refuse_other_host(commissioning: Commissioning) -> None:
 def write_cells(
     commissioning: Commissioning,
     changes: Sequence[Change],
-    node_ids: Iterable[int],
+    node_ids: Sequence[int],
     *,
     save: bool,
 ) -> None:
     """Write, read back, and store if that is wanted; an error is preceded by how far it got.
 
-    Raises OtherHostError beside another host, with nothing written.
+    Raises OtherHostError beside another host, with nothing written, and CommissioningError where a
+    cell restarts meanwhile.
     """
     refuse_other_host(commissioning)
+    for node_id in node_ids:
+        commissioning.expect_boot(node_id)
     done = 0.0
 
     with progress("writing") as share:
@@ -137,6 +140,7 @@ def write_cells(
             raise
     if save:
         _store(commissioning, node_ids)
+    commissioning.refuse_booted(node_ids)
 
 
 def _store(commissioning: Commissioning, node_ids: Iterable[int]) -> None:

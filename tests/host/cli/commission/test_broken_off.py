@@ -175,6 +175,26 @@ def test_an_answer_that_was_cut_in_two_is_asked_again(commission, cells, tmp_pat
     assert {cell.serial: cell.number for cell in file.cells} == {1: 3, 2: 2, 3: 1}
 
 
+def test_a_cell_that_restarts_before_it_has_stored_is_named_and_the_next_run_mends_it(
+    commission, listed, cells, capsys
+):
+    def look(frame):
+        if STORE(frame):
+            cells.before_send = lambda _frame: None
+            cells.array.bank.restart(ORDER[0] - 1)
+            cells.sleep(0.2)
+
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
+    assert main(["configure", "restore-defaults", "--yes", "-i", "virtual"]) == ExitCode.OK
+    cells.before_send = look
+    capsys.readouterr()
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.NODE_FAULT
+    assert "00000002: node 1 restarted meanwhile" in capsys.readouterr().err
+    assert commission("--list", listed, *GRID, "--yes") == ExitCode.OK
+    with Commissioning(None, MonotonicClock()) as bus:
+        assert [bus.read(node_id, indices.PLACE, 1) for node_id in range(1, 4)] == [1, 2, 3]
+
+
 def test_a_cell_that_dies_in_the_middle_is_named_and_the_next_run_mends_it(  # noqa: PLR0917
     commission, listed, bus, cells, tmp_path, monkeypatch, capsys
 ):

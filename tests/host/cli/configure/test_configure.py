@@ -16,7 +16,8 @@ from mdms_host.commissioning.network import Commissioning, SilentError, ranges
 from mdms_host.commissioning.node_ids import address_of
 from mdms_host.commissioning.parameters import PARAMETERS, WIRING
 from mdms_model.scenario.file import load_scenario
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs import cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 
 
@@ -135,6 +136,21 @@ def test_a_cell_that_cannot_store_keeps_no_other_from_it_and_is_named(configure,
         for node_id in (1, 2, 3):
             commissioning.restart(node_id)
         assert [commissioning.read(node_id, 0x3000) for node_id in (1, 2, 3)] == [50, 80, 80]
+
+
+def test_a_cell_that_restarts_before_it_has_stored_is_named(configure, capsys, cells):
+    stores = sdo.write_request(0x1010, 1, b"save")
+
+    def look(frame: Frame) -> None:
+        if frame.data == stores:
+            cells.before_send = lambda _frame: None
+            cells.array.bank.restart(1)
+            cells.sleep(0.2)
+
+    cells.before_send = look
+    assert configure("set", "axis1.gain=12", "--save") == ExitCode.NODE_FAULT
+    assert "node 2 restarted meanwhile" in capsys.readouterr().err
+    assert values(configure, capsys, "axis1.gain") == {"1": 12.0, "2": 13.0, "3": 12.0}
 
 
 def test_saved_settings_stay_and_others_go_with_the_power(configure, capsys, cells):
