@@ -84,9 +84,13 @@ class ReportRequests:
                 connection, _ = listener.accept()
             except OSError:
                 return
-            with connection, suppress(OSError, ValueError, RecursionError):
-                connection.settimeout(_ASKS_S)
-                self._answer(connection, json.loads(connection.recv(_LONGEST)))
+            # A report takes seconds, and others ask meanwhile which commands run.
+            Thread(target=self._serve, args=(connection,), name="report", daemon=True).start()
+
+    def _serve(self, connection: socket.socket) -> None:
+        with connection, suppress(OSError, ValueError, RecursionError):
+            connection.settimeout(_ASKS_S)
+            self._answer(connection, json.loads(connection.recv(_LONGEST)))
 
     def _answer(self, connection: socket.socket, asked: Any) -> None:
         """Raises OSError."""

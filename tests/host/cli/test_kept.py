@@ -3,7 +3,10 @@
 import json
 import os
 import socket
+import time
 from argparse import Namespace
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,7 +15,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.kept import level_of, reports_folder
 from mdms_host.cli.log_files import LogFolder, RotatingFile
-from mdms_host.cli.report_requests import ReportRequests, folder_of_requests, running
+from mdms_host.cli.report_requests import ReportRequests, ask, folder_of_requests, running
 from mdms_model.run.folder import read_run
 from mdms_sim.nodes.bank import NodeDied
 
@@ -31,6 +34,21 @@ def test_reports_lie_beside_the_log_files_else_in_the_users_own_folder(monkeypat
     monkeypatch.setenv("XDG_STATE_HOME", "/state")
     assert reports_folder(options()) == Path("/state/mdms-array/reports")
     assert reports_folder(options(log_dir=Path("/var/log/mdms"))) == Path("/var/log/mdms")
+
+
+def test_a_command_is_listed_while_it_writes_a_report_and_after_nonsense(
+    tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with closing(ReportRequests("table")) as requests, ThreadPoolExecutor() as pool:
+        first = pool.submit(ask, os.getpid(), {"do": "report"}, 10.0)
+        while not (taken := list(requests.take())):
+            time.sleep(0.01)
+        assert running() == {os.getpid(): "table"}
+        taken[0].done(Path("there"), None)
+        assert first.result() == {"report": "there"}
+        assert ask(os.getpid(), [], 2.0) == {"error": "that is no request"}
+        assert running() == {os.getpid(): "table"}
 
 
 def test_a_full_file_gives_way_to_a_new_one_and_the_oldest_goes(tmp_path) -> None:
