@@ -140,9 +140,10 @@ def find_parameters(name: str) -> tuple[Parameter, ...]:
     key = re.sub(r"[\s-]+", "_", key.lower())
     if key in BY_NAME:
         return (BY_NAME[key],)
-    of_axes = tuple(each for each in PARAMETERS if each.name.partition(".")[2] == key)
+    # A setting of the cell has no name behind a dot, and an empty key means none of them.
+    of_axes = tuple(each for each in PARAMETERS if key and each.name.partition(".")[2] == key)
     if not of_axes:
-        raise ParameterError(f"{name}: there is no such setting; {_near(key)}")
+        raise ParameterError(f"{name or repr(name)}: there is no such setting; {_near(key)}")
     return of_axes
 
 

@@ -84,6 +84,7 @@ def test_values_are_in_si_units(text, numbers):
         ("resolution=37595.5", "no whole number"),
         ("0x6041=1", "keeps no such setting"),
         ("statusword=1", "there is no such setting"),
+        ("=1", "'': there is no such setting"),
     ],
 )
 def test_an_impossible_value_is_refused_with_the_possible_ones(text, told):
