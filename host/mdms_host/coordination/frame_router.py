@@ -8,11 +8,16 @@ from mdms_host.coordination.commands import CellsControl, Commands
 from mdms_host.coordination.recovery import ArrayState
 from mdms_host.estimation.tracker import Tracker
 from mdms_protocol import pdo
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.emergencies import error_text
 
-_SWITCHING_OFF = (nmt.ENTER_PRE_OPERATIONAL, nmt.STOP)
+#: Objects that command a drive, by their indices.
+_COMMANDS = {
+    entry.index for map_ in (pdo.CONTROLWORD, pdo.TARGET_VELOCITY) for entry in map_.entries
+}
+#: A reset switches drives off as well, and the cell is the other program's until it is done.
+_SWITCHING_OFF = frozenset(nmt.TRANSITIONS) - {nmt.START}
 
 
 class FrameRouter:
@@ -20,7 +25,8 @@ class FrameRouter:
 
     Frames of other nodes, and frames that cannot be decoded, do nothing. `other_host` is whether
     another node sends heartbeats as the host. `switched_off` is whether another node has taken
-    cells out of 'operational'.
+    cells out of 'operational'. `commanded` is the first cell whose drives another node has
+    commanded, None without one.
     """
 
     def __init__(
@@ -33,6 +39,7 @@ class FrameRouter:
     ) -> None:
         self.other_host = False
         self.switched_off = False
+        self.commanded: BringUpCell | None = None
         self._supervision = array.supervision
         self._odometry = array.odometry
         self._journal = array.journal
@@ -61,6 +68,9 @@ class FrameRouter:
         handlers[pdo.ACTUAL_VELOCITY.can_id(node_id)] = partial(self._odometry.on_speeds, cell)
         handlers[cob.EMCY_BASE + node_id] = partial(self._on_emergency, cell)
         handlers[cob.SDO_RESPONSE_BASE + node_id] = partial(self._on_answer, cell)
+        for each in (pdo.CONTROLWORD, pdo.TARGET_VELOCITY):
+            handlers[each.can_id(node_id)] = partial(self._on_other_values, cell, each)
+        handlers[cob.SDO_REQUEST_BASE + node_id] = partial(self._on_other_request, cell)
         if by_cells is not None:
             handlers[cob.ESTIMATE_BASE + node_id] = partial(by_cells.on_estimate, cell)
             handlers[cob.PROGRAM_BASE + node_id] = partial(by_cells.on_page, cell)
@@ -98,6 +108,19 @@ class FrameRouter:
     def _on_other_host(self, data: bytes, now_s: float) -> None:
         """Somebody else sends heartbeats as the host."""
         self.other_host |= nmt.decode_heartbeat(data) is not None
+
+    def _on_other_values(
+        self, cell: BringUpCell, map_: pdo.PdoMap, data: bytes, _now_s: float
+    ) -> None:
+        """Somebody else sends controlwords or setpoints."""
+        if map_.decode(data) is not None:
+            self.commanded = self.commanded or cell
+
+    def _on_other_request(self, cell: BringUpCell, data: bytes, _now_s: float) -> None:
+        """Somebody else reads or writes an object."""
+        writes = len(data) == 8 and data[0] & sdo.SPECIFIER == sdo.DOWNLOAD
+        if writes and int.from_bytes(data[1:3], "little") in _COMMANDS:
+            self.commanded = self.commanded or cell
 
     def _on_other_command(self, data: bytes, now_s: float) -> None:
         """Somebody else sends commands of network management."""

@@ -6,7 +6,7 @@ from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
 from mdms_host.coordination.frame_router import FrameRouter
 from mdms_host.coordination.recovery import ArrayState, Recovery
 from mdms_host.coordination.run_state import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, RunSignal
-from mdms_host.coordination.supervision import OTHER_HOST, SWITCHED_OFF, names
+from mdms_host.coordination.supervision import COMMANDED, OTHER_HOST, SWITCHED_OFF, names
 
 _OVER = (Phase.FAILING, *STOPPED)
 
@@ -70,6 +70,8 @@ class RunStateMachine:
             self._fail(OTHER_HOST, now_s)
         elif self._frame_router.switched_off:
             self._fail(SWITCHED_OFF, now_s)
+        elif cell := self._frame_router.commanded:
+            self._fail(f"{COMMANDED}: {cell.name}", now_s)
         elif self._stop_requested and (self.phase, RunSignal.STOP) in TRANSITIONS:
             self._signal(RunSignal.STOP, now_s)
         elif self.phase in UP:

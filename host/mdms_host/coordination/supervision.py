@@ -68,6 +68,9 @@ _GATHER_S = 0.05
 #: The trouble of cells that another program took out of 'operational': a stop is a stop.
 SWITCHED_OFF = "another program has switched cells off on this bus (network management)"
 
+#: The trouble of a cell that gets controlwords or setpoints of another program as well.
+COMMANDED = "another program commands drives on this bus (controlwords or setpoints)"
+
 #: Of more cells with another serial number than they are to have, the others are counted.
 _MOST_NAMED = 3
 

@@ -12,7 +12,7 @@ from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import FieldProgram
 from mdms_protocol import pdo
-from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import OutOfRangeError
 
@@ -185,6 +185,42 @@ def test_another_host_that_begins_at_the_same_time_stops_both(rolling_array) -> 
     array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
     assert coordinator.phase == Phase.FAILED
     assert "another host runs on this bus (a heartbeat of node 127)" in coordinator.fault
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(0x306, pdo.CONTROLWORD.encode((cia402.ENABLE_OPERATION,) * 2)),
+        Frame(0x206, pdo.TARGET_VELOCITY.encode((200_000, 0))),
+        Frame(0x606, sdo.write_request(0x6040, 0, b"\x0f\x00")),
+        Frame(0x606, sdo.write_request(0x68FF, 0, b"\x00\x00\x00\x00")),
+    ],
+)
+def test_another_program_that_commands_a_drive_ends_the_run(rolling_array, frame: Frame) -> None:
+    coordinator = Coordinator(LAYOUT, FieldProgram(np.full(36, 0.05)))
+    array = running(rolling_array, coordinator)
+    array.inject(Frame(0x606, sdo.read_request(0x6040, 0)))
+    array.inject(Frame(0x606, sdo.write_request(0x3007, 0, b"\x00\x00")))
+    array.run(coordinator, array.now_s + 0.2)
+    assert coordinator.phase == Phase.RUNNING
+    array.inject(frame)
+    array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
+    assert coordinator.fault == (
+        "another program commands drives on this bus (controlwords or setpoints): cell 6 (node 6)"
+    )
+    assert not any(cia402.OPERATION_ENABLED in cell.states for cell in array.cells)
+
+
+@pytest.mark.parametrize("command", [nmt.RESET_NODE, nmt.RESET_COMMUNICATION, nmt.STOP])
+def test_another_program_that_switches_one_cell_off_ends_the_run(rolling_array, command) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = running(rolling_array, coordinator)
+    array.inject(nmt.command(nmt.START, 6))
+    array.run(coordinator, array.now_s + 0.2)
+    assert coordinator.phase == Phase.RUNNING
+    array.inject(nmt.command(command, 6))
+    array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
+    assert "another program has switched cells off" in coordinator.fault
 
 
 def test_a_journal_of_weeks_keeps_the_latest_events_and_counts_all():
