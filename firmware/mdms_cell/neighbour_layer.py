@@ -333,7 +333,8 @@ class Layer:
         identity, pages = self._tracking.identity, self._pages
         if self._consumer.host_lost:
             self._silent_ms = min(self._silent_ms + self._step_ms, _GONE_MS)
-            pages.programs.outdate(identity)
+            # A fault that somebody resets without the host ends the way of before.
+            pages.programs.outdate(0 if self._axes.failed() else identity)
         elif self._silent_ms:
             if self._silent_ms == _GONE_MS:
                 pages.on_host_back(identity if self._rights.state == UNDER else 0)

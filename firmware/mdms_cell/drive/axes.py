@@ -529,6 +529,10 @@ class Axes:
         """Whether any motor is on."""
         return any(drive.state in DRIVING for drive in self._drives)
 
+    def failed(self):
+        """Whether any axis is in 'fault', or brakes on its way there."""
+        return any(drive.state in _FAILED for drive in self._drives)
+
     def follow(self):
         """Whether any wheel follows its target."""
         return any(drive.follows() for drive in self._drives)

@@ -5,6 +5,7 @@ from layer_bench import NEIGHBOURS, NODE, Middle, targets_um_s
 from mdms_cell.drive import speed_loop
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.neighbours import frames as wire
 
 COUNTS_PER_METRE = 37_596
 SPEED_UM_S = 100_000
@@ -284,3 +285,33 @@ def test_wheels_that_come_back_begin_as_slowly_as_under_any_parcel_that_stands()
             assert target_um_s <= before_um_s + 2 * STEP_UM_S, words
             before_um_s = target_um_s
         assert before_um_s > 10 * STEP_UM_S
+
+
+def test_reset_of_the_fault_without_the_host_moves_nothing_until_there_is_a_new_goal():
+    for missed in (False, True):
+        middle = Powered(SPEED_UM_S)
+        middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+        middle.sequence = middle.its_sequence = 2
+        middle.program_flags = wire.GO_ON
+        middle._pages()
+        middle.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", middle.now_ms)
+        middle.beats(20, moving=True)
+        assert middle.driven
+        middle.supply_uv = 0
+        if missed:
+            # Its measurement is stuck for a while: neighbours have forgotten the goal, it has not.
+            middle.supply_uv = SUPPLY_UV
+            middle.unsupplied = NEIGHBOURS
+        middle.beats(20, moving=False)
+        middle.supply_uv, middle.unsupplied = SUPPLY_UV, ()
+        middle.its_sequence, middle.its_flags = 0, wire.LACKING
+        middle.driven = False
+        middle.control(cia402.DISABLE_VOLTAGE, cia402.FAULT_RESET)
+        middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON)
+        middle.beats(40, moving=False)
+        assert not middle.driven
+        middle.sequence = middle.its_sequence = 3
+        middle.its_flags = 0
+        middle._pages()
+        middle.beats(20, moving=False)
+        assert middle.driven
