@@ -99,6 +99,7 @@ def draw(seed: int, setting: str | None = None, lasts_s: float | None = None) ->
         storm = _drawn(seed, random, chosen)
         if lasts_s is None:
             storm = _long_enough(storm)
+        storm = _with_commands(storm, chosen)
         try:
             scenario_of(storm)
         except InputError:
@@ -166,6 +167,39 @@ def _drawn(seed: int, random: Random, setting: Setting) -> Storm:
     if faults:
         tables["fault"] = faults
     return Storm(seed, tables, tuple(events))
+
+
+def _with_commands(storm: Storm, setting: Setting) -> Storm:
+    """Now and then a storm in which another node commands cells too, often just after a fault.
+
+    They are drawn apart, so the rest of a storm is the same with and without them.
+    """
+    random = Random(f"commands {storm.seed}")
+    events = list(storm.events)
+    for _ in range(random.choice(COMMANDS)):
+        time_s = random.uniform(BROUGHT_UP_S, 0.6 * setting.lasts_s)
+        if storm.faults and random.random() < 0.6:
+            fault = random.choice(storm.faults)
+            time_s = fault["start_s"] + fault.get("duration_s", 0.0) + random.uniform(0.0, 0.5)
+        events.append({"time_s": round(time_s, 3), **_command(random, setting)})
+    events.sort(key=lambda each: each["time_s"])
+    return replace(storm, events=tuple(events))
+
+
+def _command(random: Random, setting: Setting) -> Table:
+    """What another node sends: to one cell, or to all."""
+    cells = list(range(1, setting.columns * setting.rows + 1))
+    cell, everyone = random.choice(cells), random.random() < 0.5
+    match random.choice(("enable", "enable", "network", "setpoint")):
+        case "enable":
+            gap_s = round(random.uniform(0.002, 0.03), 3)
+            return {"kind": "enable", "cells": cells if everyone else [cell], "gap_s": gap_s}
+        case "network":
+            command = random.choice(NETWORK_COMMANDS)
+            return {"kind": "network", "command": command, "cell": 0 if everyone else cell}
+        case _:
+            speed_m_s = random.choice((-0.2, -0.05, 0.0, 0.05, 0.2))
+            return {"kind": "setpoint", "cell": cell, "speed_m_s": speed_m_s}
 
 
 def _buses(columns: int, rows: int) -> list[list[int]]:
@@ -613,6 +647,11 @@ class _Troubles:
             return None
         return self._event("goal", parcel=parcel["name"], **_goal(parcel, pose))
 
+
+#: How often another node commands cells in a storm.
+COMMANDS = (0, 0, 1, 2)
+#: Its commands of network management.
+NETWORK_COMMANDS = ("START", "STOP", "ENTER_PRE_OPERATIONAL", "RESET_NODE", "RESET_COMMUNICATION")
 
 _FAULT_KEYS = {each.name for each in fields(Fault)}
 

@@ -33,7 +33,8 @@ from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.outcome import outcome_of
 from mdms_model.buses import Addresses
 from mdms_model.scenario.scenario import Scenario
-from mdms_protocol.codecs import cob, sdo
+from mdms_protocol import pdo
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import AXES, ENTRIES
 from mdms_sim.driver import ParticipantDriver
@@ -52,6 +53,9 @@ __all__ = ["Ended", "run"]
 #: The key that the cells have, and the bit rate of their bus.
 KEY = bytes(range(32))
 BITRATE = 1_000_000
+UM_PER_M = 1_000_000
+#: Controlwords that take a drive from any state to 'operation enabled'.
+ENABLING = (cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
 #: A host that waits for nothing looks so often whether it is to begin [s].
 IDLE_S = 0.01
 #: A run in which nothing more is to happen goes on for so long [s].
@@ -321,7 +325,37 @@ class _Events:
         entry = ENTRIES[index, 0]
         data = sdo.write_request(index, 0, value.to_bytes(entry.type.size, "little"))
         frame = Frame(cob.SDO_REQUEST_BASE + self._addresses.node_ids[cell - 1], data)
-        self._join(_Once(frame, self._addresses.buses[cell - 1], self._now_s))
+        self._send([(self._now_s, cell, frame)])
+
+    def _send(self, frames: Iterable[tuple[float, int, Frame]]) -> None:
+        """Another node sends frames at their times, each on the bus of a cell."""
+        buses = self._addresses.buses
+        self._join(_Sender([(time_s, buses[cell - 1], frame) for time_s, cell, frame in frames]))
+
+    def _enable(self, cells: list[int], gap_s: float) -> None:
+        self._send(
+            (self._now_s + step * gap_s, cell, self._to(cell, pdo.CONTROLWORD, word))
+            for step, word in enumerate(ENABLING)
+            for cell in cells
+        )
+
+    def _setpoint(self, cell: int, speed_m_s: float) -> None:
+        frame = self._to(cell, pdo.TARGET_VELOCITY, round(speed_m_s * UM_PER_M))
+        self._send([(self._now_s, cell, frame)])
+
+    def _to(self, cell: int, receive_pdo: pdo.PdoMap, value: int) -> Frame:
+        """The same value for both axes of a cell."""
+        can_id = receive_pdo.can_id(self._addresses.node_ids[cell - 1])
+        return Frame(can_id, receive_pdo.encode((value,) * AXES))
+
+    def _network(self, command: str, cell: int) -> None:
+        code = getattr(nmt, command)
+        if cell:
+            node_id = self._addresses.node_ids[cell - 1]
+            self._send([(self._now_s, cell, nmt.command(code, node_id))])
+        else:
+            buses = {bus: cell for cell, bus in enumerate(self._addresses.buses, 1)}
+            self._send((self._now_s, each, nmt.command(code)) for each in buses.values())
 
     def _reading_high(self, cell: int) -> None:
         """From now on the cell's measurement stays as it is."""
@@ -342,21 +376,22 @@ def _bundle() -> Bundle:
     return sign(pack_image(image), KEY, 1, VirtualBoard.bytecode)
 
 
-class _Once:
-    """Sends one frame on one bus."""
+class _Sender:
+    """Sends frames at their times [s], each on its bus."""
 
-    def __init__(self, frame: Frame, bus: int, now_s: float) -> None:
-        self._frames = [(bus, frame)]
-        self.wake_s = now_s
+    def __init__(self, frames: list[tuple[float, int, Frame]]) -> None:
+        self._left = frames
+        self.wake_s = frames[0][0]
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
         """Receives nothing."""
 
     def poll_buses(self, now_s: float) -> Iterable[tuple[int, Frame]]:
-        """The frame, once."""
-        self.wake_s = inf
-        frames, self._frames = self._frames, []
-        return frames
+        """The frames that are due."""
+        due = [(bus, frame) for time_s, bus, frame in self._left if time_s <= now_s]
+        self._left = self._left[len(due) :]
+        self.wake_s = self._left[0][0] if self._left else inf
+        return due
 
 
 class _OnAllBuses:
@@ -458,6 +493,9 @@ _NAMED: Mapping[str, str] = {
     "goal": r"{parcel}",
     "write": r"cell {cell}\b",
     "reading_high": r"cell {cell}\b",
+    "enable": r"another program",
+    "network": r"another program|operational|restart|cell {cell}\b",
+    "setpoint": r"another program",
 }
 
 

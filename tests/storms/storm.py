@@ -35,6 +35,9 @@ EVENTS = {
     "goal": "a person gives `parcel` another goal",
     "write": "another program writes `value` into object `index` of `cell`",
     "reading_high": "`cell` measures the full supply, whatever it is",
+    "enable": "another node enables the drives of `cells`, a controlword every `gap_s`",
+    "network": "another node sends this NMT `command` to `cell`, to all where that is 0",
+    "setpoint": "another node sends `cell` a setpoint of `speed_m_s` for both axes",
 }
 
 

@@ -131,6 +131,33 @@ def test_a_stop_by_another_program_explains_that_a_storm_ends_early() -> None:
     assert (ended.reached, ended.explained) == (False, True)
 
 
+def test_another_node_resets_one_cell_within_a_storm(simulations) -> None:
+    event = {"kind": "network", "time_s": 0.5, "command": "RESET_NODE", "cell": 3}
+    assert run(service(event)).crash is None
+    assert [node for time_s, node in simulations[0].boots if time_s > 0.5] == [3]
+
+
+def test_another_node_that_enables_a_drive_under_a_program_ends_it() -> None:
+    storm = draw(1, "small host goal").with_faults(())
+    for event in (
+        {"kind": "enable", "time_s": 0.9, "cells": [6], "gap_s": 0.005},
+        {"kind": "setpoint", "time_s": 0.9, "cell": 6, "speed_m_s": 0.2},
+    ):
+        ended = run(replace(storm, events=(event,)))
+        assert "another program commands drives" in str(ended.reason)
+        assert "cell 6" in str(ended.reason)
+        assert (ended.reached, ended.explained) == (False, True)
+
+
+def test_commands_of_another_node_leave_the_rest_of_a_storm_as_it_was(monkeypatch) -> None:
+    commands = {"enable", "network", "setpoint"}
+    for seed in range(1, 9):
+        kept = [each for each in draw(seed).events if each["kind"] not in commands]
+        with monkeypatch.context() as patch:
+            patch.setattr("tests.storms.draw.COMMANDS", (0,))
+            assert draw(seed) == replace(draw(seed), events=tuple(kept))
+
+
 def test_a_gateway_without_power_forwards_nothing_until_it_has_it_again(simulations) -> None:
     silent = {"kind": "gateway", "time_s": 0.5, "number": 0, "duration_s": 1.0}
     for events, ends_s in (((), 1.4), ((silent,), 1.4), ((silent,), 2.0)):
