@@ -41,7 +41,8 @@ RULES = {
             "After a stop (quick stop, 'disable voltage', NMT stop, reset, fault), an END or a "
             "lapsed lease, voltage and wheel speed fall within the documented time. A ramped stop "
             "is over within 1.3 v2/2a and the reaction way, where the wheel carries nothing; until "
-            "it is, braking is allowed for 0x3004. A cell whose measurement of the supply is stuck "
+            "it is, braking is allowed for 0x3004. So is holding still after an END, where another "
+            "node has switched the wheel on since. A cell whose measurement of the supply is stuck "
             "has 50 ms, in which the host hears of it from others.",
         ),
         Rule(

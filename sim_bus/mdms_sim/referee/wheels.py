@@ -144,6 +144,7 @@ class WheelReferee:
         self._stored: list[dict[tuple[int, int], int]] = [{} for _ in range(cells)]
         self._estimates = [bytes(wire.LENGTH)] * cells
         self._ended = [0] * cells
+        self._switched_on_ns = [0] * cells
         self._measures_high: set[int] = set()
         #: Of cells that are lost, the parcel for which each around them has agreed last, and when.
         self._agreed: dict[int, dict[int, tuple[int, int]]] = {}
@@ -375,7 +376,14 @@ class WheelReferee:
                 self._stop(cell, axis, CUT, "'shutdown'")
         elif self._failed[cell, axis]:
             return
-        elif word & cia402.CONTROL_ENABLE and self._operational[cell]:
+        else:
+            self._switched_on_ns[cell] = self._now_ns
+            self._switch_on(cell, axis, word)
+
+    def _switch_on(self, cell: int, axis: int, word: int) -> None:
+        """A wheel is switched on, perhaps enabled."""
+        wheel = self._wheels[cell, axis]
+        if word & cia402.CONTROL_ENABLE and self._operational[cell]:
             self._enable(cell, axis)
         elif wheel.asked == ENABLED and not self._cells[cell].steers:
             self._stop(cell, axis, CUT, "'switch on'")
@@ -638,14 +646,20 @@ class WheelReferee:
         if noticed & watch.SPINS:
             self._say(rule, place, axis, f"turns on for too long after {cause}")
         if noticed & watch.PUSHED_AFTER_END:
-            if self._identity(cell) in (0, self._ended[cell]):
+            if self._identity(cell) not in (0, self._ended[cell]):
+                self._revive(cell)
+            elif wheel.onward_ticks < watch.ONWARD_TICKS and self._switched_on_after_end(cell):
+                wheel.noted &= ~watch.PUSHED_AFTER_END
+            else:
                 text = f"gets {volts:.2f} V, though its parcel's program has ended"
                 self._say("heeded", place, axis, text)
-            else:
-                self._revive(cell)
         for bit, text in _TEXTS.items():
             if noticed & bit:
                 self._say(_RULES[bit], place, axis, text.format(volts))
+
+    def _switched_on_after_end(self, cell: int) -> bool:
+        """Whether another node has done so: the wheel holds still, or goes on with a quick stop."""
+        return bool(self._switched_on_ns[cell] > self._cells[cell].ended_ns - END_NS)
 
     def _say(self, rule: str, place: int, axis: int, text: str) -> None:
         self._note(rule, f"axis {axis + 1} {text}", cell=place + 1)
