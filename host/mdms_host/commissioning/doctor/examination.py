@@ -22,7 +22,7 @@ from mdms_host.commissioning.network import (
     RefusedError,
     SilentError,
 )
-from mdms_host.commissioning.node_ids import address
+from mdms_host.commissioning.node_ids import address, find_blank
 from mdms_host.commissioning.wheel_turn import (
     Direction,
     TurnStoppedError,
@@ -177,12 +177,9 @@ def _examine_by_lss(commissioning: Commissioning, examined: Examination) -> None
     """Cells that answer by their serial numbers alone, and numbers that two answer to."""
     lss = commissioning.lss
     with suppress(LssError):
-        examined.blank = [each.serial for each in lss.find_blank()]
+        examined.blank = [each.serial for each in find_blank(commissioning, examined.cells)]
     known = [*examined.serials, *examined.blank]
-    for serial in sorted({serial for serial in known if known.count(serial) > 1}):
-        # One cell is both where a command was killed that gave it another node id.
-        if serial not in examined.blank or not _is_one(commissioning, serial):
-            examined.twins.append(serial)
+    examined.twins = sorted({serial for serial in known if known.count(serial) > 1})
     for serial in lss.find_beside(known):
         try:
             lss.select(address(serial))
@@ -191,17 +188,6 @@ def _examine_by_lss(commissioning: Commissioning, examined: Examination) -> None
             examined.twins.append(serial)
         finally:
             lss.leave()
-
-
-def _is_one(commissioning: Commissioning, serial: int) -> bool:
-    """Whether one cell alone answers to a serial number by LSS."""
-    try:
-        commissioning.lss.select(address(serial))
-    except LssError:
-        return False
-    finally:
-        commissioning.lss.leave()
-    return True
 
 
 _REFERENCES_M_S = (0.05, 0.15)

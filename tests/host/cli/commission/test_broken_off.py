@@ -29,6 +29,7 @@ def sdo_frame(kind, index, sub=0):
     return is_it
 
 
+SELECT = lss_frame(lss.SWITCH_SERIAL)
 GIVE_ID = lss_frame(lss.CONFIGURE_NODE_ID)
 STORE_ID = lss_frame(lss.STORE)
 LEAVE = lss_frame(lss.SWITCH_GLOBAL)
@@ -46,7 +47,8 @@ def restart(frame):
 STAGES = {
     "in the search": [lss_frame(lss.FAST_SCAN)] * 20,
     "in the roll call": [lss_frame(lss.IDENTIFY_SERIAL_HIGH)],
-    "before an id is given": [GIVE_ID],
+    "before a search takes an id back": [GIVE_ID],
+    "before an id is given": [SELECT, GIVE_ID],
     "between write of an id and store": [GIVE_ID, STORE_ID],
     "between store of an id and boot": [GIVE_ID, STORE_ID, LEAVE],
     "between the first id and the second": [GIVE_ID, STORE_ID, LEAVE, GIVE_ID],
@@ -129,13 +131,25 @@ def test_a_cell_that_was_to_lose_its_node_id_is_taken_for_no_second_cell(
     assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
     assert cut.fired
     cells.mute = False
-    assert doctor_finds(capsys) == ["blank"]
     assert main(["configure", "assign", "-i", "virtual"]) == ExitCode.OK
     assert "no cell needs a node id" in capsys.readouterr().out
     assert doctor_finds(capsys) == []
     for node_id in (1, 2, 3):
         bus.restart(node_id)
     assert serials(bus) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("last", [[], [restart]], ids=["selected", "without an id"])
+def test_the_doctor_leaves_each_cell_its_node_id(commission, listed, cells, capsys, last):
+    cut = Cut(cells, [SELECT, GIVE_ID, *last], killed=True)
+    assert commission("--list", listed, *GRID, "--yes") == INTERRUPTED
+    assert cut.fired
+    cells.mute = False
+    assert doctor_finds(capsys) == []
+    with Commissioning(None, MonotonicClock()) as bus:
+        for node_id in (1, 2, 3):
+            bus.restart(node_id)
+        assert serials(bus) == [1, 2, 3]
 
 
 @pytest.mark.parametrize("again", ["commission", "assign"])
