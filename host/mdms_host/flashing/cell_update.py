@@ -100,6 +100,9 @@ class BlockDownload:
         if data[0] == sdo.ABORT:
             self.abort = int.from_bytes(data[4:], "little")
             self.failure = f"it ends the transfer (abort code 0x{self.abort:08X})"
+            if self.abort == sdo.INVALID_SEQUENCE:
+                # Ours are valid: another client's request came between them.
+                self.failure = "another program asks it amid the transfer; let that one end first"
         elif data[0] & sdo.SPECIFIER == sdo.BLOCK_DOWNLOAD_RESPONSE:
             self._on_block(data[0] & sdo.BLOCK_SUBCOMMAND, data)
 

@@ -98,6 +98,20 @@ def test_refusal_has_the_code_of_the_cell():
     assert "0x06060000" in client.failure
 
 
+def test_request_of_another_program_amid_a_transfer_is_told():
+    answers = []
+    objects = Objects()
+    objects.tie(indices.PROGRAM_DATA, 1, sink=lambda _size: Sink())
+    server = SdoServer(objects, lambda answer: answers.append(answer) or True)
+    client = BlockDownload(NODE, indices.PROGRAM_DATA, 1, bytes(100))
+    (initiate,) = client.poll(0.0)
+    server.on_request(initiate.data)
+    client.on_response(answers.pop())
+    server.on_request(sdo.read_request(indices.IDENTITY, 4))
+    client.on_response(answers.pop())
+    assert client.failure == "another program asks it amid the transfer; let that one end first"
+
+
 def test_cell_that_does_not_answer_is_given_up():
     client = BlockDownload(NODE, indices.PROGRAM_DATA, 1, bytes(100))
     now_s, frames = 0.0, 0
