@@ -329,8 +329,16 @@ def _is_run(folder: Path) -> bool:
     return _is_meta(_read_meta(folder))
 
 
+_TABLES_OF_META = ("scenario", "figures", "provenance")
+
+
 def _is_meta(meta: Any) -> bool:
-    return isinstance(meta, dict) and meta.get("format") == FORMAT and "format_version" in meta
+    return (
+        isinstance(meta, dict)
+        and meta.get("format") == FORMAT
+        and "format_version" in meta
+        and all(isinstance(meta.get(name, {}), dict) for name in _TABLES_OF_META)
+    )
 
 
 def _read_meta(folder: Path) -> Any:

@@ -20,6 +20,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from zstandard import ZstdError
 
+from mdms_model.array import build_wheels
 from mdms_model.arrays import Floats
 from mdms_model.run.mcap_messages import (
     CELLS_TOPIC,
@@ -78,7 +79,11 @@ def read_record(path: Path, scenario: Scenario) -> Record:
             reader = make_reader(stream, validate_crcs=True)
             for _, channel, message in reader.iter_messages(topics=list(found)):
                 found[channel.topic].append(json.loads(message.data))
-        return _record(found, [found[topic] for topic in parcels])
+        record = _record(found, [found[topic] for topic in parcels])
+        wheels, expected = record.speed_m_s.shape[1], len(build_wheels(scenario).cell)
+        if wheels != expected:
+            raise ValueError(f"it has {wheels} wheels, and their table {expected}")
+        return record
     except (*_UNPACKED, ValueError, KeyError, IndexError, TypeError) as error:
         raise RecordFileError(f"{path}: holds no record of these parcels: {error}") from None
 

@@ -242,9 +242,27 @@ def spoil_scenario(folder):
     path.write_text(path.read_text().replace('"mass_kg": 2.0', '"mass_kg": -2.0'))
 
 
+def change_meta(name, value):
+    def change(folder):
+        path = folder / "meta.json"
+        tree = json.loads(path.read_text())
+        tree[name] = value(tree[name])
+        path.write_text(json.dumps(tree))
+
+    return change
+
+
+def one_wheel_a_cell(scenario):
+    return scenario | {"cell": scenario["cell"] | {"wheel": scenario["cell"]["wheel"][:1]}}
+
+
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
+        (change_meta("scenario", one_wheel_a_cell), r"it has \d+ wheels, and their table \d+"),
+        (change_meta("scenario", lambda _: 5), "not a run folder"),
+        (change_meta("figures", lambda _: None), "not a run folder"),
+        (change_meta("provenance", lambda _: []), "not a run folder"),
         (cut_record, "damaged run folder"),
         (change_version, "written in format 99, but this version reads 1"),
         (spoil_scenario, "parcel.0.mass_kg is -2.0, but must be above 0"),
