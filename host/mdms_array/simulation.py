@@ -281,7 +281,8 @@ def simulate(
     duration. `record` is a folder that keeps the run; values of signals are text then. `force`
     overwrites another run in it; a run without a program may replace itself.
 
-    Raises `InputError` for what cannot be run, and `Error` where an extra is not installed.
+    Raises `InputError` for what cannot be run, `Error` where an extra is not installed, and OSError
+    for a disk that takes no record.
     """
     require(COMPILER, "mdms_array.simulate")
     if record is not None:
