@@ -96,14 +96,16 @@ def scales_of(field: str, wheels: Wheels, most_m_s: float) -> list[Scale]:
     """The scale of each number of a field."""
     outermost_m = abs(wheels.position_m).max(axis=0).tolist()
     reach_m = float(np.hypot(*wheels.position_m.T).max())
+    # A turn about the middle moves no wheel that stands there.
+    most_per_s = most_m_s / reach_m if reach_m > 0.0 else 0.0
     scales = {
         "heading_rad": [Scale(0.0, pi)],
         "speed_m_s": [Scale(0.0, most_m_s)],
         "centre_m": [Scale(0.0, outermost_m[0]), Scale(0.0, outermost_m[1])],
         "velocity_m_s": [Scale(0.0, most_m_s)] * 2,
-        "yaw_rate_rad_s": [Scale(0.0, most_m_s / reach_m)],
+        "yaw_rate_rad_s": [Scale(0.0, most_per_s)],
         "ratio": [Scale(0.5, 0.5)],
-        "gradient_per_s": [Scale(0.0, most_m_s / reach_m)] * 4,
+        "gradient_per_s": [Scale(0.0, most_per_s)] * 4,
     }
     return [scale for name in KEYS[field] for scale in scales[name]]
 

@@ -20,7 +20,7 @@ from mdms_model.fields import references_m_s as field_m_s
 from mdms_model.motor import drive_of
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.motion import Part
-from mdms_model.scenario.scenario import ScenarioError
+from mdms_model.scenario.scenario import Array, Scenario, ScenarioError
 
 PARCEL, SORT = "mdms/Parcel-v0", "mdms/Sort-v0"
 BOX = {"name": "box", "mass_kg": 2.0, "length_m": 0.3, "width_m": 0.2, "x_m": 0.0, "y_m": 0.0}
@@ -156,6 +156,14 @@ def test_an_action_of_a_field_is_that_field(field):
             ),
         )
         np.testing.assert_allclose(own_m_s, field_m_s(part, wheels), atol=1e-12)
+
+
+@pytest.mark.parametrize("field", ["twist", "linear"])
+def test_no_turn_moves_the_only_wheel_in_the_middle(field):
+    scenario = Scenario("one", Array(1, 1))
+    actions = Actions(scenario, field, 0.4)
+    chosen = [0.5 if name == "velocity_m_s.0" else 1.0 for name in actions.names]
+    assert actions.references_m_s(np.array([chosen])).tolist() == [[0.2]]
 
 
 @pytest.mark.parametrize("field", ["twist", "linear"])
