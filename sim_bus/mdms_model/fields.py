@@ -283,13 +283,13 @@ class Bound:
 
 
 def bound_of(scenario: Scenario) -> Bound | None:
-    """The limits of the scenario's policy with its parcels; None without a policy.
+    """The limits of the scenario's policy with its parcels; None without either.
 
     Raises PolicyError where it allows nothing, and `ScenarioError` for a parcel that tips in every
     pose.
     """
     policy = scenario.motion.policy
-    if policy is None:
+    if policy is None or not scenario.parcel:
         return None
     frictions = [cell.friction for cell in build_cells(scenario)]
     friction = min(frictions) if policy == "rolling" else max(frictions)

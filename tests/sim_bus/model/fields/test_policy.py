@@ -42,6 +42,13 @@ def test_without_a_policy_any_reference_goes():
     assert abs(command.set_m_s).max() == 10.0
 
 
+@pytest.mark.parametrize("policy", ["rolling", "sliding"])
+def test_an_empty_table_takes_any_reference(policy):
+    command = accepted(replace(moved(PLANE, policy=policy, speed_m_s=10.0), parcel=()))
+    assert command.bound is None
+    assert abs(command.set_m_s).max() == 10.0
+
+
 def test_too_fast_to_roll_is_refused_with_the_numbers_and_the_way_out():
     with pytest.raises(
         PolicyError,
