@@ -444,9 +444,10 @@ class VirtualDriver:
             task.cancel()
             raise
         if not has_result():
+            where = task.where
             task.cancel()
-            where = waits_text(self._coordinator)
-            raise TimeLimitError(f"not done within {limit_s:g} s{where}", self.run_so_far)
+            told = f"not done within {limit_s:g} s: it waits in {where}"
+            raise TimeLimitError(told, self.run_so_far)
         return task.result()
 
     @property
