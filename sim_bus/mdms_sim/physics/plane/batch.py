@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mdms_model.array import Grid, reach_m
+from mdms_model.array import Grid, build_cells, reach_m
 from mdms_model.arrays import Bits, Floats, Ints, Records
 from mdms_model.compiled import (
     borrowed,
@@ -340,7 +340,7 @@ def check_alike(one: Scenario, other: Scenario, k: int) -> None:
     """Raises `InputError` where a table has another shape than the first one."""
     for name, shape in (
         ("array", lambda each: (each.array.columns, each.array.rows, each.array.pitch_m)),
-        ("cell.wheel", lambda each: (each.cell.wheel, [patch.wheel for patch in each.patch])),
+        ("cell.wheel", lambda each: [cell.wheel for cell in build_cells(each)]),
         ("cell.sensor_offset_m", lambda each: each.cell.sensor_offset_m),
         ("number of parcels", lambda each: len(each.parcel)),
     ):

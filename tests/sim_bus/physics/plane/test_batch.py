@@ -8,7 +8,7 @@ from tests.sim_bus.physics.tables import BOX, plane, throw
 
 from mdms_model.errors import InputError
 from mdms_model.scenario.file import load_scenario
-from mdms_model.scenario.scenario import Parcel
+from mdms_model.scenario.scenario import Parcel, Patch, Wheel
 from mdms_sim.physics.plane import handling
 from mdms_sim.physics.plane.batch import Batch
 from mdms_sim.physics.plane.world import World
@@ -165,6 +165,24 @@ def test_exits_take_parcels_as_in_a_world_alone():
     assert {"arrival", "exit"} <= {*kinds}
     assert kinds[:6] == [event.kind for event in world.events][:6]
     assert kinds != [event.kind for event in batch.worlds[1].events]
+
+
+def test_tables_are_alike_by_the_wheels_of_each_cell():
+    def patched(**patch):
+        return replace(plane(BOX), patch=(Patch(**patch),))
+
+    one_wheel = (Wheel(0.0, (-0.03, 0.0)),)
+    with pytest.raises(InputError, match=r"table 1: its cell\.wheel differs"):
+        Batch([patched(cells=(1,), wheel=one_wheel), patched(cells=(9,), wheel=one_wheel)])
+    rough, both = patched(cells=(9,), friction=0.05), Batch([plane(BOX), plane(BOX)])
+    world = both.replace(1, rough)
+    alone = World(rough)
+    drive = np.full(len(alone.wheels.cell), 0.3)
+    both.step_ideal(np.array([drive, drive]), STEP_S, steps=20)
+    for _ in range(20):
+        alone.step_ideal(drive, STEP_S)
+    assert (world.pose == alone.pose).all()
+    assert (both.worlds[0].pose != alone.pose).any()
 
 
 def test_tables_of_different_shapes_are_refused():
