@@ -25,6 +25,8 @@ from mdms_array.experiments.summary import mean_interval
 from mdms_array.experiments.sweep import Design, SweepResult
 from mdms_array.extras import TUNE, require
 from mdms_model.errors import InputError
+from mdms_model.scenario.file import scenario_from
+from mdms_model.scenario.scenario import ScenarioError
 
 #: Settings that are proposed together, whatever runs them.
 BATCH = 4
@@ -149,12 +151,28 @@ def task_of(
                 f"vary: {key} is {value:g} in the scenario, which {limits} leaves out: the first "
                 "trial is the scenario itself; give it uniform, or a whole number in the scenario"
             )
-    tree_of(design.base, base, design.seeds[0])
+    _check_first(design, vary, base)
     return TuningProblem(
         replace(design, settings=[base]),
         *(vary, objective, maximise, tuple(bounds), trials, seed),
         unseen if has_chance(design.base, vary) else 1,
     )
+
+
+def _check_first(
+    design: Design, vary: Mapping[str, Distribution], base: Mapping[str, float]
+) -> None:
+    """Raises `ScenarioError` where the scenario's own values are none of the distributions' kind.
+
+    Those of `uniform` and `log_uniform` are no whole numbers.
+    """
+    first = {
+        key: value if vary[key].kind == "integers" else float(value) for key, value in base.items()
+    }
+    try:
+        scenario_from(tree_of(design.base, first, design.seeds[0]))
+    except ScenarioError as error:
+        raise ScenarioError(f"vary: the first trial cannot be run: {error}") from None
 
 
 def _base_value(base: Mapping[str, Any], key: str) -> float:

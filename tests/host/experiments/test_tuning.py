@@ -134,7 +134,8 @@ parcel.box.centre_of_mass_m.0 = { uniform = [-0.01, 0.01] }
 cell.pwm_steps = { integers = [100, 1_000_000] }
 """
     text = FILE.split("[vary]", maxsplit=1)[0] + vary
-    table = '{ scenario = "paper-fig8", cell = { pwm_steps = 1000000 } }'
+    # A row has no host, and so no truth beside a belief.
+    table = '{ scenario = "array18", run.duration_s = 0.1, cell.pwm_steps = 1000000 }'
     text = text.replace('"paper-fig8"', table).replace("trials = 12", "trials = 1")
     file.write_text(text)
     main(["tune", "grip.toml", "--workers", "1"])
@@ -145,7 +146,7 @@ cell.pwm_steps = { integers = [100, 1_000_000] }
     assert options == [
         *("parcel.0.mass_kg=2", "parcel.0.centre_of_mass_m.0=0", "cell.pwm_steps=1000000"),
     ]
-    load_scenario("paper-fig8", options)
+    load_scenario("array18", options)
 
 
 def test_a_row_whose_chance_is_tuned_has_many_seeds(file):
@@ -193,6 +194,10 @@ def test_ctrl_c_in_a_later_batch_does_not_count_that_batch_alone(file, capsys, m
         (
             ('"cell.friction" = { uniform = [0.1, 0.6] }', "run.seed = { integers = [0, 9] }"),
             "vary: run.seed cannot vary by itself; `seeds` says which seeds are run",
+        ),
+        (
+            ('"cell.friction" = { uniform = [0.1, 0.6] }', "array.columns = { uniform = [9, 12] }"),
+            "vary: the first trial cannot be run: array.columns is 10.0, but must be a whole",
         ),
         (("seeds = 1", "seeds = 2"), "seeds: 2 are given, but run.fidelity is 'row', and this one"),
         (("reached =", "speed ="), "'speed' is unknown"),
