@@ -136,6 +136,19 @@ def address_of(identity: Identity) -> LssAddress:
     return LssAddress(identity.vendor_id, identity.product_code, identity.revision, identity.serial)
 
 
+def refuse_hidden(
+    commissioning: Commissioning, blank: Iterable[LssAddress], present: Mapping[int, Identity]
+) -> None:
+    """Raises NodeIdError where cells are silent because another has their node id; LssError."""
+    known = [each.serial for each in blank] + [each.serial for each in present.values()]
+    if hidden := commissioning.lss.find_beside(known):
+        names = ", ".join(f"{serial:08X}" for serial in hidden)
+        raise NodeIdError(
+            f"silent, since another cell has the node id: {names}; mdms commission gives each its "
+            "own"
+        )
+
+
 def assign_in_order(
     blank: Iterable[LssAddress], taken: Iterable[int], first: int
 ) -> list[Assignment]:

@@ -321,6 +321,18 @@ def test_blank_cells_get_free_node_ids_and_keep_them(configure, capsys, make_bla
     assert capsys.readouterr().out == "no cell needs a node id\n"
 
 
+def test_a_cell_that_hides_behind_another_is_named_and_no_id_is_given(configure, capsys, cells):
+    with Commissioning(None, MonotonicClock()) as bus:
+        bus.lss.select(address_of(bus.identity(3)))
+        bus.lss.set_node_id(2)
+        bus.lss.store()
+        bus.lss.leave()
+        bus.command(nmt.RESET_NODE, 3)
+        cells.sleep(0.3)
+    assert configure("assign") == ExitCode.FAILURE
+    assert "another cell has the node id: 00000003; mdms commission" in capsys.readouterr().err
+
+
 def test_a_bus_of_blank_cells_alone_is_told_with_a_cure(configure, capsys, make_blank):
     for node_id in (1, 2, 3):
         make_blank(node_id)
