@@ -86,7 +86,7 @@ class PresenceMap:
         self._sensors = sensors
         self._bits: list[int | None] = [None] * cells
         self._reported_s = np.full(cells, -inf)
-        self._lost_s = -inf
+        self._lost_s = self._deaf_s = -inf
         self._wrong: Bools = np.zeros(cells * sensors, dtype=bool)
         self._judged: Bools = self.covered.copy()
         self._noise_hz = 0.0
@@ -121,7 +121,7 @@ class PresenceMap:
         """
         before, bits = self._bits[cell - 1], bits & (1 << self._sensors) - 1
         reported_s = float(self._reported_s[cell - 1])
-        timely = now_s - reported_s <= self._period_s + _LATE_S
+        timely = self._deaf_s <= reported_s and now_s - reported_s <= self._period_s + _LATE_S
         lossy = not timely or self._is_lossy(now_s)
         self._reported_s[cell - 1] = now_s
         if bits == before:
@@ -141,10 +141,15 @@ class PresenceMap:
         """A frame of some cell has got lost."""
         self._lost_s = now_s
 
+    def on_deafness(self, now_s: float) -> None:
+        """Nothing was heard of any cell for a while: reports of changes have got lost."""
+        self._deaf_s = now_s
+
     def may_be_old(self, now_s: float) -> Bools:
         """Sensors that may have changed unheard: a report has got lost, or may have, shape (S,)."""
         overdue = now_s - self._reported_s > self._period_s + _LATE_S
-        return (overdue | self._is_lossy(now_s)).repeat(self._sensors)
+        unheard = overdue | (self._reported_s < self._deaf_s) | self._is_lossy(now_s)
+        return unheard.repeat(self._sensors)
 
     def _is_lossy(self, now_s: float) -> bool:
         return now_s < self._lost_s + _LOSSY_S

@@ -28,6 +28,8 @@ _FAR_LARGER = 2.0
 #: A parcel that sets out goes less than half as far until an unknown thing counts, braking
 #: included. The rest is how far a thing may reach beyond its sensors [m].
 _AT_ONCE_M = 0.12
+#: Cells answer each SYNC: without any speeds for so long, nothing of them is heard [s].
+_DEAF_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +71,7 @@ class Tracker:
         self._alone: Bools = np.zeros(len(self._sensors_m), dtype=bool)
         self._watching = True
         self._now_s = 0.0
+        self._speeds_s = inf
         #: When every cell had reported for the first time, and parcels that lay there by then.
         self._complete_s = inf
         self._lay_there: set[str] = set()
@@ -156,6 +159,7 @@ class Tracker:
 
     def on_presence(self, now_s: float, cell: int, bits: int) -> None:
         """Cell `cell` (from 1) reports which of its sensors are covered: bit k sensor k."""
+        self._note_deafness(now_s)
         for time_s, sensor in self._presence.on_report(now_s, cell, bits):
             if self._watching:
                 self._on_edge(time_s, sensor)
@@ -189,7 +193,8 @@ class Tracker:
         The speeds of all wheels are `known` if that is None. `standing` are wheels that are to
         stand, and do but for the noise of their encoders.
         """
-        self._now_s = now_s
+        self._note_deafness(now_s)
+        self._now_s = self._speeds_s = now_s
         estimators = (each.estimator for each in self._known.values())
         roll_on(estimators, now_s, Speeds(speed_m_s, known, standing))
         if not self._watching:
@@ -329,6 +334,11 @@ class Tracker:
             self._unexplained.foreign[sensor] = True
         else:
             nearest.estimator.edge(now_s, point_m, covered)
+
+    def _note_deafness(self, now_s: float) -> None:
+        """Speeds come with every SYNC: without any, presence bits have not come either."""
+        if now_s - self._speeds_s > _DEAF_S:
+            self._presence.on_deafness(now_s)
 
     def _note_complete(self, now_s: float) -> None:
         if self._complete_s == inf and self._presence.complete:

@@ -55,8 +55,10 @@ _COVERED_SHARE = 0.5
 _TOLD = 3
 _TOLD_S = 0.2
 _TOLD_M = 0.003
-#: A pose is carried on without new speeds for so long.
+#: A pose is carried on without new speeds for so long [s].
 _CARRIED_S = 0.1
+#: A longer step was a time without speeds [s].
+_UNSEEN_S = 0.05
 #: So many of the last steps are kept. A report is looked back at for 0.4 s, in steps of 10 ms.
 _STEPS = 64
 #: So many sensors of one cell show that it is broken.
@@ -316,8 +318,8 @@ class ParcelEstimator:
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.
 
-        Then it stays for 0.1 s: by then cells that nobody commands have braked. A parcel that rests
-        after a longer time without speeds has been braked at its beginning, give or take as much.
+        Then it stays for 0.1 s: by then cells that nobody commands have braked. After a time
+        without speeds the twist may have changed at its beginning, or up to 0.1 s later.
         """
         if self._filter is None:
             return
@@ -328,11 +330,12 @@ class ParcelEstimator:
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
-        if step_s > _CARRIED_S and not self.twist.any():
-            moved = before * (_CARRIED_S / 2)
-            self._filter.blur(float(np.linalg.norm(moved / self.corner_m)))
+        if step_s > _UNSEEN_S:
+            unsure = (before - self.twist) * (min(step_s, _CARRIED_S) / 2)
+            moved = self.twist * step_s + unsure
+            self._filter.blur(float(np.linalg.norm(unsure / self.corner_m)))
         else:
+            late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
             moved = (before + self.twist) * (step_s / 2) + late
         self._filter.move(moved, step_s, self._sliding.variance_m2_s)
         if self._cloud is not None:

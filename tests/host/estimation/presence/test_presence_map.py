@@ -50,6 +50,16 @@ def test_a_change_after_a_report_that_got_lost_has_no_time() -> None:
     assert presence.covered[:5].tolist() == [True, True, False, True, True]
 
 
+def test_after_deafness_each_cell_counts_from_its_next_report_on() -> None:
+    presence = reporting(RIGHT)
+    assert not presence.may_be_old(0.15).any()
+    presence.on_deafness(0.15)
+    assert presence.may_be_old(0.15).all()
+    assert list(presence.on_report(0.16, 1, 0b11011)) == []
+    assert presence.may_be_old(0.17).tolist() == [False] * SENSORS + [True] * 5 * SENSORS
+    assert list(presence.on_report(0.17, 1, 0b11111)) == [(pytest.approx(0.166), 2)]
+
+
 def test_a_change_may_be_as_old_as_the_report_before_it_only_while_frames_get_lost() -> None:
     presence = reporting(RIGHT)
     list(presence.on_report(0.1, 1, 0b11110))
