@@ -80,6 +80,8 @@ class FrameRouter:
         cell.on_heartbeat(data, now_s)
         if cell.nmt_state != before:
             self._supervision.recheck()
+            # The command itself may have gone unheard; no fault of a cell leads there by default.
+            self.switched_off |= (before, cell.nmt_state) == (nmt.OPERATIONAL, nmt.STOPPED)
 
     def _on_status(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         before, garbage = cell.drive_states, cell.garbage

@@ -223,6 +223,16 @@ def test_another_program_that_switches_one_cell_off_ends_the_run(rolling_array, 
     assert "another program has switched cells off" in coordinator.fault
 
 
+def test_a_cell_that_is_found_stopped_ends_the_run_though_no_command_was_heard(
+    rolling_array,
+) -> None:
+    coordinator = Coordinator(LAYOUT, still())
+    array = running(rolling_array, coordinator)
+    array.inject(Frame(cob.HEARTBEAT_BASE + 6, bytes((nmt.STOPPED,))))
+    array.run(coordinator, array.now_s + 0.5, lambda: coordinator.stopped)
+    assert "another program has switched cells off" in coordinator.fault
+
+
 def test_a_journal_of_weeks_keeps_the_latest_events_and_counts_all():
     journal = EventJournal()
     for number in range(3 * EVENTS_KEPT):
