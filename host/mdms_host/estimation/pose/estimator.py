@@ -57,8 +57,10 @@ _TOLD_S = 0.2
 _TOLD_M = 0.003
 #: A pose is carried on without new speeds for so long [s].
 _CARRIED_S = 0.1
-#: A longer step was a time without speeds [s].
+#: A longer step was a time without speeds [s]. The motion in it is unsure along its way, and by
+#: this share of that any other way.
 _UNSEEN_S = 0.05
+_ASIDE = 0.25
 #: So many of the last steps are kept. A report is looked back at for 0.4 s, in steps of 10 ms.
 _STEPS = 64
 #: So many sensors of one cell show that it is broken.
@@ -333,7 +335,9 @@ class ParcelEstimator:
         if step_s > _UNSEEN_S:
             unsure = (before - self.twist) * (min(step_s, _CARRIED_S) / 2)
             moved = self.twist * step_s + unsure
-            self._filter.blur(float(np.linalg.norm(unsure / self.corner_m)))
+            self._filter.stretch(unsure)
+            # Cells do not brake at the same instant, which turns a parcel or moves it aside.
+            self._filter.blur(_ASIDE * float(np.linalg.norm(unsure / self.corner_m)))
         else:
             late = (self.twist - before) * _OBSERVER_LAG_S if twist is not None else 0.0
             moved = (before + self.twist) * (step_s / 2) + late

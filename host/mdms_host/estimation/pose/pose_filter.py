@@ -74,6 +74,10 @@ class PoseFilter:
         self.covariance[:count, count:] = self.covariance[count:, :count] = 0.0
         self.covariance[:count, :count] = covariance
 
+    def stretch(self, moved: Floats) -> None:
+        """The parcel may have moved by so much more, or less, shape (3,)."""
+        self.covariance[:3, :3] += np.outer(moved, moved)
+
     def blur(self, deviation_m: float) -> None:
         """The parcel may have moved by so much any way, a corner's way by turning included."""
         self.covariance[range(3), range(3)] += deviation_m**2 * self._walk

@@ -365,13 +365,15 @@ def test_a_parcel_that_hardly_moves_after_a_silence_has_been_braked_at_its_begin
         estimator, twist = resting_at(0.0, 0.0, 0.0), np.array([0.1, 0.0, 0.0])
         jacobian = LAYOUT.surface_jacobian(*estimator.pose[:2])
         roll_on([estimator], 0.01, Speeds(jacobian @ twist))
-        x_m = estimator.pose[0]
+        x_m, aside_m2 = estimator.pose[0], estimator.covariance[1, 1]
         speeds_m_s = jacobian @ (left * twist)
         known = np.full(len(speeds_m_s), left > 0.0)
         roll_on([estimator], 0.01 + silence_s, Speeds(speeds_m_s, known))
         unsure_m = 0.005 * (1.0 - left)
         assert estimator.pose[0] - x_m == pytest.approx(0.1 * left * silence_s + unsure_m, abs=1e-4)
         assert estimator.covariance[0, 0] >= unsure_m**2
+        # It is braked on its way: aside it has hardly moved.
+        assert estimator.covariance[1, 1] - aside_m2 < (unsure_m / 2) ** 2
 
 
 def test_a_parcel_that_still_moves_after_a_silence_has_moved_all_the_time() -> None:
