@@ -1,5 +1,6 @@
 """Served arrays and boards for the whole system."""
 
+import signal
 from functools import cache
 
 import pytest
@@ -12,6 +13,14 @@ from mdms_host.flashing.board_survey import identify
 from mdms_host.flashing.firmware import compiled_firmware
 
 compiled_once = cache(compiled_firmware)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def heeded_hangup():
+    """Programs that tests start end by SIGHUP, also where the tests run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 @pytest.fixture(scope="module")

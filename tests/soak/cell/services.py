@@ -46,7 +46,7 @@ def remap(story):
 
 def save(story):
     """Settings that are saved are there after the power was off; others are not."""
-    yield from story.command(nmt.ENTER_PRE_OPERATIONAL)
+    yield from story.come_to_rest()
     saved = (1 + 30 * story.chance.below(2000)).to_bytes(2, "little")
     yield from story.write(0x606D, 0, saved)
     yield from story.write(0x1010, 1 + 2 * story.chance.below(2), b"save")
@@ -58,7 +58,7 @@ def save(story):
 
 def restore_defaults(story):
     """All settings are as they came, but the node id."""
-    yield from story.command(nmt.ENTER_PRE_OPERATIONAL)
+    yield from story.come_to_rest()
     yield from story.write(0x1011, 1, b"load")
     yield from story.restart(nmt.RESET_NODE)
     value = yield from story.read(0x1016, 1)

@@ -14,6 +14,7 @@ from mdms_protocol.codecs import cia402, cob, lss, nmt
 _UP = (0, cia402.FAULT_RESET, cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
 _PAUSE_MAX_MS = 2000
 _BOOT_MS = 200
+_REST_MS = 500
 _VOLTAGE_2 = speed_loop.AXIS + speed_loop.VOLTAGE
 #: Differences from the defaults: two heartbeats watched; RPDO3 takes a neighbour's speeds and
 #: leaves them; TPDO3 carries the mode, which never changes, TPDO4 the position, which always may.
@@ -120,10 +121,15 @@ class Story:
 
     def configure(self):
         """Give the cell its settings and save them."""
-        yield from self.command(nmt.ENTER_PRE_OPERATIONAL)
+        yield from self.come_to_rest()
         for index, sub, value in _SETTINGS:
             yield from self.write(index, sub, value)
         yield from self.write(0x1010, 1, b"save")
+
+    def come_to_rest(self):
+        """To 'pre-operational', and until no wheel brakes any more: flash is written after that."""
+        yield from self.command(nmt.ENTER_PRE_OPERATIONAL)
+        yield from self.pause(_REST_MS)
 
     def drive(self):
         """To 'operation enabled', with both wheels turning."""

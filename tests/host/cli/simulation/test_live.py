@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mdms_host.cli import main
+from mdms_host.cli.exits import INTERRUPTED
 from mdms_host.cli.simulation import live
 from mdms_model.run.folder import read_run
 from mdms_sim.serve import clock
@@ -66,7 +67,7 @@ def test_the_place_at_a_served_table_has_the_main_of_a_file(program, monkeypatch
         raise KeyboardInterrupt
 
     monkeypatch.setattr(live, "slot_of", slot_of)
-    assert main(["serve", program, "--page", "0"]) == 0
+    assert main(["serve", program, "--page", "0"]) == INTERRUPTED
     assert [name for _, name in given] == ["main"]
 
 
