@@ -320,8 +320,9 @@ class ParcelEstimator:
     def roll(self, now_s: float, twist: Floats | None) -> None:
         """Go on to a time at which this was the twist; None where no wheel shows it.
 
-        Then it stays for 0.1 s: by then cells that nobody commands have braked. After a time
-        without speeds the twist may have changed at its beginning, or up to 0.1 s later.
+        Then it stays for 0.1 s: by then cells that nobody commands have braked, 50 ms after their
+        last setpoint. So a parcel has gone on for as long in a time without speeds, give or take
+        half of that.
         """
         if self._filter is None:
             return
@@ -333,8 +334,8 @@ class ParcelEstimator:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
         if step_s > _UNSEEN_S:
-            unsure = (before - self.twist) * (min(step_s, _CARRIED_S) / 2)
-            moved = self.twist * step_s + unsure
+            gone_on = (before - self.twist) * min(step_s, _CARRIED_S)
+            moved, unsure = self.twist * step_s + gone_on, gone_on / 2
             self._filter.stretch(unsure)
             # Cells do not brake at the same instant, which turns a parcel or moves it aside.
             self._filter.blur(_ASIDE * float(np.linalg.norm(unsure / self.corner_m)))
