@@ -142,6 +142,7 @@ class ParcelEstimator:
         self.twist: Floats = np.zeros(3)
         self._sliding = Sliding(self.corner_m)
         self._pushed_s = -inf
+        self._is_unseen = False  # whether no speeds came for a while before the last ones
         #: The last steps: the time of each, and how far wheels have carried the parcel by then.
         self._way: deque[tuple[float, Floats]] = deque(maxlen=_STEPS)
         self.corrected = False
@@ -333,7 +334,9 @@ class ParcelEstimator:
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        if step_s > _UNSEEN_S:
+        self._is_unseen = step_s > _UNSEEN_S
+        if self._is_unseen:
+            self._sliding.begin_again()
             gone_on = (before - self.twist) * min(step_s, _CARRIED_S)
             moved, unsure = self.twist * step_s + gone_on, gone_on / 2
             self._filter.stretch(unsure)
@@ -351,9 +354,10 @@ class ParcelEstimator:
     def slide(self, missing: Floats, gained: Floats, step_s: float) -> None:
         """In the last step the wheels gained so much [a second], so much more than they pushed to.
 
-        Both are twists, shape (3,).
+        Both are twists, shape (3,). After a time without speeds the change in all of it would
+        count as one of a step.
         """
-        if self._filter is not None:
+        if self._filter is not None and not self._is_unseen:
             self._sliding.step(missing, gained, step_s)
             self._pushed_s = self._at_s
 

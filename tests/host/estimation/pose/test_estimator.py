@@ -112,6 +112,14 @@ def test_wheels_that_stand_or_push_nothing_do_not_slip() -> None:
     assert last_m2 < 1e-7
 
 
+def test_a_change_of_speed_in_a_time_without_speeds_is_no_slip() -> None:
+    # The wheels were braked within 0.1 s; as a change within a cycle friction would not explain it.
+    estimator = slipping()
+    roll_on([estimator], 0.35, Speeds(LAYOUT.surface_jacobian(0.0, 0.0) @ (0.01, 0.0, 0.0)))
+    estimator.slide(np.array([-8.0, 0.0, 0.0]), np.array([-9.0, 0.0, 0.0]), 0.01)
+    assert unsurer_m2(estimator, 0.36, 0.01) < 1e-6
+
+
 def test_a_report_that_got_lost_does_not_push_a_fast_parcel_aside() -> None:
     """An edge has just reached the sensors ahead: that tells of it, and is no contradiction."""
     ahead_m = np.unique(SENSORS_M[:, 0])[-6]
