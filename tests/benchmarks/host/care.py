@@ -73,6 +73,7 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "bus cut for 20 ms": (f"kind='cut', {EAST}, duration_s=0.02", ()),
     "bus cut for 0.2 s": (f"kind='cut', {EAST}, duration_s=0.2", ()),
     "bus cut for 2 s": (f"kind='cut', {EAST}, duration_s=2.0", ()),
+    "host cut off for 0.15 s": ("kind='host', duration_s=0.15", ()),
     "host cut off for 0.5 s": ("kind='host', duration_s=0.5", ()),
     "cell reboots": ("kind='off', cells=[{cell}], duration_s=0.05", ()),
     "cell reboots, go_on": ("kind='off', cells=[{cell}], duration_s=0.05", (GO_ON,)),
