@@ -93,7 +93,9 @@ sys.exit(main(sys.argv[1:]))
 def test_run_on_an_array_file_needs_no_simulator_and_keeps_its_record(served, tmp_path):
     array, out = tmp_path / "array.toml", tmp_path / "run"
     array.write_text("[array]\ncolumns = 6\nrows = 3\n")
-    command = ["run", "array18", *served, "--array", array, "--out", out, "--limit", "2", "--json"]
+    # A run that was held up is repeated into its folder.
+    kept = ["--out", out, "--force"]
+    command = ["run", "array18", *served, "--array", array, *kept, "--limit", "2", "--json"]
     at_rest = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0"]
     ran = []
 
@@ -249,7 +251,8 @@ def halves(tmp_path_factory):
 
 def test_run_drives_cells_on_several_buses(halves, tmp_path, capsys):
     out = tmp_path / "run"
-    command = ["array18", "--set", HALVES, "-i", "mdms", "-c", halves, "--out", str(out)]
+    kept = ["--out", str(out), "--force"]
+    command = ["array18", "--set", HALVES, "-i", "mdms", "-c", halves, *kept]
     run_here(capsys, *command, *AT_REST)
     names = [line.split()[1] for line in (out / "bus.log").read_text().splitlines()]
     assert {*names} == {"can0", "can1"}
