@@ -141,6 +141,16 @@ def test_write_to_one_entry_leaves_the_state_of_all_other_nodes():
     assert bench.consumer.lost == {HOST, NEIGHBOUR}
 
 
+def test_entry_of_no_node_takes_the_watch_from_none():
+    for node_id in (1, HOST):
+        bench = Bench()
+        bench.watch(2, node_id, 100)
+        assert bench.hear(node_id, 0)
+        bench.watch(4, NEIGHBOUR, 300)
+        assert bench.consumer.poll(100)
+        assert bench.consumer.lost == {node_id}
+
+
 def test_entry_that_is_written_is_watched_from_the_next_heartbeat_on():
     bench = watching()
     bench.hear(HOST, 0)

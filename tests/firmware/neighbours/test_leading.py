@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.firmware.neighbours.outlines import exact_m
-from tests.firmware.neighbours.some_place import SomePlace
+from tests.firmware.neighbours.some_place import SENSORS_UM, SHIFTS_UM, WHEELS_UM, SomePlace
 
 from mdms_cell.motion.leading import Leading
 from mdms_cell.motion.program import Program
@@ -14,7 +14,7 @@ from mdms_cell.perception.angle import ARM_UM
 from mdms_cell.perception.belief import Belief
 from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.outline import DISC, RECTANGLE
-from mdms_cell.perception.place import STEPS
+from mdms_cell.perception.place import OWN, STEPS
 from mdms_cell.perception.twist import WHEELS
 from mdms_protocol.neighbours import frames as wire
 
@@ -111,3 +111,23 @@ def test_wheels_at_the_goal_hold_and_are_switched_off_once() -> None:
         leading.step(program, True, 10)
     # Thirty beats until it has arrived, and fifty that it is held.
     assert told == 78 * ["lead"] + ["rest"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wheels_roll_as_fast_as_the_parcel_carries_them(seed) -> None:
+    random = Random(seed)
+    footprint = Footprint(SomePlace(WHEELS_UM + SENSORS_UM, shifts_um=SHIFTS_UM))
+    parcel = Belief()
+    parcel.set(RECTANGLE, 360_000, 300_000)
+    for _ in range(50):
+        x_um, y_um = random.uniform(-150e3, 150e3), random.uniform(-150e3, 150e3)
+        parcel.start(round(x_um), round(y_um), random.randint(-ARM_UM, ARM_UM))
+        footprint.find_levers(parcel, 511)
+        vx, vy, turn = random.uniform(-5e5, 5e5), random.uniform(-5e5, 5e5), random.uniform(-2, 2)
+        twist = round(vx), round(vy), round(turn * ARM_UM)
+        for direction, (cell_x, cell_y) in enumerate([*SHIFTS_UM, (0, 0)]):
+            along_x = vx - turn * (cell_y + WHEELS_UM[0][1] - y_um)
+            along_y = vy + turn * (cell_x + WHEELS_UM[1][0] - x_um)
+            assert footprint.wheel_speed(direction, 0, twist) == pytest.approx(along_x, abs=1500)
+            assert footprint.wheel_speed(direction, 1, twist) == pytest.approx(along_y, abs=1500)
+    assert direction == OWN

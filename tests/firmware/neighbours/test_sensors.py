@@ -113,3 +113,18 @@ def test_sensors_show_no_other_thing_where_no_parcel_is_believed_or_the_cell_dou
     tracking.belief.start(215_000, 0, 0)
     suspicion.out[OWN] = 1 << PRESENCE
     assert not tracking.sensors.show_another()
+
+
+@pytest.mark.parametrize(("bits", "missed"), [(0, 1), (2, 0)])
+def test_a_parcel_that_lies_deep_over_no_sensor_is_missed_while_nothing_is_covered(
+    bits, missed
+) -> None:
+    """Its edge is 5 mm beyond two sensors, so a free sensor alone does not contradict it."""
+    place = SomePlace(WHEELS_UM + SENSORS_UM, shifts_um=SHIFTS_UM)
+    heard = Heard()
+    tracking = Tracking(place, Footprint(place), heard, Suspicion())
+    tracking.belief.set(RECTANGLE, LENGTH_UM, WIDTH_UM)
+    tracking.belief.start(LENGTH_UM // 2 + 35_000, 0, 0)
+    heard.presence[OWN] = SEEN | bits
+    tracking.sensors.check(SYNC_MS)
+    assert tracking.missing_beats == missed
