@@ -11,7 +11,7 @@ from mdms_cell.perception.footprint import Footprint
 from mdms_cell.perception.heard import SPEEDS_AT, Heard
 from mdms_cell.perception.outline import RECTANGLE
 from mdms_cell.perception.place import DIRECTIONS, OWN
-from mdms_cell.perception.suspicion import CELLS, WHEELS, Suspicion
+from mdms_cell.perception.suspicion import CELLS, PRESENCE, WHEELS, Suspicion
 from mdms_cell.perception.tracking import Agreement, Tracking
 from mdms_cell.perception.twist import WHEELS as WHEELS_SHOWN
 from mdms_protocol.neighbours import frames as wire
@@ -79,3 +79,11 @@ def test_wheels_under_another_parcel_count_against_nobody(tracking) -> None:
 def test_wheels_whose_speeds_are_of_a_beat_before_count_against_nobody(tracking) -> None:
     tracking._heard.boxes.stamps[DIRECTIONS] -= 1
     assert evidence(tracking) == 0
+
+
+def test_sensors_that_contradict_count_against_the_belief_from_the_third_cell_on() -> None:
+    suspicion = Suspicion()
+    for cell, is_crowd in ((0, False), (3, False), (5, True)):
+        suspicion.evidence[CELLS * PRESENCE + cell] = 1
+        assert suspicion.crowd() == is_crowd
+        assert suspicion.trusts(0) == is_crowd
