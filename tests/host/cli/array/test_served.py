@@ -221,7 +221,8 @@ def test_serve_goes_on_when_its_disk_gets_full(tmp_path, capsys):
         while "mdms scan" not in process.stdout.readline():
             assert process.poll() is None
         fill_disk(process)
-        assert process.stderr.readline().endswith(FULL)
+        # A machine that is too busy is reported before.
+        assert any(line.endswith(FULL) for line in iter(process.stderr.readline, ""))
         assert main(["stop", "-i", "mdms", "-c", name]) == ExitCode.OK
         assert capsys.readouterr().out == "18 cells are off\n"
         process.send_signal(signal.SIGINT)
