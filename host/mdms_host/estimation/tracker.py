@@ -10,7 +10,7 @@ import numpy as np
 from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, Gain, Standing
 from mdms_host.estimation.parcel import BoundingBox, ExitLine, Parcel
 from mdms_host.estimation.parcel_search import ParcelSearch
-from mdms_host.estimation.pose.estimator import BESIDE_M, Shown, View
+from mdms_host.estimation.pose.estimator import BESIDE_M, UNSEEN_S, Shown, View
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence import PresenceMap, Surroundings
 from mdms_host.estimation.size import Size
@@ -28,8 +28,6 @@ _FAR_LARGER = 2.0
 #: A parcel that sets out goes less than half as far until an unknown thing counts, braking
 #: included. The rest is how far a thing may reach beyond its sensors [m].
 _AT_ONCE_M = 0.12
-#: Cells answer each SYNC: without any speeds for so long, nothing of them is heard [s].
-_DEAF_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +335,7 @@ class Tracker:
 
     def _note_deafness(self, now_s: float) -> None:
         """Speeds come with every SYNC: without any, presence bits have not come either."""
-        if now_s - self._speeds_s > _DEAF_S:
+        if now_s - self._speeds_s > UNSEEN_S:
             self._presence.on_deafness(now_s)
 
     def _note_complete(self, now_s: float) -> None:

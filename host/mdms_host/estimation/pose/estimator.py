@@ -57,9 +57,9 @@ _TOLD_S = 0.2
 _TOLD_M = 0.003
 #: A pose is carried on without new speeds for so long [s].
 _CARRIED_S = 0.1
-#: A longer step was a time without speeds [s]. The motion in it is unsure along its way, and by
-#: this share of that any other way.
-_UNSEEN_S = 0.05
+#: Cells answer each SYNC, so a longer step was a time in which nothing was heard of them [s].
+UNSEEN_S = 0.05
+#: The motion in it is unsure along its way, and by this share of that any other way.
 _ASIDE = 0.25
 #: So many of the last steps are kept. A report is looked back at for 0.4 s, in steps of 10 ms.
 _STEPS = 64
@@ -334,7 +334,7 @@ class ParcelEstimator:
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        self._is_unseen = step_s > _UNSEEN_S
+        self._is_unseen = step_s > UNSEEN_S
         if self._is_unseen:
             self._sliding.begin_again()
             gone_on = (before - self.twist) * min(step_s, _CARRIED_S)
