@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,18 @@ MDMS = Path(sys.executable).with_name("mdms")
 LINE = str(Path(__file__).parents[4] / "examples" / "line" / "table.toml")
 
 
+@contextmanager
+def begun(command):
+    """A program that runs meanwhile; a test that fails kills it, and does not wait for its end."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
+        try:
+            yield process
+        except BaseException:
+            process.kill()
+            raise
+
+
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
     """python-can's options for a bus that `mdms serve` runs meanwhile."""
@@ -36,10 +49,10 @@ def served(tmp_path_factory):
         "--tcp",
         "0",
     ]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with begun(command) as process:
         port = None
         while port is None:
-            line = process.stdout.readline().decode()
+            line = process.stdout.readline()
             assert line, process.stderr.read()
             port = re.search(r"socket://[\d.]+:\d+", line)
         # Nothing has to be waited for as for an adapter that is reset when it is opened.
@@ -132,8 +145,8 @@ def test_run_on_an_array_file_needs_no_simulator_and_keeps_its_record(served, tm
 def test_run_carries_the_box_stop_finds_all_off_and_serve_keeps_the_truth(tmp_path, capsys):
     out, name = tmp_path / "run", str(tmp_path / "sock")
     command = [str(MDMS), "serve", "array18", "--name", name, "--tcp", "0", "--out", str(out)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        while b"slcan" not in process.stdout.readline():
+    with begun(command) as process:
+        while "slcan" not in process.stdout.readline():
             assert process.poll() is None
         figures = run_here(capsys, "array18", "-i", "mdms", "-c", name, "--limit", "60")
         assert main(["stop", "-i", "mdms", "-c", name]) == ExitCode.OK
@@ -154,9 +167,7 @@ def test_run_carries_the_box_stop_finds_all_off_and_serve_keeps_the_truth(tmp_pa
 def test_a_served_table_in_a_line_tells_its_events_as_a_run_does(tmp_path):
     name, state = str(tmp_path / "sock"), str(tmp_path / "state")
     command = [str(MDMS), "serve", LINE, "--name", name, "--modbus", "0", "--state", state]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with begun(command) as process:
         assert any("connect with" in line for line in iter(process.stdout.readline, ""))
         process.send_signal(signal.SIGINT)
         _, told = process.communicate(timeout=120)
@@ -166,9 +177,7 @@ def test_a_served_table_in_a_line_tells_its_events_as_a_run_does(tmp_path):
 
 def test_run_that_is_terminated_leaves_every_motor_off(served):
     run = [str(MDMS), "run", "array18", *served, "--set", "motion.speed_m_s=0.01", "--limit", "60"]
-    with subprocess.Popen(
-        run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with begun(run) as process:
         events = iter(process.stderr.readline, "")
         assert any(line.endswith("  running\n") for line in events)
         process.send_signal(signal.SIGTERM)
@@ -193,9 +202,7 @@ def test_run_on_a_disk_that_gets_full_comes_to_its_orderly_end(served, tmp_path)
 
     def ran():
         shutil.rmtree(out, ignore_errors=True)
-        with subprocess.Popen(
-            run, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        ) as process:
+        with begun(run) as process:
             told = []
             for line in iter(process.stderr.readline, ""):
                 told.append(line)
@@ -215,9 +222,7 @@ def test_run_on_a_disk_that_gets_full_comes_to_its_orderly_end(served, tmp_path)
 def test_serve_goes_on_when_its_disk_gets_full(tmp_path, capsys):
     out, name = tmp_path / "run", str(tmp_path / "sock")
     command = [str(MDMS), "serve", "array18", "--name", name, "--out", str(out)]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with begun(command) as process:
         while "mdms scan" not in process.stdout.readline():
             assert process.poll() is None
         fill_disk(process)
@@ -241,8 +246,8 @@ def halves(tmp_path_factory):
     """The name of an array on two buses that `mdms serve` runs meanwhile."""
     name = str(tmp_path_factory.mktemp("bus") / "halves")
     command = [str(MDMS), "serve", "array18", "--set", HALVES, "--name", name]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        head = "".join(process.stdout.readline().decode() for _ in range(7))
+    with begun(command) as process:
+        head = "".join(process.stdout.readline() for _ in range(7))
         assert "18 cells on 2 virtual CAN buses" in head, process.stderr.read()
         assert all(f"mdms scan -i mdms -c {name}.{bus}\n" in head for bus in range(2))
         yield name
