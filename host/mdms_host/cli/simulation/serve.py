@@ -157,7 +157,7 @@ def _serve_and_keep(
     kept: Kept,
     stored: KeptFlash | None,
 ) -> Exception | None:
-    """Serve to the end, whatever it is, and keep the run; the error that has ended it, if any."""
+    """Serve to the end and keep the run; return the error that has ended it, None for none."""
     clock, (scenario, _) = MonotonicClock(), recipes.first
     with fresh_folder(arguments.out) as folder:
         all_frames = keeps_frames(arguments)
