@@ -194,7 +194,7 @@ class LostNeighbours:
 
         The neighbour has been silent for `silent_beats`, and this cell is `promised_to` a parcel.
         """
-        newer = (number - self._numbers[direction]) & NUMBER_MAX
+        newer = (number - self._numbers[direction]) % NUMBER_MAX  # from 1 on, round and round
         if self._numbers[direction] and newer > NUMBER_MAX // 2:
             # A late page of an earlier round.
             return False

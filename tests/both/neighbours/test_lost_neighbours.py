@@ -52,7 +52,7 @@ class Beside(Middle):
         """So many rounds, two beats apart; returns `hold` after the last."""
         hold = None
         for _ in range(count):
-            self.number += 1
+            self.number = self.number % lost.NUMBER_MAX + 1
             assert self.page(self.number) == lost.AGREED
             hold = self.rest(2)
         return hold
@@ -74,6 +74,17 @@ def test_first_round_lets_no_wheel_turn_and_the_second_does():
     assert beside.rounds(1) == 0
     assert beside.rounds(1) == wire.HOLD_NONE
     assert beside.rounds(20) == wire.HOLD_NONE
+
+
+def test_round_after_the_highest_number_is_the_next_one():
+    beside = Beside()
+    beside.number = lost.NUMBER_MAX - 3
+    assert beside.rounds(2) == wire.HOLD_NONE
+    for _ in range(4):
+        beside.number = beside.number % lost.NUMBER_MAX + 1
+        assert beside.page(beside.number) == lost.AGREED
+        for _ in range(3):
+            assert beside.rest(1) == wire.HOLD_NONE
 
 
 def test_silence_of_the_host_ends_the_declaration_within_a_lease():
