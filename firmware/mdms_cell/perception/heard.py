@@ -20,6 +20,8 @@ SEEN = const(0x80)
 BITS = const(0x1F)
 #: The beat of a frame that has never come; beats count below it.
 NEVER = const(1 << 24)
+#: Beats come round after two days. Before that a frame of so long ago counts as never come.
+_FORGOTTEN = const(1 << 22)
 #: The box of a direction's speeds is so many behind that of its estimates.
 SPEEDS_AT = const(8)
 
@@ -70,9 +72,18 @@ class Heard:
         boxes = self.boxes
         beat = self.beat = self.beat + 1 & 0xFFFFFF
         boxes.counts[STAMP] = boxes.stamps[SPEEDS_AT + OWN] = beat
+        if not beat & _FORGOTTEN - 1:
+            self._forget()
         first = registers[speed_loop.ACTUAL]
         second = registers[speed_loop.AXIS + speed_loop.ACTUAL]
         pack_into("<ii", boxes.frames, LENGTH * (SPEEDS_AT + OWN), first, second)
+
+    def _forget(self):
+        """Have frames of long ago count as never come."""
+        for dates in (self.boxes.stamps, self.estimate_beat):
+            for place in range(len(dates)):
+                if dates[place] != NEVER and (self.beat - dates[place]) & 0xFFFFFF >= _FORGOTTEN:
+                    dates[place] = NEVER
 
     @micropython.native
     def read(self):

@@ -4,6 +4,7 @@ from array import array
 
 from layer_bench import IDENTITY, NODE, Middle
 
+from mdms_cell.perception.heard import NEVER
 from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import lost
@@ -85,6 +86,19 @@ def test_round_after_the_highest_number_is_the_next_one():
         assert beside.page(beside.number) == lost.AGREED
         for _ in range(3):
             assert beside.rest(1) == wire.HOLD_NONE
+
+
+def test_neighbour_that_died_days_ago_is_as_dead_where_the_count_of_beats_comes_round():
+    beside = Beside()
+    heard = beside.cell._layer._heard
+    assert beside.rounds(3) == wire.HOLD_NONE
+    come_round = heard.beat - heard.age(0)
+    for beat in range(heard.beat | 0xFFFF, NEVER + come_round - 20, 1 << 16):
+        heard.beat = beat
+        heard.begin_beat(beside.cell._registers)
+    heard.beat = NEVER + come_round - 20 & NEVER - 1
+    beside.rest(40)
+    assert beside.rounds(20) == wire.HOLD_NONE
 
 
 def test_silence_of_the_host_ends_the_declaration_within_a_lease():
