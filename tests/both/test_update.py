@@ -96,11 +96,15 @@ def test_firmware_is_confirmed_only_after_a_question_and_punctual_beats():
     assert bench.control(update.CONFIRM) == sdo.WRONG_STATE
     assert bench.reason() == update.SELF_TEST
     bench.read(0x1F56, 1)
-    bench.now_ms += 1_000  # in which the tick was not called
+    bench.now_ms += 200  # in which the tick was not called
     bench.pass_ms(1)
     assert bench.control(update.CONFIRM) == sdo.WRONG_STATE
-    bench.pass_ms(10_000)
+    bench.pass_ms(2_000)
     assert bench.control(update.CONFIRM) is None
+    early = Bench()
+    early.start_trial(bundle_of())
+    early.read(0x1F56, 1)
+    assert early.control(update.CONFIRM) == sdo.WRONG_STATE
 
 
 def test_slot_that_is_not_whole_is_never_started():

@@ -9,7 +9,7 @@ from mdms_cell.canopen.store import Store, write_bank
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 
-SIZE = 256
+SIZE = 96
 ALL = record.STORED_COMMUNICATION | record.STORED_APPLICATION
 
 
@@ -114,7 +114,8 @@ def test_power_may_fail_at_any_byte_of_a_save():
     spent = 0
     outcomes = []
     while True:
-        memory, objects, store = saved()
+        memory, objects, _ = saved()
+        store = Store(memory)
         objects.put(0x3000, 0, 88)
         memory.budget = spent
         try:

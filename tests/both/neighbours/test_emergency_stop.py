@@ -15,7 +15,7 @@ UNDERVOLTAGE = 0x3220
 #: The program allows 0.44 m/s2: so much faster in each beat [um/s].
 STEP_UM_S = 4_400
 #: How long the button stays pressed [beats]: less than a rest, and more.
-PRESSED_BEATS = (20, 300)
+PRESSED_BEATS = (20, 100)
 
 
 class Powered(Middle):
@@ -78,7 +78,7 @@ class Powered(Middle):
 
 def moving():
     middle = Powered(SPEED_UM_S)
-    middle.beats(40, moving=True)
+    middle.beats(20, moving=True)
     assert middle.states()[0] == cia402.OPERATION_ENABLED
     return middle
 
@@ -87,7 +87,7 @@ def waiting():
     """The wheels rest, for a promise is lacking."""
     middle = moving()
     middle.silent = NEIGHBOURS[0]
-    middle.beats(150, moving=False)
+    middle.beats(100, moving=False)
     assert middle.states() == [cia402.SWITCHED_ON] * 2
     return middle
 
@@ -138,7 +138,7 @@ def test_releasing_the_emergency_stop_turns_no_wheel_whatever_the_cell_did():
             # The button is released, and the promise comes.
             middle.supply_uv = SUPPLY_UV
             middle.silent = None
-            middle.beats(100, moving=False)
+            middle.beats(40, moving=False)
             assert not middle.driven, begin
             assert UNDERVOLTAGE in emergencies(middle)
             # Nor by what would enable a drive that has no fault.
@@ -229,7 +229,7 @@ def test_cell_that_measures_a_supply_heeds_the_stop_by_what_most_neighbours_say(
         middle.driven = False
         middle.unsupplied = ()
         middle.silent = None
-        middle.beats(100, moving=False)
+        middle.beats(40, moving=False)
         assert not middle.driven
         middle.control(cia402.DISABLE_VOLTAGE, cia402.FAULT_RESET)
         middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON)
@@ -251,7 +251,7 @@ def pressed():
     """The button was pressed under way, and is released."""
     middle = moving()
     middle.supply_uv = 0
-    middle.beats(300, moving=False)
+    middle.beats(100, moving=False)
     middle.supply_uv = SUPPLY_UV
     middle.beats(20, moving=False)
     return middle
@@ -275,7 +275,7 @@ def test_wheels_that_come_back_begin_as_slowly_as_under_any_parcel_that_stands()
         (lambda: commanded(cia402.SWITCH_ON | cia402.CONTROL_HALT), enabled[1:]),
     ):
         middle = stop()
-        middle.beats(300, moving=False)
+        middle.beats(100, moving=False)
         assert targets_um_s(middle) == (0, 0)
         middle.control(*words)
         before_um_s = 0

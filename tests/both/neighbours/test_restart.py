@@ -16,7 +16,7 @@ LENGTH_UM, WIDTH_UM = 200_000, 100_000
 EDGE_UM = PITCH_UM // 2
 #: A cell is silent about promises for so long after a restart.
 BOUND_BEATS = 31
-PLENTY = 100
+PLENTY = 60
 
 
 class Restarted(Middle):

@@ -49,7 +49,7 @@ def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
     middle.speed_um_s = 0
     run(middle, 20)
     assert targets_um_s(middle)[0] > 90_000
-    for _ in range(60):
+    for _ in range(40):
         run(middle, 10)
         middle.board.take()
     assert targets_um_s(middle) == (0, 0)
@@ -76,14 +76,15 @@ def test_twice_the_planned_time_of_the_slowest_longest_way_is_over_some_time():
     assert targets_um_s(middle) == (0, 0)
 
 
-def held(beats):
-    """A parcel that goes on without its host, and has stood for so long for want of a promise."""
+def held(waited_ms):
+    """A parcel that goes on without its host, and stands for 6 s more for want of a promise."""
     middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
     run(middle, 20)
     middle.silent = NEIGHBOURS[0]
     run(middle, 10)
     middle.speed_um_s = 0
-    for _ in range(beats // 10):
+    middle.cell._layer._leading._waited_ms = waited_ms
+    for _ in range(60):
         run(middle, 10)
         middle.board.take()
     assert targets_um_s(middle) == (0, 0)
@@ -92,13 +93,13 @@ def held(beats):
 
 
 def test_parcel_that_stood_without_its_host_while_others_had_the_right_of_way_goes_on_then():
-    middle = held(800)
+    middle = held(0)
     run(middle, 100)
     assert targets_um_s(middle)[0] > 90_000
 
 
 def test_parcel_that_others_held_for_too_long_without_its_host_moves_no_more():
-    middle = held(3600)
+    middle = held(28_000)
     run(middle, 100)
     assert targets_um_s(middle) == (0, 0)
     assert state(middle) != cia402.OPERATION_ENABLED
@@ -108,7 +109,7 @@ def ended():
     """A parcel whose time without its host is over; it has left the cell since."""
     middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
     middle.speed_um_s = 0
-    for _ in range(60):
+    for _ in range(40):
         run(middle, 10)
         middle.board.take()
     assert targets_um_s(middle) == (0, 0)
@@ -123,7 +124,7 @@ def fastest_while_it_rolls_over(middle, sequence):
     heartbeat(middle)
     middle._pages()
     fastest = 0
-    while middle.x_um < 60_000:
+    while middle.x_um < 0:
         heartbeat(middle)
         middle.beat()
         middle.board.take()
@@ -275,7 +276,7 @@ def rolled_over(middle, goal_direction=None):
     frame = bytearray(8)
     wire.pack_program(array("i", (IDENTITY, wire.GOAL, 2, 400, 0, 0, 0, 0, 0)), 0, frame)
     fastest = 0
-    while middle.x_um < 60_000:
+    while middle.x_um < 0:
         heartbeat(middle)
         middle.beat()
         middle.board.take()
@@ -407,13 +408,13 @@ def given_a_goal_alone(loses_parcel, quiet):
 
 def fastest_as_it_comes(middle, beating):
     """The parcel comes over the cell, and a neighbour hands on its page."""
-    middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
+    middle.x_um, middle.speed_um_s = -450_000, 2 * SPEED_UM_S
     length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
     parcel = (IDENTITY, wire.PARCEL, 2, wire.RECTANGLE, length, width, 44, 20, wire.GO_ON)
     frame = bytearray(8)
     wire.pack_program(array("i", parcel), 0, frame)
     fastest_um_s = 0
-    while middle.x_um < 60_000:
+    while middle.x_um < 0:
         if beating:
             heartbeat(middle)
         middle.beat()
