@@ -75,7 +75,6 @@ QUICK: dict[str, Table] = {
     "5 x 1, a parcel of three cells, lease 2, none late": Table(
         5, 1, ((0, 1, 2),), _TWO_STEPS, crash=False
     ),
-    "2 x 2, a parcel, a crash": Table(2, 2, ((0,),), _SINGLE),
     "3 x 1, two parcels, lease 1, any lost, none late, a crash": Table(
         3, 1, ((0,), (2,)), _ANY_SHORT
     ),
@@ -96,6 +95,7 @@ QUICK: dict[str, Table] = {
 #: Explored by `python -m tests.prove` as well, within minutes.
 LONG: dict[str, Table | LostTable] = {
     "4 x 1, two parcels, one on a lost cell that comes back": LostTable(crossing=True),
+    "2 x 2, a parcel, a crash": Table(2, 2, ((0,),), _SINGLE),
     "4 x 1, a parcel of two cells, a crash": Table(4, 1, ((0, 1),), _SINGLE),
     "4 x 1, parcels of two cells and one, lease 2, none late": Table(
         4, 1, ((0, 1), (3,)), _SHORT, crash=False

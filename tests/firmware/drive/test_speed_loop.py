@@ -165,7 +165,7 @@ def axes(draw):
     return registers
 
 
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=300, deadline=None)
 @given(axes())
 def test_from_any_state_no_value_leaves_31_bits_and_voltage_is_zero_when_off_or_faulty(registers):
     limit_uv = -(-registers[s.ERROR_LIMIT] * registers[s.GAIN] // 16)
