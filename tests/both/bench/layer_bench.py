@@ -22,6 +22,31 @@ BEAT_MS = 10
 REPEAT_MS = 200
 
 
+def estimate_frame(fields):
+    """The frame of an estimate with these fields, by their numbers; the others are 0."""
+    numbers = array("i", [0] * wire.ESTIMATE_FIELDS)
+    for field, number in fields.items():
+        numbers[field] = number
+    frame = bytearray(8)
+    wire.pack_estimate(numbers, 0, frame, 0)
+    return bytes(frame)
+
+
+def estimate_of(data):
+    """The fields of an estimate, by their numbers."""
+    fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+    assert wire.unpack_estimate(data, fields, 0)
+    return list(fields)
+
+
+def page_frame(fields):
+    """The frame of a page with these fields, the last of which may be left out."""
+    frame = bytearray(8)
+    left_out = wire.PROGRAM_FIELDS - len(fields)
+    wire.pack_program(array("i", tuple(fields) + left_out * (0,)), 0, frame)
+    return bytes(frame)
+
+
 def _u32(number):
     return (number & 0xFFFFFFFF).to_bytes(4, "little")
 
@@ -100,9 +125,7 @@ class Middle:
         self._page((IDENTITY, wire.GOAL, self.sequence, self.goal_x, 0, 0, 0, 0, 0))
 
     def _page(self, fields):
-        frame = bytearray(8)
-        wire.pack_program(array("i", fields), 0, frame)
-        self.cell.on_frame(cob.PROGRAM, bytes(frame), self.now_ms)
+        self.cell.on_frame(cob.PROGRAM, page_frame(fields), self.now_ms)
 
     def _pass(self, time_ms):
         self.now_ms += time_ms
@@ -121,9 +144,10 @@ class Middle:
             speeds = self._speeds(direction, speed_um_s)
             if direction not in self.unheard:
                 cell.on_frame(cob.TPDO_BASES[0] + node_id, speeds, self.now_ms)
-            estimate = self._estimate(direction)
-            if estimate:
-                cell.on_frame(cob.TPDO_BASES[2] + node_id, estimate, self.now_ms)
+            fields = self._estimate(direction)
+            if fields:
+                can_id = cob.TPDO_BASES[2] + node_id
+                cell.on_frame(can_id, estimate_frame(fields), self.now_ms)
             self._presence(direction)
         self.board.bits = self._covered(0, 0)
         self._pass(3)
@@ -135,19 +159,18 @@ class Middle:
         return _u32(speed_um_s) + _u32(0)
 
     def _estimate(self, direction):
+        """The fields of a neighbour's estimate, None where it sends none."""
         dx, dy = STEPS[direction]
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        fields[wire.X] = (self.x_um - dx * PITCH_UM) // wire.STEP_UM
-        fields[wire.Y] = -dy * PITCH_UM // wire.STEP_UM
-        fields[wire.IDENTITY] = IDENTITY
-        fields[wire.STATE] = wire.UNDER
-        fields[wire.CERTAINTY] = self.certainty
-        fields[wire.HOLD] = wire.HOLD_NONE
-        fields[wire.SEQUENCE] = self.its_sequence
-        fields[wire.FLAGS] = self.its_flags
-        frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame, 0)
-        return bytes(frame)
+        return {
+            wire.X: (self.x_um - dx * PITCH_UM) // wire.STEP_UM,
+            wire.Y: -dy * PITCH_UM // wire.STEP_UM,
+            wire.IDENTITY: IDENTITY,
+            wire.STATE: wire.UNDER,
+            wire.CERTAINTY: self.certainty,
+            wire.HOLD: wire.HOLD_NONE,
+            wire.SEQUENCE: self.its_sequence,
+            wire.FLAGS: self.its_flags,
+        }
 
     def _covered(self, x_um, y_um):
         bits = 0
@@ -184,13 +207,8 @@ def state(middle):
 
 def estimates(middle):
     """The estimates that the cell has sent since the last call."""
-    found = []
-    for can_id, data in middle.board.take():
-        if can_id == cob.TPDO_BASES[2] + NODE:
-            fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-            assert wire.unpack_estimate(data, fields, 0)
-            found.append(list(fields))
-    return found
+    can_id = cob.TPDO_BASES[2] + NODE
+    return [estimate_of(data) for sent_id, data in middle.board.take() if sent_id == can_id]
 
 
 def run(middle, beats, moving=True):

@@ -1,8 +1,6 @@
 """A cell at a border between buses: estimates of the others come when its update has begun."""
 
-from array import array
-
-from layer_bench import BEAT_MS, IDENTITY, NEIGHBOURS, NODE, Middle
+from layer_bench import BEAT_MS, IDENTITY, NEIGHBOURS, Middle, estimate_frame, estimates
 
 from mdms_cell.drive import speed_loop
 from mdms_protocol.codecs import cob
@@ -39,23 +37,16 @@ class Border(Middle):
             if now_ms == self.late_ms:
                 for direction in range(8):
                     can_id = cob.TPDO_BASES[2] + NEIGHBOURS[direction]
-                    cell.on_frame(can_id, self._estimate(direction), self.now_ms)
+                    frame = estimate_frame(self._estimate(direction))
+                    cell.on_frame(can_id, frame, self.now_ms)
             self._pass(1)
-
-    def last(self):
-        """The estimate that the cell sent last."""
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        for can_id, data in self.board.take():
-            if can_id == cob.TPDO_BASES[2] + NODE:
-                assert wire.unpack_estimate(data, fields, 0)
-        return fields
 
 
 def believes(border):
     """Whether the cell has the parcel, where it is."""
     for _ in range(30):
         border.beat()
-    last = border.last()
+    last = estimates(border)[-1]
     off_um = abs(last[wire.X] * wire.STEP_UM - border.x_um)
     has = (last[wire.IDENTITY], last[wire.STATE]) == (IDENTITY, wire.UNDER)
     return has and last[wire.CERTAINTY] > 0 and off_um < 2_000

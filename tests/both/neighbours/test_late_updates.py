@@ -1,8 +1,6 @@
 """A cell whose updates take long, as interrupts and background of a slow board come to it."""
 
-from array import array
-
-from layer_bench import BEAT_MS, IDENTITY, NODE, Middle
+from layer_bench import BEAT_MS, IDENTITY, NODE, Middle, estimate_of
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.queues import Inbox
@@ -109,9 +107,7 @@ class Machine:
         """Of each the beat, its fields, and where along x the parcel was at the SYNC of that."""
         for beat, can_id, data, x_um in self.sent:
             if can_id == cob.TPDO_BASES[2] + NODE:
-                fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-                assert wire.unpack_estimate(data, fields, 0)
-                yield beat, fields, x_um
+                yield beat, estimate_of(data), x_um
 
 
 def run(update_ms, beats=90):

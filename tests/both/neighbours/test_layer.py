@@ -1,7 +1,5 @@
 """One cell of nine under a parcel, on every interpreter: its frames, and its wheels' motion."""
 
-from array import array
-
 from cell_bench import operational
 from layer_bench import (
     IDENTITY,
@@ -13,6 +11,7 @@ from layer_bench import (
     WIDTH_UM,
     Middle,
     estimates,
+    page_frame,
     run,
     state,
     targets_um_s,
@@ -176,10 +175,9 @@ def test_program_that_is_ended_comes_back_by_no_neighbour_that_has_missed_its_en
     length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
     middle._page((IDENTITY, wire.PARCEL, 1, wire.RECTANGLE, length, width, 44, 20, 0))
     middle._page((IDENTITY, wire.PLACE, 1, middle.x_um // wire.STEP_UM, 0, 0, 0, 0, 0))
-    frame = bytearray(8)
-    wire.pack_program(array("i", (IDENTITY, wire.GOAL, 1, 400, 0, 0, 0, 0, 0)), 0, frame)
+    frame = page_frame((IDENTITY, wire.GOAL, 1, 400))
     for _ in range(60):
-        middle.cell.on_frame(cob.PROGRAM_BASE + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+        middle.cell.on_frame(cob.PROGRAM_BASE + NEIGHBOURS[0], frame, middle.now_ms)
         middle.beat()
         middle.board.take()
         assert targets_um_s(middle) == (0, 0)
@@ -264,8 +262,10 @@ class Unconfirmed(Middle):
     unsure = False
 
     def _estimate(self, direction):
-        frame = super()._estimate(direction)
-        return frame[:6] + bytes((frame[6] & 0x0F, frame[7])) if self.unsure else frame
+        fields = super()._estimate(direction)
+        if self.unsure:
+            fields[wire.CERTAINTY] = 0
+        return fields
 
 
 def test_cell_whose_belief_no_neighbour_confirms_rests_and_says_where_the_parcel_is():
@@ -329,10 +329,8 @@ def test_goal_of_a_neighbour_that_looks_newer_and_never_had_the_one_before_is_no
         goal_of_sequence(middle, sequence)
         middle.its_sequence = sequence
         run(middle, 5)
-    frame = bytearray(8)
-    fields = (IDENTITY, wire.GOAL, 3, -700, 300, 0, 0, 0, 0)
-    wire.pack_program(array("i", fields), 0, frame)
-    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    frame = page_frame((IDENTITY, wire.GOAL, 3, -700, 300))
+    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], frame, middle.now_ms)
     run(middle, 2)
     assert estimates(middle)[-1][wire.SEQUENCE] == 2
     assert targets_um_s(middle)[0] >= 0
@@ -343,9 +341,8 @@ def test_goal_of_a_neighbour_that_had_the_one_before_is_taken():
     run(middle, 5)
     middle.its_sequence = 3
     run(middle, 1)
-    frame = bytearray(8)
-    wire.pack_program(array("i", (IDENTITY, wire.GOAL, 3, 400, 0, 0, 0, 0, 0)), 0, frame)
-    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], bytes(frame), middle.now_ms)
+    frame = page_frame((IDENTITY, wire.GOAL, 3, 400))
+    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], frame, middle.now_ms)
     run(middle, 2)
     assert estimates(middle)[-1][wire.SEQUENCE] == 3
 
@@ -380,13 +377,11 @@ class Before(Middle):
             return super()._estimate(direction)
         if not self.promising:
             return None
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        fields[wire.IDENTITY] = IDENTITY
-        fields[wire.STATE] = wire.PROMISED
-        fields[wire.HOLD] = wire.HOLD_NONE
-        frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame, 0)
-        return bytes(frame)
+        return {
+            wire.IDENTITY: IDENTITY,
+            wire.STATE: wire.PROMISED,
+            wire.HOLD: wire.HOLD_NONE,
+        }
 
     def goes(self, beats):
         """Whether its first wheel is to turn in any of them."""
@@ -434,18 +429,14 @@ class Behind(Middle):
         self._page((IDENTITY, wire.GOAL, 1, x + 4_000 // wire.STEP_UM, 0, 0, 0, 0, 0))
 
     def _estimate(self, direction):
-        frame = super()._estimate(direction)
+        fields = super()._estimate(direction)
         if STEPS[direction][0] <= 0:
-            return frame
+            return fields
         if self.its_x_um is None:
             return None
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        wire.unpack_estimate(frame, fields, 0)
         fields[wire.IDENTITY] = self.other
         fields[wire.X] = (self.its_x_um - PITCH_UM) // wire.STEP_UM
-        data = bytearray(8)
-        wire.pack_estimate(fields, 0, data, 0)
-        return bytes(data)
+        return fields
 
 
 def test_parcel_that_comes_within_6_mm_of_another_asks_for_the_cells_of_that():

@@ -1,11 +1,7 @@
 """How a cell handles lost frames of its neighbours, on every interpreter."""
 
-from array import array
+from layer_bench import IDENTITY, NODE, Middle, estimate_of, state, targets_um_s
 
-from layer_bench import IDENTITY, NODE, Middle
-
-from mdms_cell.drive import speed_loop
-from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, cob
 from mdms_protocol.neighbours import frames as wire
 
@@ -19,12 +15,6 @@ def run(middle, beats):
     return sent
 
 
-def is_on(middle):
-    """Whether axis 1 is enabled, by its statusword."""
-    word = middle.cell._objects.reader(indices.STATUSWORD, 0)[0]()
-    return word & 0x6F == cia402.OPERATION_ENABLED
-
-
 class Alone(Middle):
     """A cell that has nothing but its own sensors, its neighbours' and all wheels to go by."""
 
@@ -32,9 +22,7 @@ class Alone(Middle):
 
     def off_um(self):
         """How far along x the pose is from the truth that was sent last."""
-        sent = dict(run(self, 1))[cob.TPDO_BASES[2] + NODE]
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        assert wire.unpack_estimate(sent, fields, 0)
+        fields = estimate_of(dict(run(self, 1))[cob.TPDO_BASES[2] + NODE])
         assert fields[wire.CERTAINTY]
         return fields[wire.X] * wire.STEP_UM - self.x_um + self.speed_um_s * 10 // 1000
 
@@ -97,8 +85,8 @@ def test_wheel_joins_a_parcel_under_way_once_others_show_how_it_moves():
     middle._pages()
     middle.unheard = range(8)
     run(middle, 15)
-    assert not is_on(middle)
+    assert state(middle) == cia402.SWITCHED_ON
     middle.unheard = ()
     run(middle, 5)
-    assert is_on(middle)
-    assert middle.cell._registers[speed_loop.TARGET] > 90_000
+    assert state(middle) == cia402.OPERATION_ENABLED
+    assert targets_um_s(middle)[0] > 90_000

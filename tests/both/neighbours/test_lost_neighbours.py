@@ -1,8 +1,6 @@
 """A neighbour that the host declares lost, for a parcel over it, on every interpreter."""
 
-from array import array
-
-from layer_bench import IDENTITY, NODE, Middle
+from layer_bench import IDENTITY, NODE, Middle, estimates
 
 from mdms_cell.perception.heard import NEVER
 from mdms_protocol.codecs import cob
@@ -29,12 +27,8 @@ class Beside(Middle):
         hold = None
         for _ in range(beats):
             self.beat(moving=False)
-            for can_id, data in self.board.take():
-                if can_id == cob.TPDO_BASES[2] + NODE:
-                    fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-                    assert wire.unpack_estimate(data, fields, 0)
-                    hold = fields[wire.HOLD]
-                    self.state = fields[wire.STATE]
+            for fields in estimates(self):
+                hold, self.state = fields[wire.HOLD], fields[wire.STATE]
         return hold
 
     def page(self, number, identity=IDENTITY, kind=lost.DECLARED, column=COLUMN):

@@ -1,10 +1,7 @@
 """A cell at one of 63 parcels, on every interpreter: it keeps the needed parts of all pages."""
 
-from array import array
+from layer_bench import IDENTITY, NEIGHBOURS, Middle, estimates, targets_um_s
 
-from layer_bench import IDENTITY, NEIGHBOURS, NODE, STEPS, Middle, targets_um_s
-
-from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 
 SPEED_UM_S = 100_000
@@ -12,16 +9,6 @@ OTHERS = [each for each in range(1, wire.IDENTITY_MAX + 1) if each != IDENTITY]
 #: Where others lie and are to go, in steps of the wire: far from the cell, and over it.
 FAR = ((20_000, 20_000), (21_000, 20_000))
 NEAR = ((0, 1400), (0, -1400))
-
-
-def last_estimate(middle):
-    found = None
-    for can_id, data in middle.board.take():
-        if can_id == cob.TPDO_BASES[2] + NODE:
-            fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-            assert wire.unpack_estimate(data, fields, 0)
-            found = list(fields)
-    return found
 
 
 def give(middle, identities, way):
@@ -46,7 +33,7 @@ def test_pages_of_62_others_leave_the_program_of_the_parcel_that_the_cell_drives
         give(middle, OTHERS, way)
         run(middle, 20)
         assert targets_um_s(middle)[0] > 90_000
-        assert not last_estimate(middle)[wire.FLAGS] & wire.LACKING
+        assert not estimates(middle)[-1][wire.FLAGS] & wire.LACKING
 
 
 def test_parcel_that_comes_over_the_cell_has_a_program_there_whatever_came_in_between():
@@ -69,16 +56,9 @@ class Asked(Middle):
     def _estimate(self, direction):
         if direction != 4:
             return None
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        fields[wire.X] = (self.x_um - STEPS[4][0] * 127_000) // wire.STEP_UM
-        fields[wire.IDENTITY] = IDENTITY
-        fields[wire.STATE] = wire.UNDER
+        fields = super()._estimate(direction)
         fields[wire.WANTS] = 1
-        fields[wire.CERTAINTY] = self.certainty
-        fields[wire.SEQUENCE] = 1
-        frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame, 0)
-        return bytes(frame)
+        return fields
 
 
 def test_pages_of_62_others_leave_the_program_of_the_parcel_that_the_cell_is_promised_to():
@@ -86,6 +66,6 @@ def test_pages_of_62_others_leave_the_program_of_the_parcel_that_the_cell_is_pro
     run(middle, 20)
     give(middle, OTHERS, NEAR)
     run(middle, 2)
-    last = last_estimate(middle)
+    last = estimates(middle)[-1]
     assert (last[wire.IDENTITY], last[wire.STATE]) == (IDENTITY, wire.PROMISED)
     assert (last[wire.SEQUENCE], last[wire.FLAGS] & wire.LACKING) == (1, 0)

@@ -6,6 +6,8 @@ which one it is, for sequence numbers come round again after three.
 
 from array import array
 
+from layer_bench import page_frame
+
 from mdms_cell.canopen.objects import Objects, find
 from mdms_cell.motion.pages import OUTDATED, Pages, ProgramComparison
 from mdms_cell.motion.program import Program
@@ -69,9 +71,7 @@ class Cell:
         )
 
     def take(self, direction, fields):
-        frame = bytearray(wire.LENGTH)
-        wire.pack_program(array("i", fields), 0, frame)
-        self.pages.on_page(direction, bytes(frame))
+        self.pages.on_page(direction, page_frame(fields))
 
     def estimate(self):
         """Identity, sequence and flags that its estimate has."""

@@ -1,8 +1,6 @@
 """A free cell that two parcels ask for, and an order of the host, on every interpreter."""
 
-from array import array
-
-from layer_bench import NODE, STEPS, Middle
+from layer_bench import NODE, STEPS, Middle, estimates
 
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
@@ -47,17 +45,13 @@ class Asked(Middle):
         identity = self.asking.get(direction) or self.standing.get(direction)
         if not identity:
             return None
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
+        fields = super()._estimate(direction)
         # It lies beside the cell's square.
         dx, dy = STEPS[direction]
         fields[wire.X], fields[wire.Y] = dx * ASIDE, dy * ASIDE
-        fields[wire.CERTAINTY] = self.certainty
-        fields[wire.IDENTITY], fields[wire.STATE] = identity, wire.UNDER
+        fields[wire.IDENTITY] = identity
         fields[wire.WANTS] = 1 << (direction ^ 4) if asks else 0
-        fields[wire.HOLD], fields[wire.SEQUENCE] = wire.HOLD_NONE, 1
-        frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame, 0)
-        return bytes(frame)
+        return fields
 
     def order(self, number, *identities, column=2):
         """The host sends the order over the cell, or over one in another column."""
@@ -71,11 +65,8 @@ class Asked(Middle):
             if with_host:
                 self.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", self.now_ms)
             self.beat()
-            for can_id, data in self.board.take():
-                if can_id == cob.TPDO_BASES[2] + NODE:
-                    fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-                    assert wire.unpack_estimate(data, fields, 0)
-                    promised = fields[wire.IDENTITY] if fields[wire.STATE] >= wire.PROMISED else 0
+            for fields in estimates(self):
+                promised = fields[wire.IDENTITY] if fields[wire.STATE] >= wire.PROMISED else 0
         return promised
 
     def comes_and_leaves(self, identity, direction):

@@ -55,15 +55,11 @@ class Lived(Middle):
         return super()._speeds(direction, 0 if direction == self.liar else speed_um_s)
 
     def _estimate(self, direction):
-        frame = super()._estimate(direction)
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        assert wire.unpack_estimate(frame, fields, 0)
+        fields = super()._estimate(direction)
         fields[wire.IDENTITY] = self.identities[direction]
         if direction == self.liar:
             fields[wire.X] += 160
-        frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame, 0)
-        return bytes(frame)
+        return fields
 
     def live(self, random, beats):
         """Beats of a cell at work, in some of which something happens."""

@@ -1,8 +1,15 @@
 """A cell that has restarted or was cut off alone: what it may promise, and when."""
 
-from array import array
-
-from layer_bench import IDENTITY, NEIGHBOURS, NODE, PITCH_UM, STEPS, Middle
+from layer_bench import (
+    IDENTITY,
+    NEIGHBOURS,
+    NODE,
+    PITCH_UM,
+    STEPS,
+    Middle,
+    estimates,
+    page_frame,
+)
 
 from mdms_cell.rights.right_of_way import DEAD_BEATS
 from mdms_protocol import indices
@@ -26,9 +33,6 @@ class Restarted(Middle):
     `known` are the parcels whose pages the host has sent, `alive` the neighbours that are heard.
     """
 
-    certainty = 9
-    parcel_flags = 0
-
     def __init__(self, reports, known=(LYING, WAITING), alive=range(8)):
         self.reports = dict(reports)
         self.known = known
@@ -46,12 +50,10 @@ class Restarted(Middle):
     def parcel_page(self, identity, direction=None):
         size = (LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM)
         head = (identity, wire.PARCEL, 1, wire.RECTANGLE)
-        fields = array("i", head + size + (44, 20, self.parcel_flags))
-        frame = bytearray(8)
-        wire.pack_program(fields, 0, frame)
         node = None if direction is None else NEIGHBOURS[direction]
         can_id = cob.PROGRAM if node is None else cob.TPDO_BASES[3] + node
-        self.cell.on_frame(can_id, bytes(frame), self.now_ms)
+        fields = head + size + (44, 20)
+        self.cell.on_frame(can_id, page_frame(fields), self.now_ms)
 
     def _covered(self, _x_um, _y_um):
         return 0
@@ -63,28 +65,24 @@ class Restarted(Middle):
     def beat(self, moving=False):
         self.unheard = [each for each in range(8) if each not in self.alive]
         super().beat(moving)
-        for can_id, data in self.board.take():
-            if can_id == cob.TPDO_BASES[2] + NODE:
-                fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-                assert wire.unpack_estimate(data, fields, 0)
-                self.flags = fields[wire.FLAGS]
-                said = (fields[wire.IDENTITY], fields[wire.STATE])
-                if not self.said or self.said[-1] != said:
-                    self.said.append(said)
+        for fields in estimates(self):
+            self.flags = fields[wire.FLAGS]
+            said = (fields[wire.IDENTITY], fields[wire.STATE])
+            if not self.said or self.said[-1] != said:
+                self.said.append(said)
 
     def _estimate(self, direction):
         if direction not in self.alive or direction not in self.reports:
             return None
         identity, x_um, asks = self.reports[direction]
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        fields[wire.X] = (x_um - STEPS[direction][0] * PITCH_UM) // wire.STEP_UM
-        fields[wire.IDENTITY], fields[wire.STATE] = identity, self._state(identity)
-        fields[wire.CERTAINTY] = self.certainty
-        fields[wire.WANTS] = 1 << (direction ^ 4) if asks else 0
-        fields[wire.SEQUENCE] = 1
-        frame = bytearray(8)
-        wire.pack_estimate(fields, 0, frame, 0)
-        return bytes(frame)
+        return {
+            wire.X: (x_um - STEPS[direction][0] * PITCH_UM) // wire.STEP_UM,
+            wire.IDENTITY: identity,
+            wire.STATE: self._state(identity),
+            wire.CERTAINTY: self.certainty,
+            wire.WANTS: 1 << (direction ^ 4) if asks else 0,
+            wire.SEQUENCE: 1,
+        }
 
     def _state(self, _identity):
         return wire.UNDER
@@ -130,13 +128,7 @@ class CutOff(Restarted):
         self.board.take()
         for _ in range(time_ms):
             self._pass(1)
-        waiting = []
-        for can_id, data in self.board.take():
-            if can_id == cob.TPDO_BASES[2] + NODE:
-                fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-                assert wire.unpack_estimate(data, fields, 0)
-                waiting.append((fields[wire.IDENTITY], fields[wire.STATE]))
-        return waiting
+        return [(fields[wire.IDENTITY], fields[wire.STATE]) for fields in estimates(self)]
 
 
 def overhangs(identity, side, by_um=20_000):

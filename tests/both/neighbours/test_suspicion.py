@@ -1,9 +1,7 @@
 """How a cell judges neighbours that contradict it, and itself."""
 
-from array import array
-
 from cell_bench import NODE
-from layer_bench import IDENTITY, NEIGHBOURS, STEPS, Middle
+from layer_bench import IDENTITY, NEIGHBOURS, STEPS, Middle, estimate_of
 
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob
@@ -31,8 +29,7 @@ class Broken(Middle):
                     suspicion = data[0] | data[1] << 8 == 0xFF01
                     self.reports.append((data[4], data[5]) if suspicion else None)
                 elif can_id == cob.TPDO_BASES[2] + NODE:
-                    self.estimate = array("i", [0] * wire.ESTIMATE_FIELDS)
-                    wire.unpack_estimate(data, self.estimate, 0)
+                    self.estimate = estimate_of(data)
         reports, self.reports = self.reports, []
         return reports
 
@@ -115,9 +112,11 @@ def test_parcel_that_all_cells_miss_is_dropped():
             return 0
 
         def _estimate(self, direction):
-            frame = super()._estimate(direction)
-            # They are no longer certain either.
-            return frame[:6] + bytes((frame[6] & 0x0F, frame[7])) if self.broken else frame
+            fields = super()._estimate(direction)
+            if self.broken:
+                # They are no longer certain either.
+                fields[wire.CERTAINTY] = 0
+            return fields
 
     cell = Gone(0)
     cell.broken = True
@@ -128,12 +127,10 @@ def test_parcel_that_all_cells_miss_is_dropped():
 def test_neighbour_that_believes_the_parcel_elsewhere_drags_nobody_away():
     class Misplaced(Broken):
         def _estimate(self, direction):
+            fields = super()._estimate(direction)
             if self.broken and direction == EAST:
-                self.x_um += 127_000
-                frame = super()._estimate(direction)
-                self.x_um -= 127_000
-                return frame
-            return super()._estimate(direction)
+                fields[wire.X] += 127_000 // wire.STEP_UM
+            return fields
 
     cell = Misplaced()
     cell.broken = True
@@ -203,13 +200,9 @@ class Corner(Broken):
             return self._wanting(super()._estimate(direction), IDENTITY - 1, wire.HOLD_NONE)
         return None
 
-    def _wanting(self, frame, identity, hold):
-        fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-        wire.unpack_estimate(frame, fields, 0)
+    def _wanting(self, fields, identity, hold):
         fields[wire.IDENTITY], fields[wire.HOLD], fields[wire.WANTS] = identity, hold, 0xFF
-        data = bytearray(8)
-        wire.pack_estimate(fields, 0, data, 0)
-        return bytes(data)
+        return fields
 
 
 def test_cell_stays_with_a_parcel_that_lies_over_its_square_only_and_is_held():
