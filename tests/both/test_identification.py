@@ -94,12 +94,3 @@ def test_a_board_without_leds_takes_the_request_too():
     cell, board = booted()
     ask(cell, 500)
     assert left(cell, board) == 500
-
-
-def test_sizes_that_the_board_does_not_know_read_as_all_ones():
-    cell, board = booted()
-    for sub in (1, 2):
-        board.take()
-        cell.on_frame(0x605, sdo.read_request(0x3008, sub), cell.now_ms)
-        _, data = board.take()[-1]
-        assert data == bytes((0x43, 0x08, 0x30, sub, 0xFF, 0xFF, 0xFF, 0xFF))

@@ -12,8 +12,7 @@ from canopen.objectdictionary import import_od
 from tests.both.bench import cell_bench
 
 from mdms_cell.cell import Cell
-from mdms_cell.drive import speed_loop
-from mdms_protocol.codecs import cia402, cob
+from mdms_protocol.codecs import cia402
 from mdms_protocol.dictionary import ENTRIES, ERROR_HISTORY
 
 EDS = Path(__file__).parents[2] / "protocol" / "mdms-cell.eds"
@@ -21,9 +20,6 @@ NODE = 5
 PATIENCE_S = 10
 #: For answers that always come.
 ANSWER_S = 2
-#: `fast_scan` waits this long for each answer that does not come; longer where one was late, which
-#: spoils a scan and nothing else.
-SCAN_TIMEOUTS_S = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 
 
 class Settings:
@@ -141,18 +137,6 @@ def test_every_readable_object_reads_as_its_default(node):
     assert read == readable - ERROR_HISTORY
 
 
-def test_history_without_an_error_has_no_data_and_takes_only_0(node):
-    _, remote = node
-    assert remote.sdo[0x1003][0].raw == 0
-    with pytest.raises(canopen.SdoAbortedError) as refused:
-        remote.sdo.upload(0x1003, 1)
-    assert refused.value.code == 0x08000024
-    with pytest.raises(canopen.SdoAbortedError) as refused:
-        remote.sdo.download(0x1003, 0, b"\1")
-    assert refused.value.code == 0x06090030
-    remote.sdo.download(0x1003, 0, b"\0")
-
-
 def variables(dictionary):
     for entry in dictionary.values():
         for variable in [entry] if hasattr(entry, "data_type") else entry.values():
@@ -171,44 +155,6 @@ def test_block_upload(node):
     _, remote = node
     with remote.sdo[0x1009].open("rb", block_transfer=True) as stream:
         assert stream.read() == b"2 wheels, 5 sensors"
-
-
-def test_pdo_is_remapped_and_carries_other_objects(node):
-    cells, remote = node
-    remote.tpdo.read()
-    mapping = remote.tpdo[1]
-    assert not mapping.rtr_allowed
-    mapping.clear()
-    mapping.add_variable(0x6063)
-    mapping.add_variable(0x3001)
-    mapping.trans_type = 255
-    mapping.event_timer = 20
-    mapping.enabled = True
-    mapping.save()
-    cells.boards[0].registers[speed_loop.COUNT] = 12345
-    cells.boards[0].bits = 0b10101
-    remote.nmt.state = "OPERATIONAL"
-    for _ in range(3):
-        assert mapping.wait_for_reception(PATIENCE_S) is not None
-    assert mapping[0].raw == 12345
-    assert mapping[1].raw == 0b10101
-
-
-def test_setpoint_by_pdo_reaches_the_motor(node):
-    cells, remote = node
-    remote.rpdo.read()
-    remote.sdo[0x200A].raw = 0  # the wheel stands
-    remote.sdo[0x3000].raw = 500  # a machine under load may hold up the setpoints
-    remote.nmt.state = "OPERATIONAL"
-    for word in (cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION):
-        remote.sdo[0x6040].raw = word
-    remote.rpdo[1][0].raw = 63_500
-    deadline_s = time.monotonic() + PATIENCE_S
-    while cells.boards[0].registers[speed_loop.VOLTAGE] != 825_500:
-        remote.rpdo[1].transmit()
-        remote.network.sync.transmit()
-        time.sleep(0.01)
-        assert time.monotonic() < deadline_s
 
 
 def test_emergency_reaches_the_host_and_the_history(node):
@@ -238,33 +184,3 @@ def test_saved_settings_come_back_after_a_reset(node):
     remote.nmt.send_command(0x81)
     remote.nmt.wait_for_bootup(PATIENCE_S)
     assert remote.sdo[0x3000].raw == 50
-
-
-def scan(network):
-    """The identity of a blank cell; an answer that is late spoils a scan."""
-    for timeout_s in SCAN_TIMEOUTS_S:
-        network.lss.RESPONSE_TIMEOUT = timeout_s
-        found, identity = network.lss.fast_scan()
-        if found:
-            return identity
-    raise AssertionError("no blank cell answers")
-
-
-@pytest.mark.slow
-def test_three_blank_cells_get_node_ids_by_fast_scan(run_cells):
-    cells, network = run_cells(cob.NODE_NONE, cob.NODE_NONE, cob.NODE_NONE)
-    found = []
-    for node_id in (11, 12, 13):
-        found.append(scan(network)[3])
-        network.lss.RESPONSE_TIMEOUT = ANSWER_S
-        network.lss.configure_node_id(node_id)
-        network.lss.store_configuration()
-        network.lss.send_switch_state_global(network.lss.WAITING_STATE)
-    assert sorted(found) == [0x1000, 0x1001, 0x1002]
-    assert network.lss.fast_scan() == (False, None)
-    assert sorted(cell.node_id for cell in cells.cells) == [11, 12, 13]
-    remote = network.add_node(13, import_od(str(EDS), 13))
-    remote.sdo.RESPONSE_TIMEOUT = ANSWER_S
-    remote.nmt.wait_for_heartbeat(PATIENCE_S)
-    assert remote.sdo[0x1018][4].raw == found[2]
-    assert remote.sdo[0x1018][2].raw == 0x4D444D53

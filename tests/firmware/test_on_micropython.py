@@ -10,6 +10,11 @@ MODULES = sorted(name for name in FILES if name.startswith("test_"))
 CODE = "from run_on_micropython import run; run(%r)"
 
 
+def test_no_two_modules_have_one_name():
+    """The later would take the place of the earlier, which then runs on CPython alone."""
+    assert len(FILES) == len([*BOTH.rglob("*.py")])
+
+
 @pytest.mark.parametrize("name", MODULES)
 def test_passes_on_64_bit_micropython(micropython, name):
     printed = micropython(CODE % name, *FILES.values())

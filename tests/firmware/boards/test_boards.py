@@ -1,7 +1,6 @@
 """The boards on MicroPython, with peripherals that remember their commands."""
 
 import ast
-import re
 from pathlib import Path
 
 import pytest
@@ -15,8 +14,6 @@ MODULES = ("on_board", "on_board_bus", "on_board_storage")
 #: Modules of tests for a single board.
 OF_ONE = {"on_sectors": "pybv11", "on_littlefs": "teensy41"}
 NAMES = ("teensy41", "weact_h743", "nucleo_g474re", "pybv11")  # as in the table of the wiring
-WIRED = ("encoders", "pulses", "phases", "wake", "fault", "currents", "supply", "sensors")
-PAGE = (ROOT / "docs" / "boards.md").read_text()
 FILES = (
     BOARDS,
     *(HERE / f"{module}.py" for module in (*MODULES, *OF_ONE)),
@@ -44,42 +41,6 @@ TESTS = [
 def test_board(micropython, board, module, name):
     printed = micropython(f"import {module}; {module}.run({board!r}, {name!r})", *FILES)
     assert printed.endswith("done\n")
-
-
-def wired(name):
-    """The pins that a board's module names."""
-    for node in ast.parse((BOARDS / f"{name}.py").read_text()).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "PINS":
-            assert isinstance(node.value, ast.Call)
-            values = {each.arg: each.value for each in node.value.keywords}
-            return {key: ast.literal_eval(values[key]) for key in WIRED}
-    raise AssertionError(name)
-
-
-def table(name):
-    """The same from the table of the wiring, where ports of an STM32 begin with P."""
-    rows = {}
-    for line in PAGE.split("## Wiring")[1].split("\n## ")[0].splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if len(cells) == len(NAMES) + 1:
-            pins = re.findall(r"\b(?:P(?=[A-E]\d))?([A-EXY]\d+)\b", cells[1 + NAMES.index(name)])
-            rows[cells[0]] = pins
-    return rows
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_wiring_table_is_that_of_the_board(name):
-    pins, rows = wired(name), table(name)
-    assert rows["encoder 1 A, B"] == list(pins["encoders"][0][-2:])
-    assert rows["encoder 2 A, B"] == list(pins["encoders"][1][-2:])
-    for number in range(2):
-        row = rows[f"bridge {number + 1} enable (PWM), phase"]
-        assert row == [pins["pulses"][number], pins["phases"][number]]
-    assert rows["both bridges sleep, 10 kOhm to ground"] == [pins["wake"]]
-    assert rows["both bridges fault"] == [pins["fault"]]
-    assert rows["current sense 1, 2"] == list(pins["currents"])
-    assert rows["motor supply over 100 kOhm / 8.2 kOhm"] == [pins["supply"]]
-    assert rows["presence: centre, +x+y, -x+y, -x-y, +x-y"] == list(pins["sensors"])
 
 
 @pytest.mark.parametrize(

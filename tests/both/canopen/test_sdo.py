@@ -1,7 +1,7 @@
 """The SDO server: transcripts of every kind of transfer, and the abort code of every error."""
 
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo_server import SdoServer
+from mdms_cell.canopen.sdo_server import TIMEOUT_MS, SdoServer
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 
@@ -351,3 +351,69 @@ def test_transfer_that_is_given_up_is_aborted_with_the_entry_and_undone():
     assert client.take() == [sdo.abort(0x5000, 1, sdo.WRONG_STATE)]
     assert client.sink.cancelled
     assert not client.server.busy
+
+
+def uploading():
+    """A client whose server has sent the first block of two segments."""
+    client = Client()
+    client.ask(BLOCK_UPLOAD)
+    assert [answer[0] for answer in client.ask(b"\xa3" + bytes(7))] == [1, 2]
+    return client
+
+
+BLOCK_UPLOAD = b"\xa4\x09\x10\x00\x02\0\0\0"
+
+
+def test_another_initiate_begins_a_block_upload_anew():
+    transcript(
+        uploading(),
+        (BLOCK_UPLOAD, b"\xc6\x09\x10\x00\x13\0\0\0"),
+        (b"\xa3" + bytes(7), b"\x01" + VERSION[:7], b"\x02" + VERSION[7:14]),
+    )
+
+
+def test_read_of_another_entry_or_an_abort_ends_a_block_upload():
+    for request, answers in (
+        (sdo.read_request(0x1000, 0), [b"\x43\x00\x10\x00\x92\x01\xff\xff"]),
+        (sdo.abort(0x1009, 0, sdo.GENERAL_ERROR), []),
+    ):
+        client = uploading()
+        assert client.ask(request) == answers
+        assert not client.server.busy
+
+
+def downloaded():
+    """A client that has written a setting by segments."""
+    client = Client()
+    client.ask(b"\x21\x00\x20\x00\x04\0\0\0")
+    assert client.server.busy
+    client.ask(b"\x07\x10\x27\0\0\0\0\0")
+    return client
+
+
+def uploaded():
+    """A client that has read a name by segments."""
+    client = Client()
+    for request in (b"\x40\x08\x10\x00", b"\x60\0\0\0", b"\x70\0\0\0"):
+        client.ask(request + bytes(4))
+    return client
+
+
+def test_segmented_transfer_that_is_whole_or_refused_leaves_the_server_free_and_silent():
+    refused = Client()
+    refused.ask(b"\x21\x00\x20\x00\x04\0\0\0")
+    too_long = [sdo.abort(0x2000, 0, sdo.TOO_LONG)]
+    assert refused.ask(b"\x05\x10\x27\0\0\0\0\0") == too_long
+    for client in (downloaded(), uploaded(), refused):
+        assert not client.server.busy
+        for now_ms in (1, TIMEOUT_MS, 2 * TIMEOUT_MS):
+            client.server.poll(now_ms)
+        assert client.take() == []
+
+
+def test_segment_after_the_last_belongs_to_nothing():
+    for done in (downloaded, uploaded):
+        for command in (b"\x10", b"\x70"):
+            (answer,) = done().ask(command + bytes(7))
+            assert answer[:1] == b"\x80"
+            assert answer[4:] == sdo.UNKNOWN_COMMAND.to_bytes(4, "little")

@@ -118,17 +118,6 @@ def test_frame_that_is_too_short_is_noted_until_one_is_long_enough():
     assert not bench.rpdo.take_short()
 
 
-def test_rpdo_deadline_is_told_once():
-    bench = Bench()
-    assert bench.write(0x1400, 5, 20) is None
-    assert not bench.rpdo.overdue(1000)
-    bench.rpdo.on_frame(bytes(8))
-    assert bench.rpdo.wait_ms(1019) == 1
-    assert not bench.rpdo.overdue(1019)
-    assert bench.rpdo.overdue(1020)
-    assert not bench.rpdo.overdue(1021)
-
-
 def test_rpdo_takes_its_part_of_a_neighbours_frame():
     bench = Bench()
     bench.remap(0x1400, 0x1600, 0x186, 0x00070020, 0x68FF0020)
@@ -169,21 +158,6 @@ def test_acyclic_tpdo_at_sync_only_when_something_has_changed():
     bench.values[0x606C] = 1
     bench.tpdo.on_sync()
     assert len(bench.take()) == 1
-
-
-def test_acyclic_tpdo_that_was_refused_is_sent_when_there_is_room():
-    bench = Bench()
-    assert bench.write(0x1800, 2, 0) is None
-    bench.values[0x606C] = 1
-    bench.room = False
-    assert not bench.tpdo.on_sync()
-    assert not bench.tpdo.retry()
-    bench.room = True
-    assert bench.tpdo.retry()
-    assert bench.take() == [(0x185, b"\x01\0\0\0\0\0\0\0")]
-    assert bench.tpdo.retry()
-    assert bench.tpdo.on_sync()
-    assert bench.take() == []
 
 
 def test_acyclic_tpdo_that_was_refused_gives_way_to_the_next_sync():
