@@ -118,11 +118,6 @@ def node(run_cells):
     return cells, remote
 
 
-def test_data_sheet_loads_without_a_warning(caplog):
-    assert len(import_od(str(EDS), NODE)) > 100
-    assert caplog.records == []
-
-
 def test_every_readable_object_reads_as_its_default(node):
     _, remote = node
     read = 0

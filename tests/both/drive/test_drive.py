@@ -154,23 +154,6 @@ def test_fault_reset_works_on_the_rising_edge_only():
     assert axis.drive.error_code == 0
 
 
-def test_stale_target_is_a_fault_that_must_be_reset():
-    axis = axis_in(c.OPERATION_ENABLED)
-    axis.drive.set_target(100_000)
-    assert axis.tick(50) == 0
-    assert axis.voltage_uv() != 0
-    assert axis.tick() == d.STALE_SETPOINT
-    assert axis.voltage_uv() == 0
-    axis.drive.set_target(100_000)
-    axis.tick()
-    assert axis.voltage_uv() == 0
-    for controlword in (c.FAULT_RESET,) + WAYS[c.OPERATION_ENABLED]:
-        axis.drive.control(controlword)
-    axis.drive.set_target(100_000)
-    assert axis.tick() == 0
-    assert axis.voltage_uv() != 0
-
-
 def test_target_older_than_the_switching_on_is_not_stale():
     axis = axis_in(c.SWITCHED_ON)
     axis.tick(1000)
@@ -256,31 +239,6 @@ def test_axis_that_is_off_has_nothing_to_brake():
         axis.drive.fall_silent(HEARTBEAT_LOST)
         assert axis.drive.state == c.FAULT
         assert axis.drive.error_code == HEARTBEAT_LOST
-
-
-def test_quick_stop_ends_in_switch_on_disabled_after_its_ramp():
-    axis = axis_in(c.OPERATION_ENABLED)
-    tuning.set_ramps(axis.registers, 0, 0, 0, 10_000_000)
-    axis.drive.set_target(100_000)
-    axis.tick()
-    axis.drive.control(c.QUICK_STOP)
-    axis.tick(9)
-    assert axis.registers[s.DEMAND] == 10_000
-    assert axis.drive.state == c.QUICK_STOP_ACTIVE
-    axis.tick()
-    assert axis.drive.state == c.SWITCH_ON_DISABLED
-
-
-def test_quick_stop_of_a_wheel_that_is_pushed_ends_with_its_time():
-    axis = axis_in(c.OPERATION_ENABLED)
-    axis.drive.control(c.QUICK_STOP)
-    ticks = 0
-    while axis.drive.state == c.QUICK_STOP_ACTIVE:
-        axis.registers[s.COUNT] += 4  # 0.1 m/s, for ever
-        axis.tick()
-        ticks += 1
-        assert ticks <= 1001
-    assert axis.drive.state == c.SWITCH_ON_DISABLED
 
 
 def test_every_way_out_of_operation_enabled_drops_the_target():
@@ -416,18 +374,6 @@ def test_low_supply_that_is_over_before_the_background_looks_is_a_fault_all_the_
         assert axis.voltage_uv() == 0
         assert axis.drive.poll() == d.UNDERVOLTAGE
         assert axis.drive.state == c.FAULT
-
-
-def test_axis_that_needs_a_controlword_has_no_fault_of_a_low_supply_until_it_is_switched_on():
-    for state in (c.SWITCH_ON_DISABLED, c.READY_TO_SWITCH_ON):
-        axis = axis_in(state)
-        axis.registers[s.SUPPLY_MIN] = 10_000_000
-        axis.registers[s.SUPPLY] = 0
-        assert axis.tick(100) == 0
-        assert axis.drive.state == state
-        axis.drive.control(c.SHUTDOWN)
-        axis.drive.control(c.SWITCH_ON)
-        assert axis.tick() == d.UNDERVOLTAGE
 
 
 def test_low_supply_in_the_fault_of_a_silence_is_a_fault_of_the_supply_until_it_is_reset():
