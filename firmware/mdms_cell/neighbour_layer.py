@@ -165,7 +165,7 @@ class Layer:
         operational = self._operational
         if operational or others:
             self.stop()
-        self._axes.led = self.wanted
+        self._axes.be_led(self.wanted)
         if operational:
             self.start(self._pages.node_id)
         if others:

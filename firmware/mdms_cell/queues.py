@@ -9,8 +9,6 @@ from mdms_cell.drive.speed_loop import TICKS
 from mdms_cell.mailboxes import BOX_BITS, KNOWN, NO_BOX, STAMP
 from mdms_protocol.compat import const, micropython, ptr8, ptr16, ptr32
 
-REMOTE_OR_EXTENDED = 3  # CAN.FLAG_RTR and CAN.FLAG_EXT_ID of `machine.CAN`
-
 # A frame in the ring: two bytes of its identifier, its length, eight of data, flags, errors, and
 # the last byte of the tick in which it came
 _LENGTH = const(2)

@@ -465,17 +465,9 @@ class Axes:
         self._axes = [Axis(number, objects, registers) for number in range(speed_loop.AXES)]
         self._drives = [axis.drive for axis in self._axes]
         self._emcy = emcy
-        #: Whether the neighbour layer leads the wheels, and targets from the bus count for nothing.
-        self._led = False
 
-    @property
-    def led(self):
+    def be_led(self, led):
         """Whether the neighbour layer sets the targets; those from the bus are not taken then."""
-        return self._led
-
-    @led.setter
-    def led(self, led):
-        self._led = led
         for drive in self._drives:
             drive.led = led
 

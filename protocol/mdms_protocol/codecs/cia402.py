@@ -23,10 +23,8 @@ NAMES = {
 
 # The rest of the statusword; in profile velocity bit 12 means standstill, bit 13 slippage.
 VOLTAGE_ENABLED = 1 << 4
-WARNING = 1 << 7
 REMOTE = 1 << 9
 TARGET_REACHED = 1 << 10
-INTERNAL_LIMIT = 1 << 11
 SPEED_ZERO = 1 << 12
 SLIPPAGE = 1 << 13
 
@@ -45,8 +43,6 @@ ENABLE_OPERATION = 0x0F
 DISABLE_VOLTAGE = 0x00
 QUICK_STOP = 0x02
 FAULT_RESET = 0x80
-
-MODE_PROFILE_VELOCITY = 3
 
 #: The command of each state that leads one step nearer to 'operation enabled'.
 TOWARDS_ENABLED = {
