@@ -22,41 +22,14 @@ PATIENCE_S = 10
 ANSWER_S = 2
 
 
-class Settings:
-    """Two banks of memory."""
+class RealTime(threading.Thread):
+    """Runs a cell with a memory, and wheels that stand still, in real time on a virtual bus."""
 
-    def __init__(self):
-        self.banks = [bytes(4096), bytes(4096)]
-
-    def read(self, bank):
-        return self.banks[bank]
-
-    def erase(self, bank):
-        self.banks[bank] = b"\xff" * 4096
-
-    def write(self, bank, offset, data):
-        old = self.banks[bank]
-        self.banks[bank] = old[:offset] + data + old[offset + len(data) :]
-
-
-class Board(cell_bench.Board):
-    """Wheels that stand still, and memories that keep their writes."""
-
-    def __init__(self, serial):
+    def __init__(self, channel):
         super().__init__()
-        self.serial = serial
-        self.settings = Settings()
-
-
-class Cells(threading.Thread):
-    """Runs cells in real time on a virtual bus."""
-
-    def __init__(self, channel, node_ids):
-        super().__init__()
-        self.boards = [Board(0x1000 + number) for number in range(len(node_ids))]
-        self.cells = [
-            Cell(board, node_id) for board, node_id in zip(self.boards, node_ids, strict=True)
-        ]
+        self._board = cell_bench.Board()
+        self._board.settings = cell_bench.Memory()
+        self.cell = Cell(self._board, NODE)
         self._bus = can.Bus(interface="virtual", channel=channel)
         self._running = True
 
@@ -65,22 +38,10 @@ class Cells(threading.Thread):
         while self._running:
             message = self._bus.recv(0.001)
             if message is not None:
-                self._to_cells(message.arbitration_id, bytes(message.data))
-            now_ms = int((time.monotonic() - start_s) * 1000)
-            for cell in self.cells:
-                cell.tick()
-                cell.poll(now_ms)
-            self._from_cells()
-
-    def _to_cells(self, can_id, data, sender=None):
-        for cell in self.cells:
-            if cell is not sender:
-                cell.on_frame(can_id, data, cell.now_ms)
-
-    def _from_cells(self):
-        for cell, board in zip(self.cells, self.boards, strict=True):
-            for can_id, data in board.take():
-                self._to_cells(can_id, data, cell)
+                self.cell.on_frame(message.arbitration_id, bytes(message.data), self.cell.now_ms)
+            self.cell.tick()
+            self.cell.poll(int((time.monotonic() - start_s) * 1000))
+            for can_id, data in self._board.take():
                 self._bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
 
     def stop(self):
@@ -90,36 +51,28 @@ class Cells(threading.Thread):
 
 
 @pytest.fixture
-def run_cells(request):
-    """Starts cells with these node ids and a `canopen` network beside them."""
-    opened = []
-
-    def start(*node_ids):
-        cells = Cells(request.node.name, node_ids)
-        network = canopen.Network()
-        network.NOTIFIER_CYCLE = 0.05  # how long its reader takes to end
-        network.connect(interface="virtual", channel=request.node.name)
-        opened.append((cells, network))
-        cells.start()
-        return cells, network
-
-    yield start
-    for cells, network in opened:
-        cells.stop()
-        network.disconnect()
+def running(request):
+    """A cell that runs."""
+    running = RealTime(request.node.name)
+    yield running
+    running.stop()
 
 
 @pytest.fixture
-def node(run_cells):
-    cells, network = run_cells(NODE)
+def remote(request, running):
+    """The cell as a node of a `canopen` network, which has heard of it."""
+    network = canopen.Network()
+    network.NOTIFIER_CYCLE = 0.05  # how long its reader takes to end
+    network.connect(interface="virtual", channel=request.node.name)
+    running.start()
     remote = network.add_node(NODE, import_od(str(EDS), NODE))
     remote.sdo.RESPONSE_TIMEOUT = ANSWER_S
     remote.nmt.wait_for_heartbeat(PATIENCE_S)
-    return cells, remote
+    yield remote
+    network.disconnect()
 
 
-def test_every_readable_object_reads_as_its_default(node):
-    _, remote = node
+def test_every_readable_object_reads_as_its_default(remote):
     read = 0
     for variable in variables(remote.object_dictionary):
         if variable.index == 0x1003 and variable.subindex:
@@ -139,23 +92,20 @@ def variables(dictionary):
                 yield variable
 
 
-def test_segmented_download_and_upload(node):
-    _, remote = node
+def test_segmented_download_and_upload(remote):
     remote.sdo.download(0x3000, 0, struct.pack("<H", 77), force_segment=True)
     assert remote.sdo[0x3000].raw == 77
     assert remote.sdo[0x1009].raw == "2 wheels, 5 sensors"
 
 
-def test_block_upload(node):
-    _, remote = node
+def test_block_upload(remote):
     with remote.sdo[0x1009].open("rb", block_transfer=True) as stream:
         assert stream.read() == b"2 wheels, 5 sensors"
 
 
-def test_emergency_reaches_the_host_and_the_history(node):
-    cells, remote = node
+def test_emergency_reaches_the_host_and_the_history(running, remote):
     remote.nmt.state = "OPERATIONAL"
-    cells.cells[0].fail(0x6100)
+    running.cell.fail(0x6100)
     deadline_s = time.monotonic() + PATIENCE_S
     while not remote.emcy.log:
         time.sleep(0.01)
@@ -167,8 +117,7 @@ def test_emergency_reaches_the_host_and_the_history(node):
     assert cia402.state(remote.sdo[0x6041].raw) == cia402.FAULT
 
 
-def test_saved_settings_come_back_after_a_reset(node):
-    _, remote = node
+def test_saved_settings_come_back_after_a_reset(remote):
     remote.sdo[0x3000].raw = 77
     remote.store()
     remote.sdo[0x3000].raw = 88

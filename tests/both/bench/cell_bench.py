@@ -43,6 +43,26 @@ class Board:
         return sent
 
 
+class Memory:
+    """Two banks of settings, which may be broken."""
+
+    def __init__(self):
+        self.banks = [b"", b""]
+        self.broken = False
+
+    def read(self, bank):
+        return self.banks[bank]
+
+    def erase(self, bank):
+        if self.broken:
+            raise OSError(5)
+        self.banks[bank] = b""
+
+    def write(self, bank, offset, data):
+        assert offset == len(self.banks[bank])
+        self.banks[bank] += data
+
+
 def booted(now_ms=50):
     board = Board()
     cell = Cell(board, NODE)

@@ -1,6 +1,6 @@
 """0x1010 and 0x1011: the signature that a client must write, the saved groups, and the refusals."""
 
-from cell_bench import NODE, Board, emergencies
+from cell_bench import NODE, Board, Memory, emergencies
 from refusal import code_of
 
 from mdms_cell.canopen.emcy import Emcy
@@ -15,26 +15,6 @@ STORE = 0x1010
 RESTORE = 0x1011
 #: A setting of communication and one of the application, neither at its default.
 CHANGED = ((0x1017, 333), (0x3000, 77))
-
-
-class Memory:
-    """Two banks."""
-
-    def __init__(self):
-        self.banks = [b"", b""]
-        self.broken = False
-
-    def read(self, bank):
-        return self.banks[bank]
-
-    def erase(self, bank):
-        if self.broken:
-            raise OSError(5)
-        self.banks[bank] = b""
-
-    def write(self, bank, offset, data):
-        assert offset == len(self.banks[bank])
-        self.banks[bank] += data
 
 
 class Bench:
