@@ -202,13 +202,16 @@ class Cell:
     def steps(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> tuple[int, ...]:
         """The local states that may follow; first that in which every estimate arrives at once."""
         if not self.locals[number].memory.unsure:
-            # It needs neither the living neighbours nor the parcel here.
-            inbox = tuple(tuple(dict.fromkeys(map(_plain, arrivals))) for arrivals in inbox)
+            inbox = tuple(self._of_sure(place, arrivals) for place, arrivals in enumerate(inbox))
         key = (number, inbox, given)
         found = self._steps.get(key)
         if found is None:
             found = self._steps[key] = tuple(dict.fromkeys(self._follow(number, inbox, given)))
         return found
+
+    def _of_sure(self, _place: int, arrivals: Arrivals) -> Arrivals:
+        """What a cell that is sure takes in: not whether neighbours live, nor the parcel here."""
+        return tuple(dict.fromkeys(map(_plain, arrivals)))
 
     def _follow(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> Iterable[int]:
         local = self.locals[number]

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from mdms_cell.rights import right_of_way
 from mdms_cell.rights.right_of_way import PROMISED, UNDER
-from tests.prove.cells import DOWN, Arrivals, Cell, Input, Memory, Message, Rules, _plain
+from tests.prove.cells import DOWN, Arrivals, Cell, Input, Memory, Message, Rules
 from tests.prove.exploration import Exploration, State
 from tests.prove.parcels import Cells, Grid, Situation
 from tests.prove.rules import Judge, Links
@@ -61,19 +61,10 @@ class Beside(Cell):
         self._times = times
         self._decider.lost.set_lease(*times)
 
-    def steps(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> tuple[int, ...]:
+    def _of_sure(self, place: int, arrivals: Arrivals) -> Arrivals:
         """The same; whether the lost cell lives matters here."""
-        at = self._directions.index(self._direction)
-        if not self.locals[number].memory.unsure:
-            inbox = tuple(
-                arrivals if place == at else tuple(dict.fromkeys(map(_plain, arrivals)))
-                for place, arrivals in enumerate(inbox)
-            )
-        key = (number, inbox, given)
-        found = self._steps.get(key)
-        if found is None:
-            found = self._steps[key] = tuple(dict.fromkeys(self._follow(number, inbox, given)))
-        return found
+        lives_matters = self._directions[place] == self._direction
+        return arrivals if lives_matters else super()._of_sure(place, arrivals)
 
     def _follow(self, number: int, inbox: tuple[Arrivals, ...], given: Input) -> Iterable[int]:
         yield from super()._follow(number, inbox, given)
