@@ -149,7 +149,7 @@ class Lss:
 
     def _select(self, part, number):
         """Four messages in order, each with a part of the identity, select the cell."""
-        expected = part == self._selected and number == self._identity[part]
+        expected = part in (0, self._selected) and number == self._identity[part]
         self._selected = part + 1 if expected else 0
         if self._selected == len(self._identity):
             self._selected = 0
@@ -167,7 +167,7 @@ class Lss:
             number <= serial,
             number >= serial,
         )
-        expected = step == self._identified and fits[step]
+        expected = step in (0, self._identified) and fits[step]
         self._identified = step + 1 if expected else 0
         if self._identified == len(fits):
             self._identified = 0

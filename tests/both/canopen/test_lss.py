@@ -106,6 +106,18 @@ def test_identity_that_was_not_meant_begins_anew():
         slave.ask(0x04, b"\x00")
 
 
+def test_service_that_was_broken_off_is_begun_anew_by_its_first_message():
+    high = part(0xFFFFFFFF)
+    identify = (part(IDENTITY[0]), part(IDENTITY[1]), part(0), high, part(0), high)
+    for first, messages in ((0x40, [part(number) for number in IDENTITY]), (0x46, identify)):
+        for count in range(1, len(messages)):
+            slave = Slave()
+            for command, number in enumerate(messages[:count], first):
+                assert slave.ask(command, number) == []
+            answers = [slave.ask(first + at, each) for at, each in enumerate(messages)]
+            assert [len(each) for each in answers] == [0] * (len(messages) - 1) + [1], count
+
+
 def test_unconfigured_slave_tells_so():
     assert Slave().ask(0x4C) == [b"\x50\0\0\0\0\0\0\0"]
     assert Slave(node_id=5).ask(0x4C) == []
