@@ -43,22 +43,6 @@ def watched(middle, flags=0):
     return middle
 
 
-def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
-    middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
-    middle.speed_um_s = 0
-    run(middle, 20)
-    assert targets_um_s(middle)[0] > 90_000
-    for _ in range(40):
-        run(middle, 10)
-        middle.board.take()
-    assert targets_um_s(middle) == (0, 0)
-    for _ in range(30):
-        heartbeat(middle)
-        middle.beat()
-    assert targets_um_s(middle) == (0, 0)
-    assert state(middle) != cia402.OPERATION_ENABLED
-
-
 def test_twice_the_planned_time_of_the_slowest_longest_way_is_over_some_time():
     middle = Middle(0)
     middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
@@ -108,11 +92,29 @@ def ended():
     """A parcel whose time without its host is over; it has left the cell since."""
     middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
     middle.speed_um_s = 0
+    run(middle, 20)
+    assert targets_um_s(middle)[0] > 90_000
     for _ in range(40):
         run(middle, 10)
         middle.board.take()
     assert targets_um_s(middle) == (0, 0)
     return middle
+
+
+def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
+    middle = ended()
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle) == (0, 0)
+    assert state(middle) != cia402.OPERATION_ENABLED
+    # Its number is that of the goal three before.
+    middle._page((IDENTITY, wire.GOAL, 2, 800, 0, 0, 0, 0, 0))
+    middle.speed_um_s, middle.its_sequence = SPEED_UM_S, 2
+    for _ in range(30):
+        heartbeat(middle)
+        middle.beat()
+    assert targets_um_s(middle)[0] > 90_000
 
 
 def fastest_while_it_rolls_over(middle, sequence):
@@ -303,15 +305,9 @@ def away():
 
 def test_host_that_is_back_moves_nothing_at_a_cell_that_a_parcel_of_before_comes_to():
     """Its time to go on may be over, and only cells that have led it know."""
-    assert rolled_over(away()) == 0
-
-
-def test_after_the_host_was_gone_no_neighbour_gives_a_goal_of_before():
-    assert rolled_over(away(), goal_direction=4) == 0
-
-
-def test_program_of_the_host_that_is_back_leads_the_parcel():
     middle = away()
+    assert rolled_over(middle) == 0
+    assert rolled_over(middle, goal_direction=4) == 0
     middle.sequence = middle.its_sequence = 3
     middle._pages()
     assert rolled_over(middle) > 90_000
@@ -348,17 +344,6 @@ def test_parcel_that_is_not_to_go_on_is_stopped_though_another_is():
     run(middle, 12)
     assert targets_um_s(middle) == (0, 0)
     assert state(middle) in (cia402.FAULT_REACTION, cia402.FAULT)
-
-
-def test_goal_of_the_host_with_the_number_of_another_three_before_is_a_new_one():
-    middle = ended()
-    middle._page((IDENTITY, wire.GOAL, 2, 800, 0, 0, 0, 0, 0))
-    heartbeat(middle)
-    middle.speed_um_s, middle.its_sequence = SPEED_UM_S, 2
-    for _ in range(30):
-        heartbeat(middle)
-        middle.beat()
-    assert targets_um_s(middle)[0] > 90_000
 
 
 class Lossy(Middle):
