@@ -337,14 +337,18 @@ def test_goal_of_a_neighbour_that_looks_newer_and_never_had_the_one_before_is_no
 
 
 def test_goal_of_a_neighbour_that_had_the_one_before_is_taken():
-    middle = Middle(0)
-    run(middle, 5)
-    middle.its_sequence = 3
-    run(middle, 1)
-    frame = page_frame((IDENTITY, wire.GOAL, 3, 400))
-    middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], frame, middle.now_ms)
-    run(middle, 2)
-    assert estimates(middle)[-1][wire.SEQUENCE] == 3
+    for ended in (False, True):
+        middle = Middle(0)
+        if ended:  # and begun anew by the host
+            middle._page((IDENTITY, wire.END, 1, 0, 0, 0, 0, 0, 0))
+            middle._pages()
+        run(middle, 5)
+        middle.its_sequence = 3
+        run(middle, 1)
+        frame = page_frame((IDENTITY, wire.GOAL, 3, 400))
+        middle.cell.on_frame(cob.TPDO_BASES[3] + NEIGHBOURS[0], frame, middle.now_ms)
+        run(middle, 2)
+        assert estimates(middle)[-1][wire.SEQUENCE] == 3
 
 
 def test_cell_that_was_without_its_neighbours_for_long_asks_for_the_program_that_it_has():
