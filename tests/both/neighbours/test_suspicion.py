@@ -100,7 +100,10 @@ class Blinded(Broken):
 def test_cell_that_alone_sees_nothing_suspects_itself_and_keeps_the_parcel():
     cell = Blinded(0)
     cell.broken = True
-    assert cell.beats(70) == [(NODE, PRESENCE)]
+    # Until then it is in doubt, and does not steer.
+    assert cell.beats(40) == []
+    assert cell.estimate[wire.CERTAINTY] == 0
+    assert cell.beats(30) == [(NODE, PRESENCE)]
     cell.beats(120)
     assert cell.estimate[wire.STATE] == wire.UNDER
     assert cell.estimate[wire.CERTAINTY] > 0
