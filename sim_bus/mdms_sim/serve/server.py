@@ -1,5 +1,6 @@
 """Runs a simulation in real time and lets other programs on its bus."""
 
+import select
 import selectors
 import socket
 from collections.abc import Callable
@@ -8,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Self
 
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller, ErrorState
 from mdms_sim.serve.client import (
@@ -37,6 +39,8 @@ SLICE_NS = 1_000_000
 LOOK_NS = 50_000_000
 #: Every connection costs time at each frame; more are refused.
 CONNECTIONS_MAX = 16
+#: Linux tells the end of a client whose last bytes are unread; elsewhere hanging up is told anyway.
+_HANGS_UP = getattr(select, "POLLRDHUP", 0)
 
 Report = Callable[[str], object]
 MakeCodec = Callable[[Callable[..., bool]], Codec]
@@ -115,7 +119,7 @@ class Server:
         terminal = Terminal()
         opened.callback(terminal.close)
         self._terminals.append(terminal)
-        self._admit("SLCAN terminal", bus, terminal.descriptor, SlcanCodec, terminal.forget)
+        self._admit("SLCAN terminal", bus, terminal.descriptor, self._codec_now, terminal.forget)
         if tcp_port is not None:
             tcp = opened.enter_context(listen_tcp(tcp_port))
             tcp_port = tcp.getsockname()[1]
@@ -126,6 +130,10 @@ class Server:
         make_codec = partial(PacketCodec, packets=packets, bitrate=bus.bitrate)
         self._listen(unix.socket, "python-can", bus, make_codec)
         return ServedAddresses(channel, terminal.name, tcp_port)
+
+    def _codec_now(self, send: Callable[[Frame], bool]) -> Codec:
+        """Refuse lines with frames while time stands still: nobody sees a terminal's client go."""
+        return SlcanCodec(lambda frame: self.time.speed > 0 and send(frame))
 
     def __enter__(self) -> Self:
         return self
@@ -170,6 +178,8 @@ class Server:
 
     def _serve_clients(self) -> None:
         kernel = self.simulation.kernel
+        if not self.time.speed:
+            self._dismiss_hung_up()
         for descriptor, client in list(self._clients.items()):
             if client.wants_to_write:
                 client.write()
@@ -181,12 +191,19 @@ class Server:
         wait_s = 0.0 if next_ns is None else self.time.wait_s(next_ns, kernel.now_ns)
         for key, events in self._selector.select(wait_s):
             key.data(events)
-
         self._see_off()
 
+    def _dismiss_hung_up(self) -> None:
+        """Dismiss clients that have gone, with bytes that they have sent and nobody has read."""
+        poll = select.poll()
+        for descriptor in self._connections:
+            poll.register(descriptor, _HANGS_UP)
+        for descriptor, _ in poll.poll(0):
+            self._dismiss(descriptor, "it has closed its end while time stands still")
+
     def _see_off(self) -> None:
-        """Take those off the bus whose last frames it has carried."""
-        staying = [client for client in self._leaving if client.has_frames_to_send]
+        """Take those off the bus whose last frames it has carried, or while time stands still."""
+        staying = [each for each in self._leaving if each.has_frames_to_send and self.time.speed]
         for client in self._leaving:
             if client not in staying:
                 client.leave()
@@ -251,7 +268,10 @@ class Server:
         """Listen only for as many clients as can be served: a bus that is full does not read on."""
         if descriptor not in self._clients:
             return
-        wanted = selectors.EVENT_READ if client.may_read(self.simulation.kernel.now_ns) else 0
+        may_read = client.may_read(self.simulation.kernel.now_ns)
+        # Frames of a terminal's client are refused then, so none is left for later.
+        may_read |= not self.time.speed and descriptor not in self._connections
+        wanted = selectors.EVENT_READ if may_read else 0
         wanted |= selectors.EVENT_WRITE if client.wants_to_write else 0
         key = self._selector.get_map().get(descriptor)
         if wanted and key is None:

@@ -25,8 +25,8 @@ PATIENCE_S = 20.0
 
 @contextmanager
 def serving(path, speed=1.0, **options):
-    """A bus with one listener on it, served by a thread of its own."""
-    kernel, ear, over, told = Kernel(), Ear(), threading.Event(), []
+    """A bus with one listener on it, served by a thread of its own, which changes its speed."""
+    kernel, ear, over, told, speeds = Kernel(), Ear(), threading.Event(), [], []
     bus = Bus(kernel, 1_000_000)
     simulation = SimpleNamespace(kernel=kernel, bus=bus, buses=[bus], tipped=False, blinking=[])
     bus.attach(ear)
@@ -35,11 +35,17 @@ def serving(path, speed=1.0, **options):
         kernel.at(kernel.now_ns + MS, 0, tick)
 
     tick()
+
+    def attend():
+        while speeds:
+            server.time.change_speed(speeds.pop(), kernel.now_ns)
+        return over.is_set()
+
     with Server(simulation, str(path), speed=speed, report=told.append, **options) as server:
-        thread = threading.Thread(target=server.run, args=(over.is_set,))
+        thread = threading.Thread(target=server.run, args=(attend,))
         thread.start()
         try:
-            yield SimpleNamespace(server=server, ear=ear, told=told, kernel=kernel)
+            yield SimpleNamespace(server=server, ear=ear, told=told, kernel=kernel, speeds=speeds)
         finally:
             over.set()
             thread.join()
@@ -244,10 +250,51 @@ def test_a_client_of_a_terminal_gets_nothing_that_was_for_one_that_was_killed(pa
 
 
 def wait_for(ear, can_id):
+    wait_until(lambda: can_id in {frame.can_id for frame in ear.frames})
+
+
+def wait_until(is_so):
     deadline_s = time.monotonic() + PATIENCE_S
-    while can_id not in {frame.can_id for frame in ear.frames}:
+    while not is_so():
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
+
+
+# While time stands still
+
+
+def send_by_python_can(served, path):
+    with can.Bus(interface="mdms", channel=str(path)) as bus:
+        bus.send(can.Message(arbitration_id=0x201, is_extended_id=False))
+
+
+def send_over_tcp(served, path):
+    with connect_tcp(served) as connection:
+        connection.sendall(b"S8\rO\rt2010\r")
+
+
+def send_at_the_terminal(served, path):
+    terminal = os.open(served.server.addresses.device, os.O_RDWR | os.O_NOCTTY)
+    os.write(terminal, b"S8\rO\rt2010\r")
+    # Its answers say that the frame is refused.
+    assert os.read(terminal, 3) == b"\r\r\x07"
+    os.close(terminal)
+
+
+@pytest.mark.parametrize("send", [send_by_python_can, send_over_tcp, send_at_the_terminal])
+def test_a_client_that_goes_while_time_stands_still_leaves_no_frame_for_later(path, send):
+    with serving(path, tcp_port=0) as served:
+        with can.Bus(interface="mdms", channel=str(path)) as staying:
+            served.speeds.append(0.0)
+            wait_until(lambda: not served.server.time.speed)
+            staying.send(can.Message(arbitration_id=0x202, is_extended_id=False))
+            send(served, path)
+            wait_until(lambda: send is send_at_the_terminal or all_left(served, 1))
+            served.speeds.append(1.0)
+            wait_for(served.ear, 0x202)
+        send_by_python_can(served, path)
+        wait_for(served.ear, 0x201)
+    assert [frame.can_id for frame in served.ear.frames] == [0x202, 0x201]
 
 
 # Many, and too much
