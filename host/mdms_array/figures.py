@@ -43,11 +43,12 @@ def simulated_run(
     nodes: str | None = None,
     bus: "BusFigures | None" = None,
     violations: "Sequence[Violation]" = (),
+    fault: str | None = None,
     wall_s: float = 0.0,
     compile_s: float = 0.0,
     by_hand: bool = False,
 ) -> Run:
-    """The outcome of a simulation, judged by the truth.
+    """The outcome of a simulation, judged by the truth; `fault` has ended it, if anything did.
 
     `wall_s` leaves out `compile_s`, which passes once per installation. A table `by_hand` has no
     program that could be late.
@@ -57,7 +58,8 @@ def simulated_run(
     goals = {} if coordinator is None else dict(coordinator.goals)
     outcomes = _true_outcomes(scenario, record, goals)
     late = coordinator is not None and not by_hand and not coordinator.finished
-    fault = None if coordinator is None else coordinator.fault
+    if coordinator is not None:
+        fault = fault or coordinator.fault
     # Whoever knows the truth need not doubt.
     status, reason = _status(record.events, coordinator, fault, outcomes, late=late, unsure={})
     duration_s, wall_s = float(record.time_s[-1] - record.time_s[0]), max(wall_s, 1e-6)
@@ -197,7 +199,7 @@ def _status(
             ("time limit", "the job has no end of its own" if endless else None),
         ]
     else:
-        reasons.append(("failed", wrong))
+        reasons += [("fault", fault), ("failed", wrong)]
     return next(((status, reason) for status, reason in reasons if reason), ("reached", ""))
 
 

@@ -121,8 +121,8 @@ def run_scenario(
     """Run a scenario in its fidelity; `main` is a program in place of its tasks, field or goals.
 
     `nodes` are "cpython" or "micropython"; `progress` gets the time reached [s] now and then.
-    Raises ScenarioError, MicropythonMissing, NodeError, and `InputError` for values that do not
-    fit.
+    A cell whose process dies ends the run with a fault. Raises ScenarioError, MicropythonMissing,
+    NodeError when the cells cannot begin, and `InputError` for values that do not fit.
     """
     if main is not None:
         scenario = programmed(scenario)
@@ -170,6 +170,7 @@ def _firmware(
         nodes=nodes,
         bus=outcome.bus,
         violations=outcome.violations,
+        fault=outcome.fault,
         wall_s=wall_s,
         compile_s=compile_s,
     )

@@ -7,7 +7,7 @@ decides anything: cells and participants do.
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -33,7 +33,7 @@ from mdms_sim.driver import ParticipantDriver
 from mdms_sim.faults import Faults, NodeFaults, Ongoing, Places, WireFaults, WorldFaults
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes import CellBank
-from mdms_sim.nodes.bank import BusOffWatch
+from mdms_sim.nodes.bank import BusOffWatch, NodeError
 from mdms_sim.nodes.gateway import GatewayNode
 from mdms_sim.nodes.micropython_bank import MicropythonBank
 from mdms_sim.nodes.python_bank import PythonBank
@@ -126,11 +126,12 @@ class BusFigures:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The result of a simulated run."""
+    """The result of a simulated run; `fault` is why its cells ran no further."""
 
     record: Record
     bus: BusFigures
     violations: tuple[Violation, ...] = ()
+    fault: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -388,7 +389,8 @@ def simulate(
     The bus is logged into the file `bus_log`, if named. It ends before its time once it is `over`.
     `prepare` is called with the simulation before it begins.
     `estimates` and `host_report` are as of a `Simulation`, [m, m, rad]; `progress` gets the time
-    reached [s]. Raises `NodeError` when the cells cannot run.
+    reached [s]. Raises `NodeError` when the cells cannot begin; a cell that dies later ends the
+    run.
     """
     with ExitStack() as stack:
         bank = open_bank(nodes, addresses_of(scenario).node_ids)
@@ -402,7 +404,12 @@ def simulate(
             host_report=host_report,
         )
         prepare(simulation)
-        simulation.run_until(scenario.run.duration_s, progress, over)
+        try:
+            simulation.run_until(scenario.run.duration_s, progress, over)
+        except NodeError as error:
+            if not simulation.kernel.now_ns:
+                raise
+            return replace(simulation.outcome(), fault=str(error))
         return simulation.outcome()
 
 

@@ -243,7 +243,13 @@ def replay_on_nodes(
         lambda: partial(simulate, scenario, players, nodes, bus_log=bus_log, progress=progress)
     )
     return simulated_run(
-        scenario, outcome.record, nodes=nodes, bus=outcome.bus, wall_s=wall_s, compile_s=compile_s
+        scenario,
+        outcome.record,
+        nodes=nodes,
+        bus=outcome.bus,
+        fault=outcome.fault,
+        wall_s=wall_s,
+        compile_s=compile_s,
     )
 
 

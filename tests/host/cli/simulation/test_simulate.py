@@ -12,7 +12,9 @@ import mdms_model.scenario
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.simulate import ready_s
+from mdms_model.run.folder import read_run
 from mdms_protocol.codecs.frame import Frame
+from mdms_sim.nodes.micropython_bank import MicropythonBank
 
 BUILTIN = Path(mdms_model.scenario.__file__).parent / "builtin"
 
@@ -259,6 +261,32 @@ def test_micropython_cells_follow_the_same_recording(capsys, tmp_path):
     again = told(capsys, "replay", tmp_path / "run", "--nodes", "micropython")
     assert again["nodes"] == "micropython"
     assert_same_bytes(again, run)
+
+
+@pytest.mark.parametrize("output", ["run", "json"])
+def test_a_run_is_kept_up_to_the_death_of_a_cell(capsys, tmp_path, monkeypatch, output):
+    tick = MicropythonBank.tick
+
+    def dies(bank, *sensed):
+        if bank._conditions.ticks == 60:
+            bank._processes[1]._said.write(b"MemoryError")
+            bank._processes[1]._said.flush()
+            bank._processes[1]._process.kill()
+        return tick(bank, *sensed)
+
+    monkeypatch.setattr(MicropythonBank, "tick", dies)
+    small = ("--set", "array.columns=3", "--set", "parcel.0.length_m=0.3")
+    nodes = ("--set", "parcel.0.x_m=0", "--fidelity", "firmware", "--nodes", "micropython")
+    kept = {"run": ("--out", str(tmp_path / "run")), "json": ("--json",)}[output]
+    assert main(["simulate", "paper-fig7", *small, *nodes, *kept]) == ExitCode.NODE_FAULT
+    told = capsys.readouterr()
+    assert told.err == "mdms: cell 2 has died: MemoryError\n"
+    figures = json.loads(told.out) if output == "json" else read_run(tmp_path / "run").figures
+    assert figures["fault"] == figures["reason"] == "cell 2 has died: MemoryError"
+    assert figures["status"] == "fault"
+    assert 0.05 <= figures["duration_s"] <= 0.06
+    if output == "run":
+        assert (tmp_path / "run" / "bus.log").read_text().count("\n") == figures["bus"]["frames"]
 
 
 @pytest.mark.parametrize("option", [("--only", "cells"), ("-i", "virtual"), ("-c", "name")])
