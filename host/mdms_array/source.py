@@ -47,9 +47,8 @@ def _main_of_run(folder: str) -> Main | None:
     program = None if told is None else told[1].get("program")
     if program is None:
         return None
-    if program["source"] is None:
+    if program.get("source") is None:
         raise _wrong(folder, f"its program {program['file']} was not kept, so nothing repeats it")
-    # Folders of older versions have no name of the function.
     function = program.get("function", "main")
     if function is None:
         raise _wrong(
@@ -60,7 +59,7 @@ def _main_of_run(folder: str) -> Main | None:
     # It stays as long as the process: a folder of this run keeps it again, and errors name lines.
     kept = mkdtemp(prefix="mdms-")
     atexit.register(shutil.rmtree, kept, ignore_errors=True)
-    path = Path(kept) / program["file"]
+    path = Path(kept) / Path(program["file"]).name
     path.write_text(program["source"], "utf-8")
     return _function(_names(str(path)), function, f"{folder}: {path.name}")
 

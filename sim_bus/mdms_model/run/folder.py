@@ -179,9 +179,30 @@ class StoredRun:
 
 
 def told_of_run(folder: str | Path) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """The figures and the provenance of a run folder; None for anything else."""
+    """The figures and the provenance of a run folder; None for anything else.
+
+    Raises `RunFolderError` for a bus or a program that no run has.
+    """
     meta = _read_meta(Path(folder))
-    return (meta.get("figures", {}), meta.get("provenance", {})) if _is_meta(meta) else None
+    if not _is_meta(meta):
+        return None
+    figures, provenance = meta.get("figures", {}), meta.get("provenance", {})
+    bus = {"log_sha256": str}
+    # Folders of older versions have no name of the function.
+    program = {"file": str, "source": str | None, "function": str | None}
+    for key, part, kinds in (
+        ("figures.bus", figures.get("bus"), bus),
+        ("provenance.program", provenance.get("program"), program),
+    ):
+        fits = isinstance(part, dict) and all(
+            isinstance(part.get(name), kind) for name, kind in kinds.items()
+        )
+        if part is not None and not fits:
+            raise RunFolderError(
+                f"{folder}: {key} in {META} is {part!r:.60}, but must be a table with the texts "
+                f"{', '.join(kinds)}; simulate the scenario's own file instead"
+            )
+    return figures, provenance
 
 
 def check_target(folder: Path) -> None:
@@ -318,11 +339,20 @@ def read_run(folder: str | Path) -> StoredRun:
     try:
         scenario = scenario_from(meta["scenario"])
         record = file.read_record(folder / RECORD, scenario)
+        _check_node_ids(meta["figures"].get("node_ids"), scenario)
         return StoredRun(folder, scenario, record, meta["figures"])
     except (ScenarioError, RecordFileError, KeyError) as error:
         raise RunFolderError(f"{folder}: damaged run folder: {error}") from None
     except OSError as error:
         raise RunFolderError(f"{folder / RECORD}: cannot be read: {error.strerror}") from None
+
+
+def _check_node_ids(node_ids: Any, scenario: Scenario) -> None:
+    """Raise `RecordFileError` for anything else than one of each cell, or none at all."""
+    cells = scenario.array.columns * scenario.array.rows
+    fits = isinstance(node_ids, list) and all(isinstance(each, int) for each in node_ids)
+    if node_ids is not None and not (fits and len(node_ids) == cells):
+        raise RecordFileError(f"figures.node_ids is {node_ids!r:.60}, and not one of each cell")
 
 
 def _is_run(folder: Path) -> bool:

@@ -263,6 +263,42 @@ def test_micropython_cells_follow_the_same_recording(capsys, tmp_path):
     assert_same_bytes(again, run)
 
 
+PROGRAM = {"file": "sorter.py", "source": "async def main(table): pass", "function": "main"}
+
+
+def run_folder(folder, **changed):
+    scenario = {"scenario": {"scenario": "array18", "run": {"duration_s": 0.01}}}
+    meta = {"format": "mdms-run", "format_version": 1, **scenario, **changed}
+    (folder / "meta.json").write_text(json.dumps(meta))
+    return str(folder)
+
+
+@pytest.mark.parametrize(
+    ("table", "values", "told"),
+    [
+        ("figures", {"bus": 5}, "figures.bus in meta.json is 5"),
+        ("figures", {"bus": {}}, "figures.bus in meta.json is {}"),
+        ("provenance", {"program": []}, "provenance.program in meta.json is []"),
+        ("provenance", {"program": PROGRAM | {"file": None}}, "provenance.program in meta.json is"),
+        ("provenance", {"program": PROGRAM | {"source": 5}}, "provenance.program in meta.json is"),
+        ("provenance", {"program": PROGRAM | {"function": []}}, "must be a table with the texts"),
+        ("provenance", {"program": {"file": "a.py"}}, "its program a.py was not kept"),
+    ],
+)
+def test_a_run_that_tells_what_no_run_does_is_refused(capsys, tmp_path, table, values, told):
+    assert main(["simulate", run_folder(tmp_path, **{table: values})]) == ExitCode.USAGE
+    assert told in capsys.readouterr().err
+
+
+def test_the_program_of_a_run_is_written_nowhere_else(tmp_path, monkeypatch):
+    for name in ("run", "temporary"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
+    program = PROGRAM | {"file": "../elsewhere.py"}
+    main(["simulate", run_folder(tmp_path / "run", provenance={"program": program})])
+    assert not (tmp_path / "temporary" / "elsewhere.py").exists()
+
+
 @pytest.mark.parametrize("output", ["run", "json"])
 def test_a_run_is_kept_up_to_the_death_of_a_cell(capsys, tmp_path, monkeypatch, output):
     tick = MicropythonBank.tick
