@@ -20,6 +20,8 @@ _LONGEST = 65536
 ANSWER_S = 120.0
 #: A client that has come says what it wants within this [s].
 _ASKS_S = 2.0
+#: When a connection that could not be taken is tried again [s].
+_AGAIN_S = 0.1
 
 
 class Request:
@@ -49,6 +51,7 @@ class ReportRequests:
     def __init__(self, title: str) -> None:
         self._title = title
         self._waiting: SimpleQueue[Request] = SimpleQueue()
+        self._closed = Event()
         self._socket: socket.socket | None = None
         self._path = folder_of_requests() / f"{os.getpid()}{_SUFFIX}"
         if not hasattr(socket, "AF_UNIX"):
@@ -71,6 +74,7 @@ class ReportRequests:
 
     def close(self) -> None:
         """Take no more requests."""
+        self._closed.set()
         if self._socket is not None:
             with suppress(OSError):
                 # A thread that waits in `accept` is woken by this alone.
@@ -83,7 +87,10 @@ class ReportRequests:
             try:
                 connection, _ = listener.accept()
             except OSError:
-                return
+                # Without a file descriptor left they wait.
+                if self._closed.wait(_AGAIN_S):
+                    return
+                continue
             # A report takes seconds, and others ask meanwhile which commands run.
             Thread(target=self._serve, args=(connection,), name="report", daemon=True).start()
 

@@ -6,7 +6,7 @@ import socket
 import time
 from argparse import Namespace
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -193,5 +193,27 @@ def test_a_program_that_asks_for_no_report_keeps_nobody_from_one(tmp_path, monke
         rude.sendall(sent)
         rude.shutdown(socket.SHUT_WR)
         rude.recv(1 << 10)
+    assert running() == {os.getpid(): "a table"}
+    requests.close()
+
+
+def test_a_request_that_came_without_a_file_descriptor_left_is_answered_later(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    requests = ReportRequests("a table")
+    (path,) = folder_of_requests().iterdir()
+    with socket.socket(socket.AF_UNIX) as early:
+        used = []
+        with suppress(OSError):
+            while True:
+                used.append(os.dup(0))
+        early.connect(str(path))
+        early.sendall(b'{"do": "title"}')
+        time.sleep(0.2)
+        for descriptor in used:
+            os.close(descriptor)
+        early.settimeout(20.0)
+        assert json.loads(early.recv(1 << 10)) == {"title": "a table"}
     assert running() == {os.getpid(): "a table"}
     requests.close()
