@@ -374,7 +374,7 @@ def _is_meta(meta: Any) -> bool:
 def _read_meta(folder: Path) -> Any:
     try:
         return json.loads((folder / META).read_text("utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
 
 

@@ -57,7 +57,7 @@ class KeptFlash:
             if tree["form"] != FORM:
                 raise ValueError(f"form {tree['form']!r}, and not {FORM}")
             kept = [_decoded(cell) for cell in tree["cells"]]
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(
                 f"{self.path}: has no stored settings of cells ({error}); name another, or remove "
                 "it to begin with new cells"

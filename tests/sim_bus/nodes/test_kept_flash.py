@@ -107,7 +107,11 @@ def test_state_of_another_table_is_refused_by_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{}", "[]", '{"form": 2, "cells": []}', '{"form": 1, "cells": [{"banks": ["?"]}]}']
+    "text",
+    [
+        *("", "{}", "[]", '{"form": 2, "cells": []}', '{"form": 1, "cells": [{"banks": ["?"]}]}'),
+        pytest.param("[" * 100_000, id="deep"),
+    ],
 )
 def test_file_that_is_no_state_is_refused_by_name(tmp_path, text):
     path = tmp_path / "cells.json"

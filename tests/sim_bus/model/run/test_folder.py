@@ -272,6 +272,7 @@ def one_wheel_a_cell(scenario):
         (lambda folder: (folder / "run.mcap").unlink(), "run.mcap: cannot be read"),
         (lambda folder: (folder / "meta.json").unlink(), "not a run folder"),
         (lambda folder: (folder / "meta.json").write_text("[]"), "not a run folder"),
+        (lambda folder: (folder / "meta.json").write_text("[" * 100_000), "not a run folder"),
     ],
 )
 def test_damaged_run_is_refused(tmp_path, plane, plane_record, spoil, told):
