@@ -7,8 +7,8 @@ NS_PER_S = 1_000_000_000
 #: Well below the 50 ms after which a cell gives up waiting for setpoints: while the simulation
 #: catches up, its time runs fast, and what clients send by the machine's clock comes late.
 PATIENCE_NS = 20_000_000
-#: How often somebody looks whether time that stands still passes again [s].
-STANDING_S = 0.01
+#: How often somebody looks, at least, whether time passes at another speed, or ends [s].
+LOOK_S = 0.01
 
 
 def epoch_now_s() -> float:
@@ -61,11 +61,11 @@ class RealTime:
     def wait_s(self, sim_ns: int, reached_ns: int) -> float:
         """How long until it should be `sim_ns` in the simulation [s of the machine's time].
 
-        While time stands still that is not known: a hundredth of a second, to look again.
+        It is a hundredth of a second at most, to look after all else.
         """
         if not self.speed:
-            return STANDING_S
-        return max(0.0, (sim_ns - self.sim_ns(reached_ns)) / NS_PER_S / self.speed)
+            return LOOK_S
+        return min(LOOK_S, max(0.0, (sim_ns - self.sim_ns(reached_ns)) / NS_PER_S / self.speed))
 
     def epoch_s(self, sim_ns: int) -> float:
         """A simulated instant as seconds since 1970, as tools want their timestamps."""

@@ -3,7 +3,7 @@
 import pytest
 
 from mdms_sim.serve import clock
-from mdms_sim.serve.clock import PATIENCE_NS, STANDING_S, RealTime
+from mdms_sim.serve.clock import LOOK_S, PATIENCE_NS, RealTime
 
 MS = 1_000_000
 
@@ -23,7 +23,7 @@ def test_time_stands_still_and_goes_on_where_it_stood(machine):
     time.change_speed(0.0, 10 * MS)
     machine[0] += 1000 * MS
     assert time.sim_ns(10 * MS) == 10 * MS
-    assert time.wait_s(11 * MS, 10 * MS) == STANDING_S
+    assert time.wait_s(11 * MS, 10 * MS) == LOOK_S
     time.change_speed(1.0, 10 * MS)
     machine[0] += 5 * MS
     assert time.sim_ns(10 * MS) == 15 * MS
@@ -47,3 +47,7 @@ def test_time_given_up_before_is_not_made_up_for_after_a_change(machine):
     machine[0] += 1 * MS
     assert time.sim_ns(PATIENCE_NS) == PATIENCE_NS + MS
     assert time.late_ns == 100 * MS - PATIENCE_NS
+
+
+def test_time_that_nearly_stands_keeps_nobody_from_what_else_is_to_do(machine):
+    assert RealTime(1e-9).wait_s(MS, 0) == LOOK_S
