@@ -89,9 +89,11 @@ def _check_forwarding(array: Array) -> None:
         raise ScenarioError(f"array.forwarded: {error}; put fewer cells on it") from None
 
 
-#: The limits of the neighbour layer of a cell: two axes, five sensors, a beat of 10 ms.
+#: The limits of the neighbour layer of a cell: two axes, five sensors, each of them 1 m from the
+#: centre at most, along x and y, as the next cell; and a beat of 10 ms.
 AXES = 2
 SENSORS = 5
+REACH_M = 1.0
 BEAT_S = 0.01
 FORWARDED = frozenset((1, 2, 3, 4))
 #: The limits of the frames of a motion program.
@@ -128,6 +130,7 @@ def check_control(scenario: Scenario) -> None:
             "at most"
         )
     _check_cells(scenario)
+    _check_lengths(scenario)
     _check_borders(scenario)
     if len(scenario.parcel) > MOST_PARCELS:
         raise ScenarioError(
@@ -154,6 +157,23 @@ def _check_cells(scenario: Scenario) -> None:
             f"motion.control is 'cells', whose beat is {BEAT_S} s, but wire.sync_period_s is "
             f"{scenario.wire.sync_period_s}; leave it out"
         )
+
+
+def _check_lengths(scenario: Scenario) -> None:
+    """Cells are told what the host takes for true."""
+    cell = believed(scenario).cell
+    places_m = {f"wheel.{k}.offset_m": wheel.offset_m for k, wheel in enumerate(cell.wheel)}
+    places_m |= {f"sensor_offset_m.{k}": place_m for k, place_m in enumerate(cell.sensor_offset_m)}
+    lengths_m = {"array.pitch_m": scenario.array.pitch_m}
+    for key, place_m in places_m.items():
+        table = "belief" if key.partition(".")[0] in scenario.belief else "cell"
+        lengths_m |= {f"{table}.{key}.{axis}": place_m[axis] for axis in range(2)}
+    for key, length_m in lengths_m.items():
+        if abs(length_m) > REACH_M:
+            raise ScenarioError(
+                f"motion.control is 'cells', which know of lengths up to {REACH_M:g} m, but {key} "
+                f"is {length_m:g}; set motion.control to 'host'"
+            )
 
 
 def _check_borders(scenario: Scenario) -> None:

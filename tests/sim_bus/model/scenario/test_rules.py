@@ -108,6 +108,13 @@ def test_cells_of_several_buses_steer_where_gateways_forward_all_that_they_need(
             ["cell.sensor_offset_m=[[0.0, 0.0]]"],
             "motion.control is 'cells', which needs 5 sensors a cell",
         ),
+        (["array.pitch_m=1.5"], "lengths up to 1 m, but array.pitch_m is 1.5"),
+        (["cell.wheel.1.offset_m=[0.0, -3.0]"], "but cell.wheel.1.offset_m.1 is -3"),
+        (["cell.sensor_offset_m.3=[1.01, 0.0]"], "but cell.sensor_offset_m.3.0 is 1.01"),
+        (
+            ["belief.wheel=[{offset_m=[3.0, 0.0]}, {direction_rad=1.57}]"],
+            "but belief.wheel.0.offset_m.0 is 3",
+        ),
         (["parcel.0.shape=polygon", TRIANGLE], "parcel.0.shape is 'polygon', but cells steer"),
         (["parcel.0.length_m=1.2"], "parcel.0.length_m is 1.2, but a motion program has 1.02 m"),
     ],
