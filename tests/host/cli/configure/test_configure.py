@@ -3,6 +3,7 @@
 import io
 import json
 import tomllib
+from random import Random
 from types import SimpleNamespace
 
 import pytest
@@ -53,6 +54,22 @@ def make_blank(cells):
     return make
 
 
+@pytest.fixture
+def loses(cells):
+    """Has a share of all frames get lost, in both directions."""
+
+    def lose(share):
+        drawn, attach = Random(1), cells.array.attach
+
+        def lossy(deliver):
+            send = attach(lambda *frame: drawn.random() < share or deliver(*frame))
+            return lambda frame: drawn.random() < share or send(frame)
+
+        cells.array.attach = lossy
+
+    return lose
+
+
 def shown(configure, capsys, *names):
     assert configure("show", *names, "--json") == ExitCode.OK
     return json.loads(capsys.readouterr().out)
@@ -84,6 +101,15 @@ def test_show_tells_value_default_limits_and_the_nodes_that_differ(configure, ca
         "cells_differ": True,
     }
     assert [name for name, row in rows.items() if row["changed"]] == ["axis1.gain"]
+
+
+def test_requests_whose_frames_get_lost_are_repeated(configure, capsys, cells, loses):
+    loses(0.04)
+    assert configure("set", "gain=12", "--save") == ExitCode.OK
+    assert "6 settings written and verified; stored on node 1-3" in capsys.readouterr().out
+    assert values(configure, capsys, "axis1.gain") == {"1": 12.0, "2": 12.0, "3": 12.0}
+    assert configure("restore-defaults", "--yes") == ExitCode.OK
+    assert "defaults restored and verified on node 1-3" in capsys.readouterr().out
 
 
 def test_show_for_people_groups_the_nodes_and_marks_differences(configure, capsys):
