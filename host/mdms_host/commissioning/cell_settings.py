@@ -1,6 +1,6 @@
 """The settings of single cells over the bus: read, compared, changed one by one, and verified."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from mdms_host.commissioning.network import (
     CommissioningError,
     Identity,
     RefusedError,
+    SilentError,
 )
 from mdms_host.commissioning.parameters import Parameter
 
@@ -70,13 +71,13 @@ def check_identity(node_id: int, identity: Identity) -> None:
 
 
 def identify_cells(commissioning: Commissioning, node_ids: Iterable[int]) -> dict[int, Identity]:
-    """Identities of the cells among these nodes, by node id; other nodes are left out.
+    """Identities of the cells among these nodes, by node id; those that tell none are left out.
 
-    Raises StrangerError for a serial number that is there twice, SilentError, DeviceGoneError.
+    Raises StrangerError for a serial number that is there twice, DeviceGoneError.
     """
     cells: dict[int, Identity] = {}
     for node_id in node_ids:
-        with suppress(RefusedError):
+        with suppress(RefusedError, SilentError):
             identity = commissioning.identity(node_id)
             if identity.is_cell:
                 cells[node_id] = identity
@@ -104,16 +105,12 @@ def read_settings(
     return CellSettings(node_id, identity.serial, values)
 
 
-def apply_changes(
-    commissioning: Commissioning,
-    changes: Sequence[Change],
-    progress: Callable[[float], None],
-) -> None:
-    """Write settings one by one, and read each back; the share done goes to `progress`.
+def apply_changes(commissioning: Commissioning, changes: Iterable[Change]) -> None:
+    """Write settings one by one, and read each back.
 
     Raises SilentError, RefusedError, NotTakenError, DeviceGoneError at the first that fails.
     """
-    for done, change in enumerate(changes, 1):
+    for change in changes:
         place = change.parameter.place
         commissioning.write(change.node_id, *place, change.after)
         found = commissioning.read(change.node_id, *place)
@@ -123,4 +120,3 @@ def apply_changes(
                 f"node {change.node_id}, {parameter.name}: {parameter.text(change.after)} was "
                 f"written, and {parameter.text(found)} is read"
             )
-        progress(done / len(changes))

@@ -265,7 +265,7 @@ def write_settings(commissioning: Commissioning, cell: FiledCell) -> Commissione
         )
     changes = settings.changes(cell.values)
     commissioning.expect_boot(cell.node_id)
-    apply_changes(commissioning, changes, lambda _share: None)
+    apply_changes(commissioning, changes)
     stored = _keep(commissioning, cell.node_id)
     return Commissioned(cell.node_id, len(changes), stored)
 

@@ -12,12 +12,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from mdms_host.cli.cells.configure_cells import open_table, read_cells
+from mdms_host.cli.cells.configure_cells import found_cells, refuse_failed
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell
-from mdms_host.commissioning.network import Commissioning, ranges
+from mdms_host.commissioning.network import Commissioning, CommissioningError, ranges
 from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import Spot
 from mdms_host.commissioning.wheel_turn import REVERSED
@@ -28,16 +28,19 @@ _MS_PER_S = 1000
 
 def identify(arguments: Namespace) -> ExitCode:
     """Have the cells blink; they end it by themselves."""
-    with open_table(arguments) as opened:
-        for bus, commissioning in opened:
-            node_ids = [cell.node_id for cell in read_cells(commissioning, arguments)]
-            for node_id in node_ids:
-                blink(commissioning, node_id, arguments.seconds)
-            where = f"{bus.name}, " if len(opened) > 1 else ""
+    with found_cells(arguments) as found:
+        for each in found:
+            for node_id in each.node_ids:
+                try:
+                    blink(each.commissioning, node_id, arguments.seconds)
+                except CommissioningError as error:
+                    each.fail(node_id, error)
+            where = f"{each.bus.name}, " if each.where else ""
             print(
-                f"{where}node {ranges(node_ids)}: both LEDs blink together for "
+                f"{where}node {ranges(each.node_ids)}: both LEDs blink together for "
                 f"{arguments.seconds:g} s"
             )
+    refuse_failed(found, "the others blink")
     return ExitCode.OK
 
 

@@ -2,7 +2,6 @@
 
 import json
 from argparse import Namespace
-from contextlib import suppress
 from pathlib import Path
 
 from mdms_host.cli.cells.configure_cells import open_commissioning, refuse_other_host
@@ -11,7 +10,7 @@ from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import filed_cells
 from mdms_host.commissioning.cell_settings import identify_cells
-from mdms_host.commissioning.network import Commissioning, SilentError
+from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.node_ids import (
     Assignment,
     NodeIdError,
@@ -72,9 +71,7 @@ def _plan(
     if not found and not blank:
         raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
     if wanted is None:
-        # A node that does not answer keeps no cell from its id; `mdms scan` names it.
-        with suppress(SilentError):
-            refuse_hidden(commissioning, blank, identify_cells(commissioning, found))
+        refuse_hidden(commissioning, blank, identify_cells(commissioning, found))
         return assign_in_order(blank, found, first)
     return assign_by_serial(wanted, blank, identify_cells(commissioning, found), found)
 

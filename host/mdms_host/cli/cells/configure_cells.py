@@ -2,8 +2,9 @@
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 
 from mdms_host.can_link.link import open_bus
 from mdms_host.cli.array.table import named_table, refuse_missing
@@ -35,59 +36,106 @@ def open_commissioning(arguments: Namespace) -> Commissioning:
     return Commissioning(open_bus(arguments), MonotonicClock())
 
 
-@contextmanager
-def open_table(arguments: Namespace) -> Iterator[list[tuple[TableBus, Commissioning]]]:
-    """Each bus of the table that the options name, open, with its cells; closed at the end.
+@dataclass(slots=True)
+class FoundCells:
+    """One bus of a table, the cells that could be read, and the errors of all that failed."""
 
-    Raises NoBusError, ArrayFileError, `CommandError`.
+    bus: TableBus
+    commissioning: Commissioning
+    where: str
+    cells: list[CellSettings] = field(default_factory=list)
+    failed: dict[int, CommissioningError] = field(default_factory=dict)
+
+    @property
+    def node_ids(self) -> list[int]:
+        """The cells that have not failed so far."""
+        return [cell.node_id for cell in self.cells if cell.node_id not in self.failed]
+
+    def fail(self, node_id: int, error: CommissioningError) -> None:
+        """Say why a cell failed; the command goes on with the others."""
+        say(f"mdms: {self.where}{error}")
+        self.failed[node_id] = error
+
+
+@contextmanager
+def found_cells(
+    arguments: Namespace, parameters: Sequence[Parameter] = (), *, to_write: bool = False
+) -> Iterator[list[FoundCells]]:
+    """The cells of each bus of the table that the options name; the buses are closed at the end.
+
+    Where they are read `to_write` them, raises OtherHostError beside another host. If no cell can
+    be read, raises the error of the first. Raises NoBusError, ArrayFileError, `CommandError`.
     """
+    buses = named_table(arguments).buses
     with ExitStack() as opened:
-        yield [
-            (bus, opened.enter_context(open_commissioning(bus.options)))
-            for bus in named_table(arguments).buses
+        found = [
+            FoundCells(
+                bus,
+                opened.enter_context(open_commissioning(bus.options)),
+                f"{bus.name}: " if len(buses) > 1 else "",
+            )
+            for bus in buses
         ]
+        for each in found:
+            each.cells += read_cells(each.commissioning, arguments, parameters, each.fail)
+            if to_write:
+                refuse_other_host(each.commissioning)
+            if not each.cells:
+                for error in each.failed.values():
+                    raise error
+                raise CommandError("there is no MDMS cell on the bus", ExitCode.NODE_FAULT)
+        yield found
 
 
 def refuse_absent(
     arguments: Namespace,
-    cells: Sequence[tuple[TableBus, Sequence[CellSettings]]],
+    found: Sequence[FoundCells],
     consequence: str = "mdms doctor names the cure",
 ) -> None:
-    """Raise `CommandError` where cells of the table are missing; those of `--node` are named."""
-    if nodes_of(arguments.nodes) is not None:
-        return
-    heard = [
-        HeardCells(
-            bus,
-            frozenset(cell.node_id for cell in some),
-            {
-                cell.node_id: [
-                    number for each, number in cell.values.items() if each.place in NEIGHBOURS
-                ]
-                for cell in some
-            },
-        )
-        for bus, some in cells
-    ]
-    refuse_missing(len(cells) > 1, missing_cells(heard, arguments.cells), consequence)
+    """Raise `CommandError` where cells have failed, or cells of the table are missing.
+
+    With `--node` no other cell is missing.
+    """
+    if nodes_of(arguments.nodes) is None:
+        heard = [
+            HeardCells(
+                each.bus,
+                frozenset((*each.failed, *each.node_ids)),
+                {
+                    cell.node_id: [
+                        number
+                        for parameter, number in cell.values.items()
+                        if parameter.place in NEIGHBOURS
+                    ]
+                    for cell in each.cells
+                },
+            )
+            for each in found
+        ]
+        refuse_missing(len(found) > 1, missing_cells(heard, arguments.cells), consequence)
+    refuse_failed(found, consequence)
+
+
+def refuse_failed(found: Iterable[FoundCells], consequence: str) -> None:
+    """Raise `CommandError` where cells have failed."""
+    failed = [f"{each.where}node {ranges(each.failed)}" for each in found if each.failed]
+    if failed:
+        raise CommandError(f"failed: {', '.join(failed)}; {consequence}", ExitCode.NODE_FAULT)
 
 
 def read_cells(
     commissioning: Commissioning,
     arguments: Namespace,
-    parameters: Sequence[Parameter] = (),
-    *,
-    to_write: bool = False,
+    parameters: Sequence[Parameter],
+    fail: Callable[[int, CommissioningError], object],
 ) -> list[CellSettings]:
     """The cells that `--node` names, and their settings. Raises `CommandError` for absent ones.
 
-    Without `--node`, nodes that are no cells are left alone. Where they are read `to_write` them,
-    raises OtherHostError beside another host.
+    Without `--node`, nodes that are no cells are left alone. `fail` is called for a cell that
+    cannot be read.
     """
     wanted = nodes_of(arguments.nodes)
     node_ids = present_nodes(commissioning, wanted)
-    if to_write:
-        refuse_other_host(commissioning)
     cells = []
     with progress("reading") as share:
         for done, node_id in enumerate(node_ids, 1):
@@ -97,9 +145,9 @@ def read_cells(
                 if wanted is not None:
                     raise
                 say(f"mdms: {error}; left alone")
+            except CommissioningError as error:
+                fail(node_id, error)
             share(done / len(node_ids))
-    if not cells:
-        raise CommandError("there is no MDMS cell on the bus", ExitCode.NODE_FAULT)
     return cells
 
 
@@ -109,54 +157,33 @@ def refuse_other_host(commissioning: Commissioning) -> None:
         raise OtherHostError(OTHER_HOST)
 
 
-def write_cells(
-    commissioning: Commissioning,
-    changes: Sequence[Change],
-    node_ids: Sequence[int],
-    *,
-    save: bool,
-) -> None:
-    """Write, read back, and store if that is wanted; an error is preceded by how far it got.
+def write_cells(found: FoundCells, changes: Sequence[Change], *, save: bool) -> None:
+    """Write, read back, and store if that is wanted; a cell that fails keeps no other from it.
 
     Raises OtherHostError beside another host, with nothing written, and CommissioningError where a
     cell restarts meanwhile.
     """
+    commissioning = found.commissioning
     refuse_other_host(commissioning)
+    node_ids = found.node_ids
     for node_id in node_ids:
         commissioning.expect_boot(node_id)
-    done = 0.0
-
     with progress("writing") as share:
-
-        def note(part: float) -> None:
-            nonlocal done
-            done = part
-            share(part)
-
-        try:
-            apply_changes(commissioning, changes, note)
-        except CommissioningError:
-            say(f"mdms: {round(done * len(changes))} of {len(changes)} settings were written")
-            raise
-    if save:
-        _store(commissioning, node_ids)
-    commissioning.refuse_booted(node_ids)
-
-
-def _store(commissioning: Commissioning, node_ids: Iterable[int]) -> None:
-    """Have all cells store their settings; one that fails keeps no other from it.
-
-    Raises the error of the first that fails, when those that have not stored them were named.
-    """
-    failed: dict[int, CommissioningError] = {}
-    for node_id in node_ids:
+        for done, node_id in enumerate(node_ids, 1):
+            own = [change for change in changes if change.node_id == node_id]
+            try:
+                apply_changes(commissioning, own)
+            except CommissioningError as error:
+                found.fail(node_id, error)
+                say(f"mdms: some settings of node {node_id} may be written; give them again")
+            share(done / len(node_ids))
+    for node_id in found.node_ids if save else ():
         try:
             commissioning.store(node_id)
         except CommissioningError as error:
-            failed[node_id] = error
-    if failed:
-        say(f"mdms: the settings are written, but not stored on node {ranges(failed)}")
-        raise next(iter(failed.values()))
+            found.fail(node_id, error)
+            say(f"mdms: the settings are written, but not stored on node {node_id}")
+    commissioning.refuse_booted(node_ids)
 
 
 def of_buses(figures: Mapping[str, dict[str, object]]) -> dict[str, object]:

@@ -8,11 +8,12 @@ from pathlib import Path
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.cells.configure_cells import (
+    FoundCells,
     agreed,
+    found_cells,
     open_commissioning,
-    open_table,
-    read_cells,
     refuse_absent,
+    refuse_failed,
     refuse_other_host,
     show_changes,
     write_cells,
@@ -24,8 +25,8 @@ from mdms_host.cli.files import replacing
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
-from mdms_host.commissioning.cell_settings import CellSettings, identify_cells, read_settings
-from mdms_host.commissioning.network import Commissioning, ranges
+from mdms_host.commissioning.cell_settings import identify_cells, read_settings
+from mdms_host.commissioning.network import CommissioningError, ranges
 from mdms_host.commissioning.parameters import PARAMETERS
 from mdms_host.commissioning.table_cells import TableBus
 
@@ -34,13 +35,11 @@ STDOUT = Path("-")
 
 def dump(arguments: Namespace) -> ExitCode:
     """Read all settings and write the file, whole or not at all."""
-    with open_table(arguments) as opened:
-        found = [
-            (bus, read_cells(commissioning, arguments, PARAMETERS)) for bus, commissioning in opened
-        ]
+    with found_cells(arguments, PARAMETERS) as found:
+        pass
     refuse_absent(arguments, found, "nothing was written; --node names the others")
-    cells = [cell for _, some in found for cell in some]
-    text = array_text({bus.name: some for bus, some in found})
+    cells = [cell for each in found for cell in each.cells]
+    text = array_text({each.bus.name: each.cells for each in found})
     if arguments.file == STDOUT:
         print(text, end="")
         return ExitCode.OK
@@ -59,33 +58,35 @@ def load(arguments: Namespace) -> ExitCode:
     """Show what differs, and write it when that is agreed."""
     options = Namespace(**vars(arguments) | {"array": arguments.file})
     buses = named_table(options).buses
-    results = [_load(arguments, bus, f"{bus.name}: " if len(buses) > 1 else "") for bus in buses]
-    return max(results)
+    found = [_load(arguments, bus, f"{bus.name}: " if len(buses) > 1 else "") for bus in buses]
+    refuse_failed(found, "the others have the settings of the file")
+    return ExitCode.OK
 
 
-def _load(arguments: Namespace, bus: TableBus, where: str) -> ExitCode:
+def _load(arguments: Namespace, bus: TableBus, where: str) -> FoundCells:
     """The same for the cells of one bus."""
     filed = _filed(arguments, bus.number)
     with open_commissioning(bus.options) as commissioning:
-        cells = _cells_of(commissioning, filed)
+        found = FoundCells(bus, commissioning, where)
+        entries = _read(found, filed)
         changes = [
             change
-            for cell, entry in zip(cells, filed, strict=True)
+            for cell, entry in zip(found.cells, entries, strict=True)
             for change in cell.changes(entry.values)
         ]
-        check_margins(arguments.scenario, cells, [entry.values for entry in filed])
+        check_margins(arguments.scenario, found.cells, [entry.values for entry in entries])
         show_changes(changes, where)
         if arguments.dry_run or not (changes or arguments.save):
             print(f"{where}{len(changes)} settings differ")
-            return ExitCode.OK
+            return found
         refuse_other_host(commissioning)
         if not agreed(arguments, f"{where}Write {len(changes)} settings?"):
             raise CommandError("nothing was written", ExitCode.FAILURE)
-        node_ids = [cell.node_id for cell in cells]
-        write_cells(commissioning, changes, node_ids, save=arguments.save)
-    stored = f"; stored on node {ranges(node_ids)}" if arguments.save else ""
-    print(f"{where}{len(changes)} settings written and verified{stored}")
-    return ExitCode.OK
+        write_cells(found, changes, save=arguments.save)
+    done = [change for change in changes if change.node_id not in found.failed]
+    stored = f"; stored on node {ranges(found.node_ids)}" if arguments.save else ""
+    print(f"{where}{len(done)} settings written and verified{stored}")
+    return found
 
 
 def _filed(arguments: Namespace, bus: int) -> Sequence[FiledCell]:
@@ -100,12 +101,15 @@ def _filed(arguments: Namespace, bus: int) -> Sequence[FiledCell]:
     return [cell for cell in filed if cell.node_id in wanted]
 
 
-def _cells_of(commissioning: Commissioning, filed: Sequence[FiledCell]) -> list[CellSettings]:
-    """The cells with the serial numbers of the file, whatever their node ids are now."""
-    found = commissioning.find()
-    if not found:
+def _read(found: FoundCells, filed: Sequence[FiledCell]) -> list[FiledCell]:
+    """Read the cells with the serial numbers of the file, whatever their node ids are now.
+
+    Returns the entries of those that could be read.
+    """
+    node_ids = found.commissioning.find()
+    if not node_ids:
         raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
-    cells = identify_cells(commissioning, found)
+    cells = identify_cells(found.commissioning, node_ids)
     nodes = {identity.serial: node_id for node_id, identity in cells.items()}
     absent = [cell for cell in filed if cell.serial not in nodes]
     if absent:
@@ -114,12 +118,18 @@ def _cells_of(commissioning: Commissioning, filed: Sequence[FiledCell]) -> list[
             f"not on the bus: {names}; nothing was written, --node names the others",
             ExitCode.NO_DEVICE,
         )
-    settings = []
+    entries = []
     with progress("reading") as share:
         for done, entry in enumerate(filed, 1):
             node_id = nodes[entry.serial]
             if node_id != entry.node_id:
                 say(f"mdms: {entry.serial:08X} was node {entry.node_id}, and is node {node_id} now")
-            settings.append(read_settings(commissioning, node_id, to_read(entry.values)))
+            try:
+                cell = read_settings(found.commissioning, node_id, to_read(entry.values))
+            except CommissioningError as error:
+                found.fail(node_id, error)
+            else:
+                found.cells.append(cell)
+                entries.append(entry)
             share(done / len(filed))
-    return settings
+    return entries

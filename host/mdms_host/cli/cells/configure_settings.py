@@ -12,10 +12,10 @@ from rich import box
 from rich.table import Table
 
 from mdms_host.cli.cells.configure_cells import (
+    FoundCells,
     agreed,
+    found_cells,
     of_buses,
-    open_table,
-    read_cells,
     refuse_absent,
     refuse_other_host,
     show_changes,
@@ -24,8 +24,8 @@ from mdms_host.cli.cells.configure_cells import (
 from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
-from mdms_host.commissioning.cell_settings import CellSettings, Change
-from mdms_host.commissioning.network import Commissioning, ranges
+from mdms_host.commissioning.cell_settings import CellSettings, Change, NotTakenError
+from mdms_host.commissioning.network import CommissioningError, ranges
 from mdms_host.commissioning.parameters import (
     BY_NAME,
     PARAMETERS,
@@ -43,16 +43,14 @@ LEGEND = "* not the default   ! cells differ"
 def show_settings(arguments: Namespace) -> ExitCode:
     """Read the settings and print them."""
     parameters = _parameters(arguments)
-    with open_table(arguments) as opened:
-        found = [
-            (bus, read_cells(commissioning, arguments, parameters)) for bus, commissioning in opened
-        ]
+    with found_cells(arguments, parameters) as found:
+        pass
     if arguments.json:
-        documents = {bus.name: _document(parameters, cells) for bus, cells in found}
+        documents = {each.bus.name: _document(parameters, each.cells) for each in found}
         print(json.dumps(of_buses(documents)))
     else:
-        for bus, cells in found:
-            show(_table(parameters, cells, bus.name if len(found) > 1 else None))
+        for each in found:
+            show(_table(parameters, each.cells, each.bus.name if each.where else None))
         say(LEGEND)
     refuse_absent(arguments, found)
     return ExitCode.OK
@@ -153,24 +151,20 @@ def set_settings(arguments: Namespace) -> ExitCode:
     """Change settings."""
     wanted = parse_assignments(arguments.assignments)
     figures: dict[str, dict[str, object]] = {}
-    with open_table(arguments) as opened:
-        found = [
-            (bus, read_cells(commissioning, arguments, to_read(wanted), to_write=True))
-            for bus, commissioning in opened
-        ]
-        for _, cells in found:
-            check_margins(arguments.scenario, cells, [wanted] * len(cells))
-        for (bus, commissioning), (_, cells) in zip(opened, found, strict=True):
-            changes = [change for cell in cells for change in cell.changes(wanted)]
-            node_ids = [cell.node_id for cell in cells]
-            where = f"{bus.name}: " if len(opened) > 1 else ""
+    with found_cells(arguments, to_read(wanted), to_write=True) as found:
+        for each in found:
+            check_margins(arguments.scenario, each.cells, [wanted] * len(each.cells))
+        for each in found:
+            changes = [change for cell in each.cells for change in cell.changes(wanted)]
             if not arguments.json:
-                show_changes(changes, where)
-            write_cells(commissioning, changes, node_ids, save=arguments.save)
-            rows = list(map(_change, changes))
-            figures[bus.name] = {"changes": rows, "saved": arguments.save}
+                show_changes(changes, each.where)
+            write_cells(each, changes, save=arguments.save)
+            done = [change for change in changes if change.node_id not in each.failed]
+            rows = list(map(_change, done))
+            figures[each.bus.name] = {"changes": rows, "saved": arguments.save}
             if not arguments.json:
-                print(where + _verdict(changes, node_ids, saved=arguments.save), flush=True)
+                verdict = _verdict(done, each.node_ids, saved=arguments.save)
+                print(each.where + verdict, flush=True)
     if arguments.json:
         print(json.dumps(of_buses(figures)))
     refuse_absent(arguments, found, "the others have the new settings")
@@ -256,42 +250,39 @@ def _verdict(changes: Sequence[Change], node_ids: Sequence[int], *, saved: bool)
 def restore_defaults(arguments: Namespace) -> ExitCode:
     """Show all settings off their defaults; when that is agreed, restore, restart, and verify."""
     every = (*PARAMETERS, *WIRING)
-    with open_table(arguments) as opened:
-        found = [
-            (bus, read_cells(commissioning, arguments, every, to_write=not arguments.dry_run))
-            for bus, commissioning in opened
-        ]
-        for (bus, commissioning), (_, cells) in zip(opened, found, strict=True):
-            _restore(commissioning, arguments, cells, f"{bus.name}: " if len(opened) > 1 else "")
+    with found_cells(arguments, every, to_write=not arguments.dry_run) as found:
+        for each in found:
+            _restore(each, arguments)
     refuse_absent(arguments, found, "the others were looked after")
     return ExitCode.OK
 
 
-def _restore(
-    commissioning: Commissioning, arguments: Namespace, cells: Sequence[CellSettings], where: str
-) -> None:
+def _restore(found: FoundCells, arguments: Namespace) -> None:
     """The same for the cells of one bus."""
-    node_ids = [cell.node_id for cell in cells]
+    where, commissioning = found.where, found.commissioning
     every = (*PARAMETERS, *WIRING)
     changes = [
         change
-        for cell in cells
+        for cell in found.cells
         for change in cell.changes({each: each.default(cell.node_id) for each in every})
     ]
     show_changes(changes, where)
     if arguments.dry_run:
         print(f"{where}{len(changes)} settings are not at their defaults")
         return
-    question = f"{where}Restore the defaults of node {ranges(node_ids)}, and restart?"
+    question = f"{where}Restore the defaults of node {ranges(found.node_ids)}, and restart?"
     if not agreed(arguments, question):
         raise CommandError("nothing was changed", ExitCode.FAILURE)
     # A run may have begun while the person was asked.
     refuse_other_host(commissioning)
-    for node_id in node_ids:
-        commissioning.restore_defaults(node_id)
-    for change in changes:
-        number = commissioning.read(change.node_id, *change.parameter.place)
-        if number != change.after:
-            what = f"{where}node {change.node_id}, {change.parameter.name}"
-            raise CommandError(f"{what} is not at its default", ExitCode.NODE_FAULT)
-    print(f"{where}defaults restored and verified on node {ranges(node_ids)}")
+    for node_id in found.node_ids:
+        own = [change for change in changes if change.node_id == node_id]
+        try:
+            commissioning.restore_defaults(node_id)
+            for change in own:
+                if commissioning.read(node_id, *change.parameter.place) != change.after:
+                    what = f"node {node_id}, {change.parameter.name} is not at its default"
+                    raise NotTakenError(what)
+        except CommissioningError as error:
+            found.fail(node_id, error)
+    print(f"{where}defaults restored and verified on node {ranges(found.node_ids)}")

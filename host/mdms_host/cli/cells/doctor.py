@@ -4,6 +4,7 @@ import json
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from typing import NoReturn
 
 from mdms_array.host import settings_of
 from mdms_host.cli.array.table import named_table
@@ -11,7 +12,7 @@ from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.cells.asking import AtTerminal, pressed_keys
 from mdms_host.cli.cells.configure_cells import open_commissioning, read_cells
 from mdms_host.cli.console import progress
-from mdms_host.cli.exits import ExitCode
+from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning import commissioner as steps
@@ -21,7 +22,7 @@ from mdms_host.commissioning.doctor.diagnosis import diagnose
 from mdms_host.commissioning.doctor.emergency_stop import SHORT, StopTest
 from mdms_host.commissioning.doctor.examination import Examination, examine, examine_wheels
 from mdms_host.commissioning.doctor.findings import KINDS, Finding
-from mdms_host.commissioning.network import Commissioning, ranges
+from mdms_host.commissioning.network import Commissioning, CommissioningError, ranges
 from mdms_host.commissioning.status import NEIGHBOURS
 from mdms_host.commissioning.table_cells import (
     HeardCells,
@@ -176,7 +177,10 @@ def _stop(arguments: Namespace) -> ExitCode:
         arguments.nodes = arguments.nodes or [listed]
     nobody = "mdms doctor --stop needs a person at a terminal, who presses the emergency stop"
     with pressed_keys(nobody) as pressed, open_commissioning(arguments) as commissioning:
-        node_ids = [cell.node_id for cell in read_cells(commissioning, arguments)]
+        cells = read_cells(commissioning, arguments, (), _refuse)
+        if not cells:
+            raise CommandError("there is no MDMS cell on the bus", ExitCode.NODE_FAULT)
+        node_ids = [cell.node_id for cell in cells]
         refuse_busy(commissioning, node_ids)
         test = StopTest(commissioning, MonotonicClock(), AtTerminal(pressed), form, arguments.limit)
         findings = test.run(node_ids)
@@ -191,6 +195,11 @@ def _stop(arguments: Namespace) -> ExitCode:
             "after the first, and all stayed off after the release"
         )
     return ExitCode.FAILURE if findings else ExitCode.OK
+
+
+def _refuse(_node_id: int, error: CommissioningError) -> NoReturn:
+    """A cell that cannot be read cannot be tested."""
+    raise error
 
 
 def _print(cells: int, findings: Sequence[Finding]) -> None:

@@ -70,6 +70,30 @@ def loses(cells):
     return lose
 
 
+@pytest.fixture
+def hang(cells):
+    """Has a cell answer no requests from one to an object on; its heartbeats still come."""
+
+    def at(node_id, index):
+        attach, hung = cells.array.attach, []
+
+        def deaf(deliver):
+            send = attach(deliver)
+
+            def lossy(frame):
+                if frame.can_id == cob.SDO_REQUEST_BASE + node_id:
+                    hung.extend([frame] * (frame.data[1:3] == index.to_bytes(2, "little")))
+                    if hung:
+                        return
+                send(frame)
+
+            return lossy
+
+        cells.array.attach = deaf
+
+    return at
+
+
 def shown(configure, capsys, *names):
     assert configure("show", *names, "--json") == ExitCode.OK
     return json.loads(capsys.readouterr().out)
@@ -156,12 +180,51 @@ def test_a_cell_that_cannot_store_keeps_no_other_from_it_and_is_named(configure,
     cells.array.bank._cells[0]._store._memory = None
     assert configure("set", "setpoint_timeout=0.08", "--save") == ExitCode.NODE_FAULT
     printed = capsys.readouterr()
+    assert "3 settings" not in printed.out
+    assert "stored on node 2-3" in printed.out
+    assert "or stored to the application\n" in printed.err
     assert "mdms: the settings are written, but not stored on node 1\n" in printed.err
-    assert printed.err.endswith("or stored to the application\n")
+    assert printed.err.endswith("failed: node 1; the others have the new settings\n")
     with Commissioning(None, MonotonicClock()) as commissioning:
         for node_id in (1, 2, 3):
             commissioning.restart(node_id)
         assert [commissioning.read(node_id, 0x3000) for node_id in (1, 2, 3)] == [50, 80, 80]
+
+
+@pytest.mark.parametrize(
+    ("command", "index", "told"),
+    [
+        ("configure show gain", 0x1008, "13"),
+        ("configure set gain=12", 0x1008, "4 settings written and verified"),
+        ("configure set gain=12 --save", 0x2000, "4 settings written and verified; stored on node"),
+        ("configure restore-defaults --yes", 0x1008, "verified on node 1, 3"),
+        ("configure restore-defaults --yes", 0x1011, "verified on node 1, 3"),
+        ("identify", 0x1008, "node 1, 3: both LEDs blink"),
+    ],
+)
+def test_a_cell_that_hangs_keeps_no_other_from_it_and_is_named(hang, capsys, command, index, told):
+    hang(2, index)
+    assert main([*command.split(), "-i", "virtual"]) == ExitCode.NODE_FAULT
+    printed = capsys.readouterr()
+    assert told in printed.out
+    assert f"mdms: node 2, 0x{index:04X}:" in printed.err
+    assert "failed: node 2; " in printed.err
+
+
+def test_a_cell_that_hangs_is_in_no_file_and_keeps_no_other_from_its_settings(
+    configure, hang, capsys, tmp_path
+):
+    whole, part = tmp_path / "whole.toml", tmp_path / "part.toml"
+    assert configure("dump", whole) == ExitCode.OK
+    assert configure("set", "gain=12") == ExitCode.OK
+    hang(2, 0x2000)
+    capsys.readouterr()
+    assert configure("load", whole, "--yes") == ExitCode.NODE_FAULT
+    printed = capsys.readouterr()
+    assert "4 settings written and verified" in printed.out
+    assert "failed: node 2; the others have the settings of the file" in printed.err
+    assert configure("dump", part) == ExitCode.NODE_FAULT
+    assert not part.exists()
 
 
 def test_a_cell_that_restarts_before_it_has_stored_is_named(configure, capsys, cells):
