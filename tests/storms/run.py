@@ -266,9 +266,9 @@ class _Events:
         array = SimulatedArray.around(self._simulation, self._bank)
         with virtual_time(array) as time, Commissioning(None, MonotonicClock()) as commissioning:
             self._at(self._now_s + duration_s, partial(setattr, time, "mute", True))
-            # As the command, it looks first which cells there are.
-            commissioning.find()
             try:
+                # As the command, it looks first which cells there are.
+                commissioning.find()
                 commissioner.tell_place(commissioning, node_id, place)
                 for axis in range(1, AXES + 1):
                     nudge(commissioning, node_id, axis)

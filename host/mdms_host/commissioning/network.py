@@ -105,6 +105,8 @@ _LOOK_S = 0.005
 _ABSENT = (sdo.NO_SUCH_OBJECT, sdo.NO_SUCH_SUB_INDEX)
 #: Bytes of an SDO answer, and of an emergency.
 _WHOLE = 8
+#: Listen for so long before anything is asked [s].
+HEAR_S = 0.1
 #: No entry that is read here has more bytes.
 _LONGEST = 1024
 
@@ -126,6 +128,19 @@ class RefusedError(CommissioningError):
 
 class SilentError(CommissioningError):
     """The cell did not answer."""
+
+
+UPDATE_RUNS = "firmware comes into cells over the bus"
+
+
+class UpdateRunsError(CommissioningError):
+    """Firmware comes in over the bus, and a request to a cell would break that off."""
+
+
+def takes_firmware(frame: Frame) -> bool:
+    """Whether a frame is the answer of a cell to a block of its new firmware."""
+    is_answer = frame.can_id & ~cob.NODE_MAX == cob.SDO_RESPONSE_BASE and len(frame.data) == _WHOLE
+    return is_answer and frame.data[0] & sdo.SPECIFIER == sdo.BLOCK_DOWNLOAD_RESPONSE
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +166,10 @@ class Identity:
         return other_protocol(self.revision)
 
 
+#: That of a node that tells none.
+NO_IDENTITY = Identity("?", "", 0, 0, 0, 0)
+
+
 class Commissioning:
     """All nodes of a bus, one request at a time; the end of its `with` statement closes the bus.
 
@@ -164,6 +183,7 @@ class Commissioning:
         self.foreign_stops = ForeignStops()
         self._booted: set[int] = set()
         self._host_node_answers = False
+        self._update_runs = False
         self._arrivals: SimpleQueue[tuple[Frame, float]] | None = None
         self._clock = clock
         self._nodes: dict[int, canopen.RemoteNode] = {}
@@ -181,8 +201,14 @@ class Commissioning:
     def find(self, listen_s: float = 0.3) -> list[int]:
         """Node ids that tell of themselves within the time; the device type of all is requested.
 
-        The host's own is among them if a node answers there: a cell that has it.
+        The host's own is among them if a node answers there: a cell that has it. Raises
+        UpdateRunsError.
         """
+        self._clock.sleep(HEAR_S)
+        if self._update_runs:
+            raise UpdateRunsError(
+                f"{UPDATE_RUNS}, and a request would break that off; let mdms flash --bus end first"
+            )
         # A node that has another id by now, or is gone, counts no more.
         self._network.scanner.nodes.clear()
         self._network.scanner.search(cob.NODE_MAX)
@@ -229,7 +255,7 @@ class Commissioning:
         except RefusedError as refusal:
             if refusal.code not in _ABSENT:
                 raise
-            return Identity("?", "", 0, 0, 0, 0)
+            return NO_IDENTITY
         return Identity(name, software, *numbers)
 
     def read(self, node_id: int, index: int, sub: int = 0) -> int:
@@ -368,6 +394,8 @@ class Commissioning:
             self.states[node] = state
         if state == nmt.INITIALISING:
             self._booted.add(node)
+        if takes_firmware(frame):
+            self._update_runs = True
         if frame.can_id == cob.SDO_RESPONSE_BASE + cob.HOST_NODE:
             self._host_node_answers = True
         if frame.can_id == cob.LSS_RESPONSE:

@@ -11,7 +11,13 @@ from rich.table import Table
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.clock import Clock
-from mdms_host.commissioning.network import Commissioning, CommissioningError, Identity
+from mdms_host.commissioning.network import (
+    HEAR_S,
+    Commissioning,
+    CommissioningError,
+    Identity,
+    takes_firmware,
+)
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt
 from mdms_protocol.codecs.frame import Frame
@@ -119,6 +125,8 @@ _READ_KIND = tuple(Read(*place) for place in _KIND)
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
+#: Blocks of an update come so close after one another, though a cell erases its flash meanwhile.
+_UPDATE_S = 2.0
 _M_PER_UM = pdo.ACTUAL_VELOCITY.entries[0].unit.factor
 
 
@@ -158,9 +166,9 @@ class StatusModel:
     """A participant that keeps the last state of every node on the bus.
 
     It sends little: the statuswords, presence bits and suspect of a node are read when it appears,
-    and when it is pre-operational again. An operational node reports changes by itself, and a node
-    that is being flashed must not be disturbed. With `asks_neighbours` it reads the kind of each
-    and the node ids of the cells around it as well.
+    and when it is pre-operational again. An operational node reports changes by itself. While
+    firmware comes in over the bus, nothing is sent: a request would break it off. With
+    `asks_neighbours` it reads the kind of each and the node ids of the cells around it as well.
     """
 
     def __init__(self, *, asks_neighbours: bool = False) -> None:
@@ -168,6 +176,9 @@ class StatusModel:
         self._cells: dict[int, RemoteCell] = {}
         self._reading: dict[int, SdoClient] = {}
         self._next_poll_s = 0.0
+        self._quiet_until_s: float | None = None
+        #: Whether firmware has come in over the bus.
+        self.update_ran = False
         #: The node ids that each node has stored of the cells around it, once it is read.
         self.neighbours: dict[int, tuple[int, ...]] = {}
         #: The nodes that say that they are no cells.
@@ -176,7 +187,8 @@ class StatusModel:
     @property
     def wake_s(self) -> float:
         """When to poll it next [s]."""
-        return min((client.wake_s for client in self._reading.values()), default=self._next_poll_s)
+        wake_s = min((each.wake_s for each in self._reading.values()), default=self._next_poll_s)
+        return wake_s if self._quiet_until_s is None else max(wake_s, self._quiet_until_s)
 
     @property
     def cells(self) -> frozenset[int]:
@@ -185,6 +197,8 @@ class StatusModel:
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """Take in a node's frame; a node appears with its first heartbeat."""
+        if takes_firmware(frame):
+            self.update_ran, self._quiet_until_s = True, now_s + _UPDATE_S
         node_id = frame.can_id & 0x7F
         base = frame.can_id - node_id
         is_node = base == cob.HEARTBEAT_BASE and cob.NODE_MIN <= node_id < cob.NODE_MAX
@@ -204,6 +218,10 @@ class StatusModel:
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The reads that are due."""
         self._next_poll_s = now_s + _POLL_S
+        if self._quiet_until_s is None:
+            self._quiet_until_s = now_s + HEAR_S
+        if now_s < self._quiet_until_s:
+            return
         for node_id, client in list(self._reading.items()):
             yield from client.poll(now_s)
             self._take(node_id)

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 from mdms_host.can_link import boards
 from mdms_host.commissioning.network import (
+    NO_IDENTITY,
     Commissioning,
     CommissioningError,
     Identity,
     RefusedError,
+    SilentError,
 )
 from mdms_protocol import indices
 from mdms_protocol.codecs import update
@@ -47,16 +49,26 @@ class Candidate:
 def read_candidates(
     commissioning: Commissioning, node_ids: Iterable[int], progress: Callable[[float], None]
 ) -> list[Candidate]:
-    """All cells among these nodes; other nodes are left out. Raises SilentError."""
+    """All cells among these nodes; other nodes are left out.
+
+    A cell that gives no answer, or refuses one, takes nothing.
+    """
     found = []
     wanted = list(node_ids)
     for done, node_id in enumerate(wanted, 1):
+        identity = NO_IDENTITY
         try:
             identity = commissioning.identity(node_id)
-        except RefusedError:
-            continue
-        if identity.is_cell:
-            found.append(read_candidate(commissioning, node_id, identity))
+            if identity.is_cell:
+                found.append(read_candidate(commissioning, node_id, identity))
+        except CommissioningError as error:
+            # A node that says nothing may be a cell.
+            if identity.is_cell or isinstance(error, SilentError):
+                found.append(
+                    Candidate(
+                        node_id, identity, refusal=str(error).removeprefix(f"node {node_id}, ")
+                    )
+                )
         progress(done / len(wanted))
     return found
 

@@ -176,11 +176,11 @@ _FLASH_S = 2.0
 _BOOT_S = 20.0
 #: A cell on trial runs for a while before it is confirmed, so that it may fail.
 _TEST_S = 0.5
-#: Errors of a transfer on its way, for which it may be tried again.
-_PASSING = frozenset(
-    (sdo.TIMED_OUT, sdo.CRC_ERROR, sdo.UNKNOWN_COMMAND, sdo.INVALID_SEQUENCE, sdo.WRONG_STATE)
-)
+#: A transfer is begun anew so often without getting further than before.
 _ATTEMPTS = 3
+#: A program that has asked the cell amid a transfer has its other answers by then.
+_PAUSE_S = 1.0
+_RESTARTED = "it restarted amid the transfer; look at its supply, then run the same again"
 
 
 class UpdateTask(Protocol):
@@ -256,6 +256,7 @@ class CellUpdate:
         self._download: BlockDownload | None = None
         self._gate = Waiting()
         self._boot: Waiting | None = None
+        self._restarted = False
         self._script = self._steps()
         self._task: UpdateTask = next(self._script)
 
@@ -291,8 +292,13 @@ class CellUpdate:
         """Take in a frame of this cell."""
         if frame.can_id == cob.SDO_RESPONSE_BASE + self.node_id:
             self._task.on_response(frame.data)
-        elif self._boot is not None and frame == nmt.heartbeat(self.node_id, nmt.INITIALISING):
-            self._boot.done = True
+        elif frame == nmt.heartbeat(self.node_id, nmt.INITIALISING):
+            if self._boot is not None:
+                self._boot.done = True
+            self._restarted = True
+            if self._download is not None and self._task is self._download:
+                # Other segments would be requests of another kind to it.
+                self._download.failure = _RESTARTED
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """Frames to send now; who takes fewer gets the rest with the next call."""
@@ -315,6 +321,9 @@ class CellUpdate:
         yield from self._load()
         self.loaded = True
         yield self._gate
+        if self._restarted:
+            # It has forgotten the bundle while it waited.
+            yield from self._load()
         self._boot = Waiting(_BOOT_S, f"it has not come back within {_BOOT_S:g} s")
         refused = yield from self._attempt(update.START)
         if refused and not self._boot.done:
@@ -329,8 +338,10 @@ class CellUpdate:
         yield from self._verify()
 
     def _load(self) -> Generator[UpdateTask, None, None]:
-        """Clear and send, again if the way was the reason that it failed."""
-        for _ in range(_ATTEMPTS):
+        """Clear and send, again if the cell has no reason, as long as that gets further."""
+        attempts, furthest = 0, 0
+        while attempts < _ATTEMPTS:
+            self._restarted = False
             refused = yield from self._attempt(update.CLEAR)
             if refused:
                 raise UpdateError(refused)
@@ -341,10 +352,13 @@ class CellUpdate:
             if task.done:
                 return
             reason = yield from self._reason()
-            if reason or task.abort not in (None, *_PASSING):
-                raise UpdateError(reason or task.failure)
+            if reason and not self._restarted:
+                raise UpdateError(reason)
             self.restarts += 1
-        raise UpdateError(f"{task.failure}, {_ATTEMPTS} times")
+            attempts = 1 if task.acknowledged > furthest else attempts + 1
+            furthest = max(furthest, task.acknowledged)
+            yield Waiting(_PAUSE_S)
+        raise UpdateError(f"{task.failure} ({attempts} times without getting further)")
 
     def _verify(self) -> Generator[UpdateTask, None, None]:
         """The answer repeats the request."""

@@ -129,6 +129,20 @@ def test_a_node_that_gives_no_answer_is_left_in_peace() -> None:
     assert model.rows(5.0)[0].drives is None
 
 
+def test_nothing_is_asked_while_firmware_comes_in() -> None:
+    """Block 3 of node 6 is acknowledged; a request to node 5 may meet a transfer, too."""
+    model, block = StatusModel(), Frame(0x586, b"\xa2\x3f\x3f" + bytes(5))
+    asked_s = []
+    for step in range(60):
+        now_s = step / 10
+        model.on_frame(Frame(0x705, b"\x7f"), now_s)
+        if step in (1, 15):
+            model.on_frame(block, now_s)
+        asked_s += [now_s for _ in model.poll(now_s)]
+    assert model.update_ran
+    assert asked_s[0] == pytest.approx(3.5)
+
+
 def test_a_fault_from_before_is_named_with_its_words() -> None:
     """The emergency went out before anybody listened."""
     model = StatusModel()

@@ -6,7 +6,10 @@ import pytest
 from mdms_host.flashing.bundles import Bundle, sign
 from mdms_host.flashing.cell_update import CellUpdate
 from mdms_host.flashing.updater import Updater
+from mdms_protocol import indices
 from mdms_protocol.codecs import bundle as heads
+from mdms_protocol.codecs import cob, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
 
@@ -26,6 +29,8 @@ class Cells:
             self.bank.restart(cell)
         self.now_s = 0.0
         self.deaf = set()
+        #: Called every millisecond of an update.
+        self.hand = lambda: None
         self._lost = (b"", -1)
         for _ in range(100):
             self._tick()
@@ -45,6 +50,7 @@ class Cells:
                 for frame in updater.poll(self.now_s):
                     for cell in set(range(self.count)) - self.deaf:
                         self.bank.deliver(cell, frame)
+            self.hand()
             for frame in self._tick():
                 if self._loses(frame.data):
                     continue
@@ -61,6 +67,17 @@ class Cells:
             return False
         self._lost = (start, number - 1)
         return number == 0
+
+    def every(self, period_s, act, times=1000):
+        """Do something to the cells that often while updates run."""
+        due_s = [self.now_s + period_s * (number + 1) for number in range(times)]
+
+        def hand():
+            if due_s and self.now_s >= due_s[0]:
+                del due_s[0]
+                act()
+
+        self.hand = hand
 
     def running(self):
         return [board.slots.identification for board in self.bank._boards]
@@ -125,6 +142,84 @@ def test_cell_that_falls_silent_keeps_no_other_from_its_firmware():
     updater = cells.run(updates(cells, sent))
     assert [each.finished for each in updater.updates] == [True, False, True]
     assert "no answer" in updater.updates[1].failure
+
+
+def ask(cells):
+    """Another program reads the serial number of the first cell."""
+    request = sdo.read_request(indices.IDENTITY, 4)
+    cells.bank.deliver(0, Frame(cob.SDO_REQUEST_BASE + 1, request))
+
+
+def test_requests_of_another_program_delay_an_update_only():
+    cells, sent = Cells(1), bundle()
+    cells.every(0.02, lambda: ask(cells), times=15)
+    (update,) = cells.run(updates(cells, sent)).updates
+    assert update.finished, update.failure
+    assert update.restarts == 1
+
+
+def test_update_that_gets_further_each_time_is_not_given_up():
+    cells, sent = Cells(1), bundle()
+    (update,) = updates(cells, sent)
+    shares = [0.1, 0.3, 0.5, 0.7, 0.9]
+
+    def hand():
+        if shares and update.share >= shares[0]:
+            del shares[0]
+            ask(cells)
+
+    cells.hand = hand
+    cells.run([update])
+    assert update.finished, update.failure
+    assert update.restarts == 5
+
+
+def test_program_that_never_ends_its_requests_is_named():
+    cells, sent = Cells(1), bundle()
+    cells.every(0.02, lambda: ask(cells))
+    (update,) = cells.run(updates(cells, sent)).updates
+    assert "another program asks it amid the transfer" in update.failure
+    assert cells.running() == [0]
+
+
+def test_cell_that_restarts_amid_its_transfer_takes_it_from_the_beginning():
+    cells, sent = Cells(), bundle()
+    cells.every(0.03, lambda: cells.bank.restart(0), times=1)
+    updater = cells.run(updates(cells, sent))
+    assert all(each.finished for each in updater.updates)
+    assert [each.restarts for each in updater.updates] == [1, 0, 0]
+    assert cells.running() == [sent.identification] * 3
+
+
+def test_cell_that_restarts_while_it_waits_for_the_first_takes_the_bundle_again():
+    cells, sent = Cells(), bundle()
+    updating = updates(cells, sent)
+
+    def hand():
+        if updating[1].loaded and not updating[1].may_start:
+            cells.bank.restart(1)
+            cells.hand = lambda: None
+
+    cells.hand = hand
+    updater = cells.run(updating)
+    assert [each.failure for each in updater.updates] == [None] * 3
+    assert cells.running() == [sent.identification] * 3
+
+
+def test_cell_that_restarts_again_and_again_is_named_with_a_cure():
+    cells, sent = Cells(), bundle()
+    busy = []
+
+    def hand():
+        busy.extend([None] * cells.bank._cells[1]._sdo.busy)
+        if len(busy) == 20:
+            busy.clear()
+            cells.bank.restart(1)
+
+    cells.hand = hand
+    updater = cells.run(updates(cells, sent))
+    assert [each.finished for each in updater.updates] == [True, False, True]
+    assert "it restarted amid the transfer; look at its supply" in updater.updates[1].failure
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ and the exit code is 5 then.
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 
@@ -22,7 +22,7 @@ from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
-from mdms_host.commissioning.network import ranges
+from mdms_host.commissioning.network import UPDATE_RUNS, ranges
 from mdms_host.commissioning.status import (
     CellStatus,
     FoundNode,
@@ -115,6 +115,7 @@ def status(arguments: Namespace) -> ExitCode:
             show(status_table(rows, dots()))
         if not arguments.json:
             _show_link(link)
+    _tell_updates(models)
     missing = _missing_of(table, models, arguments.cells)
     if arguments.json:
         cells = [_row(row, split=table.is_split) for row in rows]
@@ -193,6 +194,11 @@ def _stop_bus(bus: TableBus) -> _Stopped | LinkError:
     except LinkError as error:
         return error
     return _Stopped(report, frozenset(report.heard) - model.strangers, model.neighbours)
+
+
+def _tell_updates(models: Iterable[StatusModel]) -> None:
+    if any(model.update_ran for model in models):
+        say(f"mdms: {UPDATE_RUNS}, so they were not asked")
 
 
 def _over(table: TableBuses, stopped: int) -> str:

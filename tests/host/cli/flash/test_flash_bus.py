@@ -13,6 +13,8 @@ from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
 from mdms_host.flashing.bundles import make_key, read_key, sign
+from mdms_host.flashing.cell_update import CellUpdate
+from mdms_host.flashing.updater import Updater
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.version import VERSION
@@ -122,6 +124,27 @@ def test_a_cell_that_was_left_on_trial_does_not_count_as_done(commissioned, flas
     assert {row["on_trial"] for row in flash("--list")[1]["cells"]} == {False}
 
 
+@pytest.mark.parametrize("command", ["scan", "doctor", "configure show", "flash --bus --list"])
+def test_no_other_verb_breaks_an_update_off(commissioned, cells, capsys, tmp_path, command):
+    assert commissioned()[0] == ExitCode.OK
+    packed = PACKED + bytes(20_000)
+    bundle = sign(packed, read_key(tmp_path / "array.key"), 1, VirtualBoard.bytecode)
+    updater = Updater([CellUpdate(node_id, bundle) for node_id in (1, 2, 3)], 1_000_000)
+    send = cells.array.attach(updater.on_frame)
+
+    def go_on():
+        if not updater.over and updater.wake_s <= cells.now_s():
+            for frame in updater.poll(cells.now_s()):
+                send(frame)
+
+    cells.array.hand = go_on
+    cells.sleep(0.1)
+    assert main([*command.split(), "-i", "virtual"]) == ExitCode.NODE_FAULT
+    assert "firmware comes into cells over the bus" in capsys.readouterr().err
+    cells.wait(60, lambda: updater.over)
+    assert [(each.finished, each.restarts) for each in updater.updates] == [(True, 0)] * 3
+
+
 def test_a_cell_of_the_array_file_that_is_not_there_is_named(commissioned, flash, tmp_path):
     assert commissioned()[0] == ExitCode.OK
     file = tmp_path / "array.toml"
@@ -135,6 +158,21 @@ def test_a_cell_of_the_array_file_that_is_not_there_is_named(commissioned, flash
     assert "node 4" in said
     # Of the cells that are named, none is missing.
     assert flash("--array", file, "--node", "1")[0] == ExitCode.OK
+
+
+def test_a_cell_that_gives_no_answer_keeps_no_other_from_its_firmware(commissioned, flash, cells):
+    assert commissioned()[0] == ExitCode.OK
+    attach = cells.array.attach
+
+    def deaf(deliver):
+        send = attach(deliver)
+        return lambda frame: frame.can_id == cob.SDO_REQUEST_BASE + 2 or send(frame)
+
+    cells.array.attach = deaf
+    code, told, said = flash()
+    assert code == ExitCode.NODE_FAULT
+    assert [row["updated"] for row in told["cells"]] == [True, False, True]
+    assert "mdms: node 2: 0x1008:0 Manufacturer device name: No SDO response" in said
 
 
 def test_cells_without_the_key_or_with_another_refuse(commissioned, flash, tmp_path):
