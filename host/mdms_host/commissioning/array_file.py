@@ -114,8 +114,8 @@ class ArrayFile:
         empty = sorted(set(range(1, columns * rows + 1)) - placed.keys()) if placed else []
         if empty:
             raise ArrayFileError(
-                f"{self.path}: cell: {len(placed)} cells are listed, but the grid has {columns} x "
-                f"{rows}; number {empty[0]} is missing"
+                f"{self.path}: cell: {len(placed)} of the {columns} x {rows} cells of the grid are "
+                f"listed; number {empty[0]} is missing"
             )
         return placed
 

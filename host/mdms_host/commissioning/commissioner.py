@@ -11,7 +11,12 @@ from dataclasses import dataclass, replace
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.array_file import ArrayFile, FiledCell, without_places
 from mdms_host.commissioning.cell_settings import apply_changes, read_settings
-from mdms_host.commissioning.network import Commissioning, CommissioningError, RefusedError
+from mdms_host.commissioning.network import (
+    Commissioning,
+    CommissioningError,
+    RefusedError,
+    counted,
+)
 from mdms_host.commissioning.node_ids import (
     Assignment,
     FoundCells,
@@ -52,12 +57,13 @@ def refuse_wrong_count(roll: FoundCells, wanted: int) -> None:
     count = len(roll.serials)
     if count < wanted:
         raise CommissionError(
-            f"{count} cells answer, and the table has {wanted} places: are all powered and "
+            f"{counted(count, 'cell answers', 'cells answer')}, and the table has "
+            f"{counted(wanted, 'place')}: are all powered and "
             "connected, and is the bus terminated at both ends? (mdms doctor)"
         )
     if count > wanted:
         raise CommissionError(
-            f"{count} cells answer, and the table has {wanted} places only: take "
+            f"{count} cells answer, and the table has {counted(wanted, 'place')} only: take "
             f"{count - wanted} off the bus, or name the grid with --columns and --rows"
         )
 
@@ -109,7 +115,8 @@ def provisional_ids(roll: FoundCells) -> dict[int, int]:
     taken = {*roll.present, *roll.strangers}
     free = [node for node in range(cob.CELL_NODE_MAX, 0, -1) if node not in taken]
     if len(free) < len(without):
-        raise NodeIdError(f"{len(without)} cells need a node id, and {len(free)} are free")
+        need = counted(len(without), "cell needs", "cells need")
+        raise NodeIdError(f"{need} a node id, and {counted(len(free), 'is', 'are')} free")
     return dict(zip(without, free, strict=False))
 
 

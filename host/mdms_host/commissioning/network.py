@@ -449,6 +449,11 @@ def ranges(numbers: Iterable[int]) -> str:
     return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
+def counted(count: int, one: str, many: str | None = None) -> str:
+    """A count with its noun, and with its verb where `many` is given."""
+    return f"{count} {one if count == 1 else many or f'{one}s'}"
+
+
 def operational_text(node_ids: Collection[int]) -> str:
     """Advice about nodes that are operational, and whose wheels may turn."""
     if len(node_ids) == 1:

@@ -17,6 +17,7 @@ from mdms_host.commissioning.network import (
     Identity,
     RefusedError,
     SilentError,
+    counted,
     operational_text,
 )
 from mdms_protocol import indices
@@ -160,7 +161,8 @@ def assign_in_order(
     free = sorted(set(range(first, cob.CELL_NODE_MAX + 1)) - set(taken))
     if len(free) < len(cells):
         raise NodeIdError(
-            f"{len(cells)} blank cells, and {len(free)} free node ids from {first} to "
+            f"{counted(len(cells), 'blank cell')}, and "
+            f"{counted(len(free), 'free node id')} from {first} to "
             f"{cob.CELL_NODE_MAX}"
         )
     return [Assignment(address, None, free[place]) for place, address in enumerate(cells)]

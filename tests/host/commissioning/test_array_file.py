@@ -144,7 +144,7 @@ def test_cells_stand_where_the_file_has_them(tmp_path, cells):
         (cell(1, 1, "column = 3\nrow = 1"), r"cell.0.column: node 1 is beside the grid"),
         (cell(1, 1, "column = 1\nrow = 2"), r"cell.0.row: node 1 is beside the grid"),
         (cell(1, 1) + cell(2, 2, "number = 1"), r"node 2 and node 1 have the same place, number 1"),
-        (cell(1, 1), r"cell: 1 cells are listed, but the grid has 2 x 1; number 2 is missing"),
+        (cell(1, 1), r"cell: 1 of the 2 x 1 cells of the grid are listed; number 2 is missing"),
     ],
 )
 def test_cells_that_do_not_fill_the_grid_are_refused(tmp_path, cells, told):

@@ -76,7 +76,7 @@ def test_no_plan_has_the_hosts_node_id():
     with pytest.raises(NodeIdError, match=r"0000000A: node id 127 is the host's own"):
         assign_by_serial({0xA: 127}, [], {5: CELL}, [5])
     blank = [replace(CELL, serial=serial) for serial in (1, 2)]
-    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node ids from 126 to 126"):
+    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node id from 126 to 126"):
         assign_in_order(blank, taken=[], first=126)
 
 

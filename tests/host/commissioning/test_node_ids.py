@@ -33,7 +33,7 @@ def test_blank_cells_get_the_free_node_ids_in_the_order_of_their_serial_numbers(
 
 
 def test_node_ids_may_run_out():
-    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node ids from 125 to 126"):
+    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node id from 125 to 126"):
         assign_in_order([blank(1), blank(2)], taken=[126], first=125)
 
 

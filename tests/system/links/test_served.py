@@ -84,7 +84,7 @@ def test_settings_are_changed_over_a_serial_line(served):
     done = served.run("mdms", *set_one, *door_options(served, "terminal"))
     assert done.returncode == 0, done.stderr
     assert done.stdout == (
-        "axis2.stall_time: 0.08 -> 0.4 s  (node 18)\n1 settings written and verified\n"
+        "axis2.stall_time: 0.08 -> 0.4 s  (node 18)\n1 setting written and verified\n"
     )
 
 

@@ -22,7 +22,7 @@ from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
-from mdms_host.commissioning.network import UPDATE_RUNS, ranges
+from mdms_host.commissioning.network import UPDATE_RUNS, counted, ranges
 from mdms_host.commissioning.status import (
     CellStatus,
     FoundNode,
@@ -161,7 +161,7 @@ def stop(arguments: Namespace) -> ExitCode:
     ]
     if heard and not texts and not arguments.json:
         cells = sum(len(end.cells) for _, end in stopped)
-        print(f"{cells} cells are off{_over(table, len(stopped))}")
+        print(f"{counted(cells, 'cell is', 'cells are')} off{_over(table, len(stopped))}")
     if failed:
         names = ", ".join(f"{bus.name} ({error})" for bus, error in failed)
         texts.insert(0, f"not stopped: {names}; {CUT}")

@@ -8,7 +8,7 @@ from mdms_host.can_link.bus_log import LogPlayer, chosen, read_log
 from mdms_host.can_link.link import drive
 from mdms_host.can_link.links import open_link
 from mdms_host.cli.exits import CommandError, ExitCode
-from mdms_host.commissioning.network import ForeignStops
+from mdms_host.commissioning.network import ForeignStops, counted
 from mdms_host.commissioning.stop import not_off_text, stop_all
 from mdms_host.coordination.other_host import OtherHost, refuse_other_host
 from mdms_host.coordination.supervision import OTHER_HOST
@@ -74,7 +74,7 @@ def _send(arguments: Namespace) -> ExitCode:
     else:
         print(
             f"sent {len(frames) - unsent} of {len(frames)} frames in {duration_s:.2f} s; "
-            f"{heard} cells were heard"
+            f"{counted(heard, 'cell was', 'cells were')} heard"
         )
     if player.ended_by is not None:
         texts = [player.ended_by, *([not_off_text(stopped)] if stopped.not_off else [])]

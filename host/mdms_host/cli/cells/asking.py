@@ -17,7 +17,12 @@ from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.commissioning import commissioner as steps
 from mdms_host.commissioning.array_file import FiledCell
-from mdms_host.commissioning.network import Commissioning, CommissioningError, ranges
+from mdms_host.commissioning.network import (
+    Commissioning,
+    CommissioningError,
+    counted,
+    ranges,
+)
 from mdms_host.commissioning.node_ids import FoundCells
 from mdms_host.commissioning.sightings import Spot
 from mdms_host.commissioning.wheel_turn import REVERSED
@@ -69,7 +74,8 @@ def ask_places(
     """
     spots = {} if again else _stored(commissioning, roll, grid)
     if spots:
-        say(f"{len(spots)} cells have their places already (--again asks for them too)")
+        have = counted(len(spots), "cell has its place", "cells have their places")
+        say(f"{have} already (--again asks for all)")
     waiting = sorted(serial for serial in roll.serials if serial not in spots)
     answered: list[int] = []
     while waiting:
@@ -268,9 +274,8 @@ def _ask(
         answer = _line(question)
         blink(commissioning, node_id, 0.0)
         if answer.lower() in QUIT:
-            raise CommandError(
-                f"{len(spots)} cells have their places; the same command goes on", ExitCode.FAILURE
-            )
+            have = counted(len(spots), "cell has its place", "cells have their places")
+            raise CommandError(f"{have}; the same command goes on", ExitCode.FAILURE)
         if answer.lower() in UNDO:
             return None
         spot = default if not answer else _spot(answer, columns)

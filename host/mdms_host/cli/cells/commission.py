@@ -30,7 +30,7 @@ from mdms_host.commissioning.array_file import (
     placed_cells,
     read_array,
 )
-from mdms_host.commissioning.network import Commissioning, CommissioningError
+from mdms_host.commissioning.network import Commissioning, CommissioningError, counted
 from mdms_host.commissioning.node_ids import Assignment, FoundCells, carry_out, find_cells
 from mdms_host.commissioning.sightings import Spot
 from mdms_host.commissioning.wheel_turn import TurnStoppedError, nudge, refuse_busy, refuse_steering
@@ -106,7 +106,7 @@ def run(arguments: Namespace) -> ExitCode:
         file = _placed(job, roll) if listed is None else listed
         cells = _checked(job, roll, file, whole=listed is not None)
         count = len(cells)
-        if not confirmed(arguments, f"Write ids, places and settings to {count} cells?"):
+        if not confirmed(arguments, f"Write ids, places and settings to {counted(count, 'cell')}?"):
             raise CommandError("nothing was written", ExitCode.FAILURE)
         # A run may have begun while the person was asked.
         roll = find_cells(commissioning)
@@ -178,8 +178,9 @@ def _spots_listed(roll: FoundCells, path: Path, columns: int) -> dict[int, Spot]
     if len({*serials}) != len(serials) or {*serials} != roll.serials:
         differing = sorted({*serials} ^ roll.serials) or serials
         raise CommandError(
-            f"{path}: lists {len(serials)} serial numbers, {len(roll.serials)} cells are on the "
-            f"bus, and these are not on both sides, or there twice: "
+            f"{path}: lists {counted(len(serials), 'serial number')}, "
+            f"{counted(len(roll.serials), 'cell is', 'cells are')} on the bus, and these "
+            "are not on both sides, or there twice: "
             + ", ".join(f"{serial:08X}" for serial in differing),
             ExitCode.USAGE,
         )
@@ -191,7 +192,10 @@ def _spots_listed(roll: FoundCells, path: Path, columns: int) -> dict[int, Spot]
 def _spots_coded(job: _Job, roll: FoundCells, columns: int) -> dict[int, Spot]:
     """The places that the table's connectors tell; the cells have their node ids again then."""
     count = len(roll.serials)
-    if not confirmed(job.arguments, f"Give {count} cells other node ids, to read their places?"):
+    if not confirmed(
+        job.arguments,
+        f"Give {counted(count, 'cell another node id', 'cells other node ids')}, to read places?",
+    ):
         raise CommandError("nothing was written", ExitCode.FAILURE)
     refuse_busy(job.commissioning, [*roll.present])
     try:
@@ -329,7 +333,8 @@ def _write(job: _Job, cells: list[FiledCell]) -> list[steps.Commissioned]:
             continue
         done.append(one)
         kept = "stored" if one.stored else "not stored: its board has no memory for settings"
-        job.report(f"{cell.serial:08X}: node {cell.node_id}, {one.changed} settings, {kept}")
+        changed = counted(one.changed, "setting")
+        job.report(f"{cell.serial:08X}: node {cell.node_id}, {changed}, {kept}")
     return done
 
 
@@ -361,4 +366,4 @@ def _conclude(job: _Job, done: list[steps.Commissioned], out: Path | None) -> No
         print(json.dumps({"cells": rows, "file": None if out is None else str(out)}))
         return
     where = "" if out is None else f"; array file: {out}"
-    print(f"{len(done)} cells are commissioned and verified{where}")
+    print(f"{counted(len(done), 'cell is', 'cells are')} commissioned and verified{where}")

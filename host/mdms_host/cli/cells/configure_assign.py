@@ -10,7 +10,7 @@ from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import filed_cells
 from mdms_host.commissioning.cell_settings import identify_cells
-from mdms_host.commissioning.network import Commissioning
+from mdms_host.commissioning.network import Commissioning, counted
 from mdms_host.commissioning.node_ids import (
     Assignment,
     NodeIdError,
@@ -45,8 +45,11 @@ def run(arguments: Namespace) -> ExitCode:
     elif not moves:
         print("no cell needs a node id")
     elif not arguments.dry_run:
-        keep = "keep them" if not passing else f"{len(moves) - len(passing)} of them keep it"
-        print(f"{len(moves)} cells have got their node ids, and {keep}")
+        keep = "keeps it" if len(moves) == 1 else "keep them"
+        if passing:
+            keep = f"{len(moves) - len(passing)} of them keep it"
+        got = counted(len(moves), "cell has got its node id", "cells have got their node ids")
+        print(f"{got}, and {keep}")
     return ExitCode.OK
 
 

@@ -26,7 +26,7 @@ from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
 from mdms_host.commissioning.cell_settings import identify_cells, read_settings
-from mdms_host.commissioning.network import CommissioningError, ranges
+from mdms_host.commissioning.network import CommissioningError, counted, ranges
 from mdms_host.commissioning.parameters import PARAMETERS
 from mdms_host.commissioning.table_cells import TableBus
 
@@ -50,7 +50,7 @@ def dump(arguments: Namespace) -> ExitCode:
     if arguments.json:
         print(json.dumps({"file": str(arguments.file), "cells": len(cells)}))
     else:
-        print(f"{len(cells)} cells, {len(PARAMETERS)} settings each: {arguments.file}")
+        print(f"{counted(len(cells), 'cell')}, {len(PARAMETERS)} settings each: {arguments.file}")
     return ExitCode.OK
 
 
@@ -77,15 +77,15 @@ def _load(arguments: Namespace, bus: TableBus, where: str) -> FoundCells:
         check_margins(arguments.scenario, found.cells, [entry.values for entry in entries])
         show_changes(changes, where)
         if arguments.dry_run or not (changes or arguments.save):
-            print(f"{where}{len(changes)} settings differ")
+            print(f"{where}{counted(len(changes), 'setting differs', 'settings differ')}")
             return found
         refuse_other_host(commissioning)
-        if not agreed(arguments, f"{where}Write {len(changes)} settings?"):
+        if not agreed(arguments, f"{where}Write {counted(len(changes), 'setting')}?"):
             raise CommandError("nothing was written", ExitCode.FAILURE)
         write_cells(found, changes, save=arguments.save)
     done = [change for change in changes if change.node_id not in found.failed]
     stored = f"; stored on node {ranges(found.node_ids)}" if arguments.save else ""
-    print(f"{where}{len(done)} settings written and verified{stored}")
+    print(f"{where}{counted(len(done), 'setting')} written and verified{stored}")
     return found
 
 

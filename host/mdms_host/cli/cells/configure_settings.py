@@ -25,7 +25,7 @@ from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.cell_settings import CellSettings, Change, NotTakenError
-from mdms_host.commissioning.network import CommissioningError, ranges
+from mdms_host.commissioning.network import CommissioningError, counted, ranges
 from mdms_host.commissioning.parameters import (
     BY_NAME,
     PARAMETERS,
@@ -243,7 +243,8 @@ def _change(change: Change) -> dict[str, object]:
 
 
 def _verdict(changes: Sequence[Change], node_ids: Sequence[int], *, saved: bool) -> str:
-    done = f"{len(changes)} settings written and verified" if changes else "nothing to change"
+    written = f"{counted(len(changes), 'setting')} written and verified"
+    done = written if changes else "nothing to change"
     return f"{done}; stored on node {ranges(node_ids)}" if saved else done
 
 
@@ -268,7 +269,10 @@ def _restore(found: FoundCells, arguments: Namespace) -> None:
     ]
     show_changes(changes, where)
     if arguments.dry_run:
-        print(f"{where}{len(changes)} settings are not at their defaults")
+        off = counted(
+            len(changes), "setting is not at its default", "settings are not at their defaults"
+        )
+        print(f"{where}{off}")
         return
     question = f"{where}Restore the defaults of node {ranges(found.node_ids)}, and restart?"
     if not agreed(arguments, question):

@@ -22,7 +22,12 @@ from mdms_host.commissioning.doctor.diagnosis import diagnose
 from mdms_host.commissioning.doctor.emergency_stop import SHORT, StopTest
 from mdms_host.commissioning.doctor.examination import Examination, examine, examine_wheels
 from mdms_host.commissioning.doctor.findings import KINDS, Finding
-from mdms_host.commissioning.network import Commissioning, CommissioningError, ranges
+from mdms_host.commissioning.network import (
+    Commissioning,
+    CommissioningError,
+    counted,
+    ranges,
+)
 from mdms_host.commissioning.status import NEIGHBOURS
 from mdms_host.commissioning.table_cells import (
     HeardCells,
@@ -191,8 +196,9 @@ def _stop(arguments: Namespace) -> ExitCode:
         _print(len(node_ids), findings)
     else:
         print(
-            f"{len(node_ids)} cells: the last lost its supply {max(test.fell_s.values()):.2f} s "
-            "after the first, and all stayed off after the release"
+            f"{counted(len(node_ids), 'cell')}: the last lost its supply "
+            f"{max(test.fell_s.values()):.2f} s after the first, and all "
+            "stayed off after the release"
         )
     return ExitCode.FAILURE if findings else ExitCode.OK
 
@@ -215,4 +221,6 @@ def _print(cells: int, findings: Sequence[Finding]) -> None:
             print(f"     {bus}{where}{finding.text}")
         print(f"   cause: {kind.cause}\n   cure:  {kind.cure}\n")
     serious = sum(finding.row.serious for finding in findings)
-    print(f"{cells} cells: {serious} serious findings, {len(findings) - serious} warnings")
+    told = counted(serious, "serious finding")
+    warned = counted(len(findings) - serious, "warning")
+    print(f"{counted(cells, 'cell')}: {told}, {warned}")

@@ -248,6 +248,8 @@ def _facts(cell: "Candidate") -> dict[str, object]:
 
 def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> dict[str, Any]:
     """Say a line for each cell; the figures of the bus."""
+    from mdms_host.commissioning.network import counted
+
     results = {each.node_id: each for each in updater.updates}
     facts = []
     for row in rows:
@@ -260,19 +262,22 @@ def _conclude(arguments: Namespace, rows: Sequence[Row], updater: "Updater") -> 
             print(_line(row, updated=update is not None), flush=True)
     seconds = updater.ended_s - (updater.began_s or 0.0)
     bitrate = getattr(arguments, "bitrate", None) or BITRATE
+    repeated = sum(each.repeated for each in updater.updates)
+    restarted = sum(each.restarts for each in updater.updates)
     figures = {
         "seconds": round(seconds, 3),
         "frames": updater.frames,
         "bus_load": round(updater.load(bitrate), 4),
-        "repeated": sum(each.repeated for each in updater.updates),
-        "restarted": sum(each.restarts for each in updater.updates),
+        "repeated": repeated,
+        "restarted": restarted,
     }
     if results and not arguments.json:
         done = sum(each.finished for each in updater.updates)
         print(
-            f"{done} cells in {seconds:.1f} s: {figures['frames']} frames, bus load "
-            f"{updater.load(bitrate):.0%} at most, {figures['repeated']} segments repeated, "
-            f"{figures['restarted']} transfers begun anew"
+            f"{counted(done, 'cell')} in {seconds:.1f} s: {figures['frames']} frames, bus load "
+            f"{updater.load(bitrate):.0%} at most, "
+            f"{counted(repeated, 'segment')} repeated, "
+            f"{counted(restarted, 'transfer')} begun anew"
         )
     return {"cells": facts, **figures}
 

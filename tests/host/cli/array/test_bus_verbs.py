@@ -97,7 +97,7 @@ def test_a_stranger_makes_up_for_no_missing_cell(channel, capsys, verb):
         assert on(channel, verb, "--cells", "2") == ExitCode.NODE_FAULT
     told = capsys.readouterr()
     assert "1 of 2 cells answer" in told.err
-    assert verb != "stop" or told.out == "1 cells are off\n"
+    assert verb != "stop" or told.out == "1 cell is off\n"
 
 
 TABLE = """
@@ -161,7 +161,7 @@ def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
             assert figures["buses"] == {there: {"heard": [1], "not_off": []}}
             assert figures["not_stopped"].keys() == {gone}
         else:
-            assert told.out == "1 cells are off on 1 of 2 buses\n"
+            assert told.out == "1 cell is off on 1 of 2 buses\n"
 
 
 def test_status_shows_every_node_that_is_heard(channel, capsys):

@@ -99,7 +99,7 @@ def test_the_file_makes_the_same_array_again_and_asks_nothing(
     assert commission("--from", tmp_path / "array.toml", "--yes", out=False) == ExitCode.OK
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "00000003: blank -> node 2"
-    assert "00000001: node 3, 1 settings, stored" in lines
+    assert "00000001: node 3, 1 setting, stored" in lines
     assert serials(bus) == list(ORDER)
     assert bus.read(3, indices.GAIN) == 13_000
     assert commission("--from", tmp_path / "array.toml", "--yes") == ExitCode.OK

@@ -49,11 +49,11 @@ def test_each_cell_blinks_and_a_key_says_where_it_is(commission, bus, cells, mon
 def test_answers_before_an_interruption_are_not_asked_again(commission, bus, monkeypatch, capsys):
     answered(monkeypatch, "3", "q")
     assert commission(*GRID) == ExitCode.FAILURE
-    assert "1 cells have their places; the same command goes on" in capsys.readouterr().err
+    assert "1 cell has its place; the same command goes on" in capsys.readouterr().err
     answered(monkeypatch, "3", "1", "2", "", "y", "n")
     assert commission(*GRID) == ExitCode.OK
     errors = capsys.readouterr().err
-    assert "1 cells have their places already" in errors
+    assert "1 cell has its place already" in errors
     assert "00000001 has that place" in errors
     assert serials(bus) == list(ORDER)
 

@@ -107,7 +107,7 @@ def values(configure, capsys, name):
 def test_show_tells_value_default_limits_and_the_nodes_that_differ(configure, capsys):
     assert configure("set", "axis1.gain=12", "--node", "2") == ExitCode.OK
     assert capsys.readouterr().out == (
-        "axis1.gain: 13 -> 12 V s/m  (node 2)\n1 settings written and verified\n"
+        "axis1.gain: 13 -> 12 V s/m  (node 2)\n1 setting written and verified\n"
     )
     document = shown(configure, capsys)
     assert document["cells"][0] == {"node": 1, "serial": "00000001"}
@@ -377,7 +377,7 @@ def test_nothing_is_written_without_consent(configure, capsys, tmp_path, monkeyp
     terminal.isatty = lambda: True
     monkeypatch.setattr("sys.stdin", terminal)
     assert configure("load", file) == ExitCode.FAILURE
-    assert "Write 1 settings? [y/N]" in capsys.readouterr().err
+    assert "Write 1 setting? [y/N]" in capsys.readouterr().err
     assert configure("restore-defaults") == ExitCode.FAILURE
     assert set(values(configure, capsys, "axis1.gain").values()) == {13.0}
 
