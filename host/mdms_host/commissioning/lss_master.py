@@ -22,6 +22,8 @@ TIMEOUTS_S = (0.02, 0.05, 0.1, 0.2, 0.4)
 _SETTLING = 0.25
 #: How long to wait whether cells are there that are not expected [s].
 _BESIDE_S = 0.1
+#: How often blank cells are asked whether there are any.
+_ASKED = 3
 #: For requests that are answered as a rule, and for those that write to flash.
 ANSWER_S = 0.5
 _STORE_S = 3.0
@@ -193,7 +195,8 @@ class LssMaster:
 
     def _scan_all(self) -> list[LssAddress]:
         found: list[LssAddress] = []
-        while self._matches(0, lss.SCAN_ALL, 0, 0, self._answer_s):
+        # Lost frames are no sign that all are found.
+        while any(self._matches(0, lss.SCAN_ALL, 0, 0, self._answer_s) for _ in range(_ASKED)):
             address = LssAddress(*(self._search(part) for part in range(_SERIAL + 1)))
             # A cell that was mistaken for another is found again, or another before it.
             if found and address <= found[-1]:

@@ -94,6 +94,21 @@ def test_a_stranger_is_found_by_all_of_its_identity():
     assert bus.master.find_blank() == [ours(9), address]
 
 
+@pytest.mark.parametrize("lost", [1, 2])
+def test_a_lost_question_whether_there_are_more_ends_no_scan(lost):
+    bus = Bus(Slave(ours(7)), Slave(ours(9)))
+    question = bytes((lss.FAST_SCAN, 0, 0, 0, 0, lss.SCAN_ALL, 0, 0))
+    send, asked = bus.master._send_frame, []
+
+    def lossy(frame):
+        asked.extend([frame] * (frame.data == question))
+        if frame.data != question or len(asked) != lost:
+            send(frame)
+
+    bus.master._send_frame = lossy
+    assert bus.master.find_blank() == [ours(7), ours(9)]
+
+
 def test_few_requests_are_enough_for_our_own():
     bus = Bus(Slave(ours(0xFFFF)))
     bus.master.find_blank()
