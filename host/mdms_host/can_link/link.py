@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from re import search
 from threading import Thread
-from types import TracebackType
 from typing import Any, Protocol, TypeVarTuple
 
 import can
@@ -137,10 +136,18 @@ class Incidents:
 class LinkCounts:
     """Frames that were no plain data, and those that the transmit queue delayed or refused."""
 
-    garbled: int
-    error_frames: int
-    waited: int
-    unsent: int
+    garbled: int = 0
+    error_frames: int = 0
+    waited: int = 0
+    unsent: int = 0
+
+    def __add__(self, other: "LinkCounts") -> "LinkCounts":
+        return LinkCounts(
+            self.garbled + other.garbled,
+            self.error_frames + other.error_frames,
+            self.waited + other.waited,
+            self.unsent + other.unsent,
+        )
 
     def since(self, before: "LinkCounts") -> "LinkCounts":
         """The counts since then."""
@@ -342,12 +349,7 @@ class Link:
     def __enter__(self) -> "Link":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     @property

@@ -4,7 +4,6 @@ from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from queue import SimpleQueue
-from types import TracebackType
 from typing import Self
 
 import can
@@ -58,24 +57,13 @@ class Links:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     @property
     def counts(self) -> LinkCounts:
         """The counts of all links together."""
-        counts = [link.counts for link in self._links]
-        return LinkCounts(
-            garbled=sum(each.garbled for each in counts),
-            error_frames=sum(each.error_frames for each in counts),
-            waited=sum(each.waited for each in counts),
-            unsent=sum(each.unsent for each in counts),
-        )
+        return sum((link.counts for link in self._links), LinkCounts())
 
     def send(self, frame: Frame) -> None:
         """Send a frame on every bus. Raises DeviceGoneError."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 from mdms_host.can_link.delays import Delays
@@ -31,7 +30,6 @@ from mdms_protocol.codecs.frame import Frame
 AGAIN_S = 0.5
 #: While there is no device, the driver looks after everything else this often [s].
 _ABSENT_S = 0.01
-_NONE = LinkCounts(0, 0, 0, 0)
 
 
 class OwnLink(AnyLink, Protocol):
@@ -60,7 +58,7 @@ class ReturningLink:
         self.incidents: list[tuple[float, str]] = []
         self._open = open_link
         self._clock = clock
-        self._before = _NONE
+        self._before = LinkCounts()
         self._idle = Delays()
         self._link: OwnLink | None = open_link(self.incidents)
         self._is_gone = False
@@ -71,12 +69,7 @@ class ReturningLink:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     @property
@@ -87,7 +80,7 @@ class ReturningLink:
     @property
     def counts(self) -> LinkCounts:
         """All counts, those of devices that are gone included."""
-        return self._before if self._link is None else _sum(self._before, self._link.counts)
+        return self._before if self._link is None else self._before + self._link.counts
 
     @property
     def delays(self) -> AnyDelays:
@@ -148,7 +141,7 @@ class ReturningLink:
         if gone is None:
             return
         self._is_gone = True
-        self._before = _sum(self._before, gone.counts)
+        self._before += gone.counts
         self._opener = Thread(target=self._look_for, args=(gone,), name="CAN opener", daemon=True)
         self._opener.start()
 
@@ -170,15 +163,6 @@ class ReturningLink:
             self._is_gone = False
             text = "the CAN device is there again; nothing moves before it is started"
             self.incidents.append((self._clock.now_s(), text))
-
-
-def _sum(one: LinkCounts, other: LinkCounts) -> LinkCounts:
-    return LinkCounts(
-        one.garbled + other.garbled,
-        one.error_frames + other.error_frames,
-        one.waited + other.waited,
-        one.unsent + other.unsent,
-    )
 
 
 @contextmanager

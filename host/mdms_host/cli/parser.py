@@ -5,10 +5,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from importlib.metadata import version
 from typing import Any, NoReturn
 
 from mdms_array.extras import Extra, require
+from mdms_array.revision import git_revision
 from mdms_host.cli.exits import ExitCode
+from mdms_protocol.dictionary import REVISION
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +63,11 @@ class ShowVersion(Action):
     """Prints the versions of package and protocol, and the revision of git."""
 
     def __call__(self, parser: ArgumentParser, *_: Any) -> NoReturn:
-        """Print it and end."""
-        print(_imported("mdms_host.cli.version:version_text")())
+        """Print one line, as in 'mdms 0.1.0 (git 1a2b3c4, protocol 1.0)', and end."""
+        protocol = f"protocol {REVISION >> 16}.{REVISION & 0xFFFF}"
+        revision = git_revision()
+        details = f"git {revision}, {protocol}" if revision else protocol
+        print(f"mdms {version('mdms-array')} ({details})")
         parser.exit()
 
 

@@ -94,7 +94,7 @@ class Examination:
     hidden: dict[int, int] = field(default_factory=dict)
     twins: list[int] = field(default_factory=list)
     other_host: bool = False
-    counts: LinkCounts = field(default_factory=lambda: LinkCounts(0, 0, 0, 0))
+    counts: LinkCounts = field(default_factory=LinkCounts)
 
 
 class _Heartbeats:
