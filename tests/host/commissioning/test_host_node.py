@@ -9,15 +9,12 @@ from tests.virtual_array import StandingArray, virtual_time
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
-from mdms_host.commissioning.network import Commissioning, Identity
-from mdms_host.commissioning.node_ids import NodeIdError, assign_by_serial, assign_in_order
+from mdms_host.commissioning.network import Commissioning
 from mdms_host.commissioning.status import scan_bus
 from mdms_protocol.codecs import nmt
-from mdms_protocol.dictionary import DEVICE_NAME, PRODUCT_CODE, REVISION, VENDOR_ID
 
 AT_THE_HOSTS = pytest.mark.parametrize("standing_cells", [(1, 2, 127)], indirect=True)
 MARK = "has the host's own node id; give it another: mdms configure assign --from FILE"
-CELL = Identity(DEVICE_NAME, "0.1.0", VENDOR_ID, PRODUCT_CODE, REVISION, 0xA)
 
 
 def array_file(tmp_path, serial, node):
@@ -70,14 +67,6 @@ def test_files_with_the_hosts_node_id_are_refused_before_the_bus_is_opened(capsy
 def test_the_first_node_id_to_give_is_none_of_the_hosts(capsys):
     assert main(["configure", "assign", "--first", "127"]) == ExitCode.USAGE
     assert "127 is the host's own node id" in capsys.readouterr().err
-
-
-def test_no_plan_has_the_hosts_node_id():
-    with pytest.raises(NodeIdError, match=r"0000000A: node id 127 is the host's own"):
-        assign_by_serial({0xA: 127}, [], {5: CELL}, [5])
-    blank = [replace(CELL, serial=serial) for serial in (1, 2)]
-    with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node id from 126 to 126"):
-        assign_in_order(blank, taken=[], first=126)
 
 
 def test_a_cell_of_another_protocol_is_marked(standing_cells, capsys, monkeypatch):

@@ -4,7 +4,6 @@ from mdms_host.commissioning.lss_master import LssAddress
 from mdms_host.commissioning.network import Identity
 from mdms_host.commissioning.node_ids import (
     NodeIdError,
-    address_of,
     assign_by_serial,
     assign_in_order,
 )
@@ -23,10 +22,6 @@ def told(assignments):
     return [(move.address.serial, move.before, move.node_id) for move in assignments]
 
 
-def test_address_is_the_identity_object():
-    assert address_of(cell(0xAB)) == blank(0xAB)
-
-
 def test_blank_cells_get_the_free_node_ids_in_the_order_of_their_serial_numbers():
     moves = assign_in_order([blank(9), blank(4), blank(7)], taken=[2, 5], first=1)
     assert told(moves) == [(4, None, 1), (7, None, 3), (9, None, 4)]
@@ -35,17 +30,6 @@ def test_blank_cells_get_the_free_node_ids_in_the_order_of_their_serial_numbers(
 def test_node_ids_may_run_out():
     with pytest.raises(NodeIdError, match="2 blank cells, and 1 free node id from 125 to 126"):
         assign_in_order([blank(1), blank(2)], taken=[126], first=125)
-
-
-def test_cells_may_swap_their_node_ids():
-    present = {1: cell(0xA), 2: cell(0xB), 3: cell(0xC)}
-    moves = assign_by_serial({0xA: 2, 0xB: 1, 0xC: 3}, [], present, present)
-    assert told(moves) == [(0xB, 2, 1), (0xA, 1, 2)]
-
-
-def test_blank_cells_get_the_node_ids_of_the_file():
-    moves = assign_by_serial({0xA: 2, 0xB: 1}, [blank(0xA), blank(0xB), blank(0xC)], {}, [])
-    assert told(moves) == [(0xB, None, 1), (0xA, None, 2)]
 
 
 def test_cells_that_are_not_there_are_named():

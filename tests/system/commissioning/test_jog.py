@@ -158,11 +158,18 @@ class Stopper:
         return [self._frame]
 
 
+STARTING_S, TURNING_S = 0.11, 0.5
+
+
 @pytest.mark.parametrize(
-    "command", [nmt.STOP, nmt.ENTER_PRE_OPERATIONAL, nmt.RESET_NODE, nmt.RESET_COMMUNICATION]
+    ("command", "node_id", "at_s"),
+    [
+        (nmt.STOP, nmt.ALL_NODES, STARTING_S),
+        (nmt.ENTER_PRE_OPERATIONAL, CELL, STARTING_S),
+        (nmt.RESET_NODE, nmt.ALL_NODES, TURNING_S),
+        (nmt.RESET_COMMUNICATION, CELL, TURNING_S),
+    ],
 )
-@pytest.mark.parametrize("node_id", [nmt.ALL_NODES, CELL])
-@pytest.mark.parametrize("at_s", [0.11, 0.5], ids=["starting", "turning"])
 def test_a_stop_by_another_host_ends_the_jog_for_good(command, node_id, at_s):
     jog, stopper = Jog(CELL, AXIS, 0.1, 10.0), Stopper(at_s, nmt.command(command, node_id))
     scenario = load_scenario("array18", ["run.duration_s=1.2"])
