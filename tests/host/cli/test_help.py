@@ -1,8 +1,10 @@
 """`mdms help`, `mdms completion` and `mdms --version`."""
 
+import io
 import re
 import shutil
 import subprocess
+from contextlib import redirect_stdout
 
 import pytest
 
@@ -51,22 +53,25 @@ def completed(script, *words):
     return done.stdout.split()
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
-def test_bash_completes_verbs_actions_and_late_options(tmp_path, capsys):
-    assert main(["completion", "bash"]) == ExitCode.OK
-    script = tmp_path / "mdms.bash"
-    script.write_text(capsys.readouterr().out)
+@pytest.fixture(scope="module")
+def script(tmp_path_factory):
+    if shutil.which("bash") is None:
+        pytest.skip("there is no bash")
+    path = tmp_path_factory.mktemp("completion") / "mdms.bash"
+    with redirect_stdout(io.StringIO()) as printed:
+        assert main(["completion", "bash"]) == ExitCode.OK
+    path.write_text(printed.getvalue())
+    return path
+
+
+def test_bash_completes_verbs_actions_and_late_options(script):
     assert completed(script, "mdms", "comm") == ["commission"]
     assert {*completed(script, "mdms", "''")} >= {verb.name for verb in VERBS}
     assert completed(script, "mdms", "configure", "du") == ["dump"]
     assert "--bitrate" in completed(script, "mdms", "scan", "--b")
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
-def test_bash_completes_the_options_of_every_verb(tmp_path, capsys):
-    assert main(["completion", "bash"]) == ExitCode.OK
-    script = tmp_path / "mdms.bash"
-    script.write_text(capsys.readouterr().out)
+def test_bash_completes_the_options_of_every_verb(script, capsys):
     names = [verb.name for verb in VERBS]
     offer = "COMP_WORDS=(mdms $verb --); COMP_CWORD=2; COMP_TYPE=9; COMPREPLY=(); _shtab_mdms"
     loop = f'for verb in {" ".join(names)}; do {offer}; echo "$verb ${{COMPREPLY[@]}}"; done'

@@ -151,7 +151,8 @@ def test_a_run_folder_repeats_its_program_and_says_whether_the_bus_agrees(tmp_pa
 
 @pytest.mark.slow
 def test_a_goal_that_is_never_sure_is_not_told_as_a_program_that_is_late(capsys):
-    assert main(["simulate", "array18", "--set", "cell.sensor_noise=0.2"]) == ExitCode.TIME_LIMIT
+    noisy = ("--set", "cell.sensor_noise=0.2", "--set", "run.duration_s=5")
+    assert main(["simulate", "array18", *noisy]) == ExitCode.TIME_LIMIT
     err = capsys.readouterr().err
     assert "the program" not in err
     assert "box is near its goal, but does not count as arrived" in err

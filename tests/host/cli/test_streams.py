@@ -35,11 +35,6 @@ def shell(line, **environment):
     [
         ("mdms scenarios >&-", 0, ""),
         ("mdms scenarios > /dev/full", 1, "mdms: stdout cannot be written: No space left on dev"),
-        (
-            "mdms limits paper-fig7 --json > /dev/full",
-            1,
-            "mdms: stdout cannot be written: No space",
-        ),
         (f"mdms {REFUSED} >&-", 2, "mdms: none.toml: cannot be read: No such file"),
         (f"mdms {REFUSED} 2>&-", 2, ""),
         (f"mdms {REFUSED} 2> /dev/full", 2, ""),
@@ -63,18 +58,25 @@ def test_names_of_a_file_do_not_control_the_terminal(tmp_path, capsys):
     assert "\\x1b]0;title\\x07\\x1b[2J" in said
 
 
-@pytest.mark.parametrize("unbuffered", ["", "1"])
-def test_exit_code_stands_though_nobody_reads(unbuffered):
-    """A run that tips ends in 1, with a reader or without."""
-    tips = "--set motion.field=uniform --set motion.speed_m_s=0.2"
-    line = f"{{ mdms simulate paper-fig7 {tips}; echo $? >&2; }} | true"
-    assert shell(line, PYTHONUNBUFFERED=unbuffered).stderr.splitlines()[-1] == "1"
+TIPS = "simulate paper-fig7 --set motion.field=uniform --set motion.speed_m_s=0.2"
+
+
+@pytest.mark.parametrize(
+    ("verb", "unbuffered", "told"),
+    [
+        (TIPS, "", ["mdms: box tips", "1"]),
+        (TIPS, "1", ["mdms: box tips", "1"]),
+        ("limits paper-fig7", "", ["0"]),
+    ],
+)
+def test_exit_code_stands_though_nobody_reads(verb, unbuffered, told):
+    line = f"{{ mdms {verb}; echo $? >&2; }} | true"
+    said = shell(line, PYTHONUNBUFFERED=unbuffered).stderr.splitlines()
+    assert [each[: len(start)] for each, start in zip(said, told, strict=True)] == told
 
 
 def test_stream_of_ascii_takes_everything(tmp_path):
     title = (tmp_path / "dots.toml", 'title = "●○ étagère"')
-    builtin = shell("mdms scenarios").stdout
-    assert "paper-fig7" in builtin
     from mdms_model.scenario import file
 
     text = (Path(file.__file__).parent / "builtin" / "paper-fig7.toml").read_text("utf-8")
@@ -130,7 +132,7 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize("name", ["mdms_host.cli.verbs", "mdms_host.cli.exits", "numpy", "numba"])
+@pytest.mark.parametrize("name", ["mdms_host.cli.verbs", "numba"])
 def test_interrupt_while_importing_is_one_line(name):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED.format(name=name)],

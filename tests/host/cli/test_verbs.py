@@ -10,11 +10,10 @@ from mdms_model.run.folder import TABLES
 from mdms_model.scenario.file import load_scenario
 
 
-@pytest.fixture
-def run(tmp_path, capsys):
-    folder = tmp_path / "run"
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verbs") / "run"
     assert main(["simulate", "paper-fig7", "--set", "run.duration_s=1", "--out", str(folder)]) == 0
-    capsys.readouterr()
     return folder
 
 

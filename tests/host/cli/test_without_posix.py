@@ -69,7 +69,6 @@ def test_table_is_simulated_drawn_and_exported(run, tmp_path):
     for more in (
         ("plot", folder),
         ("export", folder, "--csv", tmp_path / "tables"),
-        ("limits", "paper-fig7"),
         ("map", "paper-fig7", "--out", tmp_path / "map.png"),
     ):
         drawn = run(*more)
