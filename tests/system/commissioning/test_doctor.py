@@ -221,6 +221,32 @@ def test_findings_are_not_lost_with_a_cell_that_dies_or_is_stopped_amid_a_turn(c
     assert (3 in started) == (event == "power off")
 
 
+def test_findings_are_not_lost_with_a_cell_that_hangs_while_its_settings_are_read(tmp_path, capsys):
+    path = tmp_path / "array.toml"
+    rows = [f'[[cell]]\nserial = "{node:08X}"\nnode = {node}\n' for node in (1, 2, 3)]
+    path.write_text("".join(rows) + "settings.axis1.stall_time = 1.0\n")
+    array = StandingArray(PythonBank((1, 2, 3)), 3)
+    attach = array.attach
+
+    def deaf(deliver):
+        send = attach(deliver)
+        stall = indices.STALL_TIME.to_bytes(2, "little")
+        hung = []
+
+        def lossy(frame):
+            hung.extend([frame] * (frame.can_id == 0x601 and frame.data[1:3] == stall))
+            if frame.can_id != 0x601 or not hung:
+                send(frame)
+
+        return lossy
+
+    array.attach = deaf
+    with virtual_time(array):
+        assert main(["doctor", "--json", "--array", str(path), *BUS]) == ExitCode.NODE_FAULT
+    kinds = found(capsys)[0]
+    assert (kinds["silent-node"], kinds["settings"]) == ([(1,)], [(3,)])
+
+
 def test_an_empty_bus_is_a_finding_and_so_is_another_host(capsys):
     nobody = StandingArray(None, 0)
     with virtual_time(nobody):

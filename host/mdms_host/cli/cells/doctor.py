@@ -123,21 +123,30 @@ def _listed(file: ArrayFile, bus: int, scenario: Scenario) -> dict[int, FiledCel
 def _settings(
     commissioning: Commissioning, examined: Examination, listed: Mapping[int, FiledCell]
 ) -> list[Finding]:
-    findings = []
+    findings: list[Finding] = []
     with progress("settings") as share:
         for done, (node_id, cell) in enumerate(examined.cells.items(), 1):
             filed = listed.get(cell.identity.serial)
             if filed is not None:
-                found = read_settings(commissioning, node_id, filed.values)
-                for change in found.changes(filed.values):
-                    parameter = change.parameter
-                    text = (
-                        f"{parameter.name} is {parameter.text(change.before)}, the file has "
-                        f"{parameter.text(change.after)}"
-                    )
-                    findings.append(Finding("settings", text, (node_id,)))
+                findings += _off_the_file(commissioning, node_id, filed)
             share(done / len(examined.cells))
     return findings
+
+
+def _off_the_file(commissioning: Commissioning, node_id: int, filed: FiledCell) -> list[Finding]:
+    try:
+        found = read_settings(commissioning, node_id, filed.values)
+    except CommissioningError as error:
+        return [Finding("silent-node", str(error), (node_id,))]
+    return [
+        Finding(
+            "settings",
+            f"{change.parameter.name} is {change.parameter.text(change.before)}, the file has "
+            f"{change.parameter.text(change.after)}",
+            (node_id,),
+        )
+        for change in found.changes(filed.values)
+    ]
 
 
 def _wheels(
