@@ -135,8 +135,7 @@ def no_adapter(**_options):
     raise OSError("no such adapter")
 
 
-@pytest.mark.parametrize("adapter", [no_adapter, Unplugged])
-@pytest.mark.parametrize("gone", ["left", "right"])
+@pytest.mark.parametrize(("gone", "adapter"), [("left", no_adapter), ("right", Unplugged)])
 def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
     tmp_path, monkeypatch, capsys, gone, adapter
 ):

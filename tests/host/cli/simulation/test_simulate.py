@@ -81,12 +81,6 @@ def test_people_get_sentences(capsys):
     assert "box: x -0.0309 m, y +0.0000 m, yaw +0.0 deg, at rest" in told
 
 
-def test_parcel_that_tips_is_a_failure(capsys):
-    arguments = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0.2"]
-    assert main(["simulate", "paper-fig7", *arguments]) == 1
-    assert "mdms: box tips at " in capsys.readouterr().err
-
-
 def test_goal_that_is_not_reached_is_told_with_the_way_left_and_by_the_exit_code(capsys):
     """A box that no friction moves stands where it was put, though its wheels turn."""
     slippery = ("--set", "cell.friction=0.0001", "--set", "belief.friction=0.3")
@@ -134,10 +128,12 @@ def test_fault_of_a_node_is_in_the_figures(capsys, tmp_path):
     assert "mdms: cell 8 (node 8) has fallen silent" in told.err
 
 
-def test_parcel_that_tips_is_the_fault_of_its_run(capsys):
+def test_parcel_that_tips_is_a_failure_and_the_fault_of_its_run(capsys):
     arguments = ["--set", "motion.field=uniform", "--set", "motion.speed_m_s=0.2", "--json"]
     assert main(["simulate", "paper-fig7", *arguments]) == 1
-    assert json.loads(capsys.readouterr().out)["fault"].startswith("box tips at ")
+    told = capsys.readouterr()
+    assert json.loads(told.out)["fault"].startswith("box tips at ")
+    assert "mdms: box tips at " in told.err
 
 
 def test_a_scenario_that_states_its_stop_refuses_heavier_parcels(capsys):
@@ -206,17 +202,10 @@ def test_box_that_does_not_arrive_in_time_is_told(monkeypatch, tmp_path, capsys)
 
     short = load_scenario("array18", ["run.duration_s=1"])
     monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
-    assert main(["demo", "--out", str(tmp_path / "run")]) == ExitCode.TIME_LIMIT
-    assert "goal not reached: box is " in capsys.readouterr().err
-
-
-def test_demo_has_its_figures_as_json(monkeypatch, tmp_path, capsys):
-    from mdms_model.scenario.file import load_scenario
-
-    short = load_scenario("array18", ["run.duration_s=1"])
-    monkeypatch.setattr("mdms_host.cli.simulation.simulate.open_program", lambda *_: (short, None))
     assert main(["demo", "--json", "--out", str(tmp_path / "run")]) == ExitCode.TIME_LIMIT
-    assert json.loads(capsys.readouterr().out)["goals"][0]["reached"] is False
+    told = capsys.readouterr()
+    assert "goal not reached: box is " in told.err
+    assert json.loads(told.out)["goals"][0]["reached"] is False
 
 
 def told(capsys, *arguments):
