@@ -23,6 +23,26 @@ def after(*frames: Frame) -> StatusModel:
     return model
 
 
+#: A cell at rest, whose drives are off.
+AT_REST = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 0, 0x603F: 0, 0x683F: 0, SUSPECT: 0, REGISTER: 0}
+
+
+def asked(model: StatusModel, replies: dict[int, int | None], start_s: float = 0.0) -> list[Frame]:
+    """The requests of the model to node 5, which replies so; None is a refusal."""
+    requests = []
+    for step in range(20):
+        now_s = start_s + step / 100
+        for frame in model.poll(now_s):
+            if frame.can_id != 0x605:
+                continue
+            requests.append(frame)
+            index = frame.data[1] | frame.data[2] << 8
+            value = (AT_REST | replies)[index]
+            refusal = Frame(0x585, sdo.abort(index, 0, sdo.NO_SUCH_OBJECT))
+            model.on_frame(refusal if value is None else answer(index, value), now_s)
+    return requests
+
+
 def text(model: StatusModel, now_s: float) -> str:
     console = Console(file=io.StringIO(), width=120)
     console.print(status_table(model.rows(now_s)))
@@ -30,24 +50,11 @@ def text(model: StatusModel, now_s: float) -> str:
 
 
 def test_a_cell_that_appears_is_asked_once() -> None:
-    model, asked = StatusModel(), []
+    model = StatusModel()
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    replies = {
-        WORD: 0x40,
-        0x6841: 0x27,
-        PRESENCE: 0b10001,
-        0x603F: 0,
-        0x683F: 0,
-        SUSPECT: 0,
-        REGISTER: 0,
-    }
-    for step in range(20):
-        for frame in model.poll(step / 100):
-            asked.append(frame)
-            index = frame.data[1] | frame.data[2] << 8
-            model.on_frame(answer(index, replies[index]), step / 100)
+    assert len(asked(model, {0x6841: 0x27, PRESENCE: 0b10001})) == 7
     model.on_frame(Frame(0x705, b"\x7f"), 0.2)
-    assert [frame.can_id for frame in asked] == [0x605] * 7
+    assert asked(model, {}, 0.2) == []
     (row,) = model.rows(0.2)
     assert row.drives == ("switch on disabled", "operation enabled")
     assert row.presence == 0b10001
@@ -56,14 +63,9 @@ def test_a_cell_that_appears_is_asked_once() -> None:
 
 @pytest.mark.parametrize(("refused", "code"), [(SUSPECT, 0x7121), (PRESENCE, None)])
 def test_a_refused_object_hides_no_fault(refused: int, code: int | None) -> None:
-    model, replies = StatusModel(), {WORD: 0x08, 0x603F: 0x7121}
+    model = StatusModel()
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    for step in range(20):
-        for frame in model.poll(step / 100):
-            index = frame.data[1] | frame.data[2] << 8
-            refusal = Frame(0x585, sdo.abort(index, 0, sdo.NO_SUCH_OBJECT))
-            reply = refusal if index == refused else answer(index, replies.get(index, 0x40))
-            model.on_frame(reply, step / 100)
+    asked(model, {WORD: 0x08, 0x603F: 0x7121, refused: None})
     (row,) = model.rows(0.2)
     assert row.drives == ("fault", "switch on disabled")
     assert (row.in_fault, row.emergency) == (True, code)
@@ -104,13 +106,7 @@ def test_a_cell_that_was_stopped_is_read_anew_and_not_shown_as_it_was() -> None:
     )
     (row,) = model.rows(0.1)
     assert (row.drives, row.speeds_m_s, row.presence) == (None, None, None)
-    replies = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 1, 0x603F: 0, 0x683F: 0, SUSPECT: 0, REGISTER: 0}
-    for step in range(30):
-        now_s = 0.1 + step / 100
-        model.on_frame(Frame(0x705, b"\x7f"), now_s)
-        for frame in model.poll(now_s):
-            index = frame.data[1] | frame.data[2] << 8
-            model.on_frame(answer(index, replies.pop(index)), now_s)
+    assert len(asked(model, {PRESENCE: 1}, 0.1)) == 7
     (row,) = model.rows(0.5)
     assert (row.state, row.drives) == ("pre-operational", ("switch on disabled",) * 2)
     assert (row.speeds_m_s, row.presence) == (None, 1)
@@ -124,8 +120,8 @@ def test_a_frame_of_no_cell_adds_no_row() -> None:
 def test_a_node_that_gives_no_answer_is_left_in_peace() -> None:
     model = StatusModel()
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    asked = [frame for step in range(500) for frame in model.poll(step / 100)]
-    assert len(asked) == 3
+    requests = [frame for step in range(500) for frame in model.poll(step / 100)]
+    assert len(requests) == 3
     assert model.rows(5.0)[0].drives is None
 
 
@@ -147,19 +143,7 @@ def test_a_fault_from_before_is_named_with_its_words() -> None:
     """The emergency went out before anybody listened."""
     model = StatusModel()
     model.on_frame(Frame(0x705, b"\x05"), 0.0)
-    replies = {
-        WORD: 0x27,
-        0x6841: 0x08,
-        PRESENCE: 0,
-        0x603F: 0x8250,
-        0x683F: 0x7121,
-        SUSPECT: 0,
-        REGISTER: 0x21,
-    }
-    for step in range(20):
-        for frame in model.poll(step / 100):
-            index = frame.data[1] | frame.data[2] << 8
-            model.on_frame(answer(index, replies[index]), step / 100)
+    asked(model, {WORD: 0x27, 0x6841: 0x08, 0x603F: 0x8250, 0x683F: 0x7121, REGISTER: 0x21})
     (row,) = model.rows(0.1)
     assert row.errors == ("0x7121: wheel stands under voltage: stalled (axis 2)",)
     assert row.emergency == 0x7121
@@ -197,20 +181,7 @@ def test_a_suspect_from_before_is_read() -> None:
     model = StatusModel()
     for node in (5, 7):
         model.on_frame(Frame(0x700 + node, b"\x05"), 0.0)
-    replies = {
-        WORD: 0x27,
-        0x6841: 0x27,
-        PRESENCE: 0,
-        0x603F: 0,
-        0x683F: 0,
-        SUSPECT: 7,
-        REGISTER: 0x81,
-    }
-    for step in range(20):
-        for frame in model.poll(step / 100):
-            if frame.can_id == 0x605:
-                index = frame.data[1] | frame.data[2] << 8
-                model.on_frame(answer(index, replies[index]), step / 100)
+    asked(model, {WORD: 0x27, 0x6841: 0x27, SUSPECT: 7, REGISTER: 0x81})
     assert [(row.suspected_by, row.in_fault) for row in model.rows(0.1)] == [
         ((), False),
         ((5,), True),
@@ -221,12 +192,7 @@ def test_a_cell_in_anothers_place_from_before_is_named() -> None:
     """Its emergency went out at its boot. A suspicion sets the same bit, and names a suspect."""
     model = StatusModel()
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    replies = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 0, 0x603F: 0, 0x683F: 0, SUSPECT: 0}
-    replies[REGISTER] = 0x81
-    for step in range(20):
-        for frame in model.poll(step / 100):
-            index = frame.data[1] | frame.data[2] << 8
-            model.on_frame(answer(index, replies[index]), step / 100)
+    asked(model, {REGISTER: 0x81})
     (row,) = model.rows(0.1)
     assert row.errors == ("0xFF02: it stands in the place of another cell, and does not start",)
 
