@@ -5,12 +5,12 @@ import tty
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from pathlib import Path
-from queue import SimpleQueue
 from types import SimpleNamespace
 
 import can
 import pytest
 from can.cli import add_bus_arguments
+from tests.host.can_link.scripted_bus import ScriptedBus
 
 from mdms_host.can_link.link import DeviceGoneError, Link, NoBusError, open_bus, remedy
 from mdms_host.clock import MonotonicClock
@@ -19,36 +19,6 @@ from mdms_protocol.codecs.frame import Frame
 HEARTBEAT = Frame(0x701, b"\x05")
 MESSAGE = can.Message(arbitration_id=0x701, data=b"\x05", is_extended_id=False)
 PATIENCE_S = 60.0
-
-
-class ScriptedBus(can.BusABC):
-    """Receives the script of a test: messages, or the errors of an adapter."""
-
-    def __init__(self, *script: can.Message | Exception) -> None:
-        self.script: SimpleQueue = SimpleQueue()
-        for item in script:
-            self.script.put(item)
-        self.flushed = 0
-        self.send_error: Exception | None = None
-        self.sent: list[can.Message] = []
-        super().__init__("scripted")
-
-    def recv(self, timeout: float | None = None) -> can.Message | None:
-        try:
-            item = self.script.get(timeout=timeout)
-        except Exception:
-            return None
-        if isinstance(item, Exception):
-            raise item
-        return item
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        if self.send_error:
-            raise self.send_error
-        self.sent.append(msg)
-
-    def flush(self) -> None:
-        self.flushed += 1
 
 
 @pytest.fixture

@@ -1,9 +1,8 @@
 """Several buses behind one link, with scripted adapters."""
 
-from queue import SimpleQueue
-
 import can
 import pytest
+from tests.host.can_link.scripted_bus import ScriptedBus
 
 from mdms_host.can_link.delays import PAUSES_S
 from mdms_host.can_link.link import DeviceGoneError, drive
@@ -12,29 +11,6 @@ from mdms_host.clock import MonotonicClock
 from mdms_protocol.codecs.frame import Frame
 
 PATIENCE_S = 60.0
-
-
-class ScriptedBus(can.BusABC):
-    """Receives the script of a test, messages or errors, and keeps the sent messages."""
-
-    def __init__(self, *script):
-        self.script = SimpleQueue()
-        for item in script:
-            self.script.put(item)
-        self.sent = []
-        super().__init__("scripted")
-
-    def recv(self, timeout=None):
-        try:
-            item = self.script.get(timeout=timeout)
-        except Exception:
-            return None
-        if isinstance(item, Exception):
-            raise item
-        return item
-
-    def send(self, msg, timeout=None):
-        self.sent.append((msg.arbitration_id, bytes(msg.data)))
 
 
 def message(can_id):
