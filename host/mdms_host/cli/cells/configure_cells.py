@@ -37,7 +37,7 @@ def open_commissioning(arguments: Namespace) -> Commissioning:
 
 
 @dataclass(slots=True)
-class FoundCells:
+class BusCells:
     """One bus of a table, the cells that could be read, and the errors of all that failed."""
 
     bus: TableBus
@@ -60,7 +60,7 @@ class FoundCells:
 @contextmanager
 def found_cells(
     arguments: Namespace, parameters: Sequence[Parameter] = (), *, to_write: bool = False
-) -> Iterator[list[FoundCells]]:
+) -> Iterator[list[BusCells]]:
     """The cells of each bus of the table that the options name; the buses are closed at the end.
 
     Where they are read `to_write` them, raises OtherHostError beside another host. If no cell can
@@ -69,7 +69,7 @@ def found_cells(
     buses = named_table(arguments).buses
     with ExitStack() as opened:
         found = [
-            FoundCells(
+            BusCells(
                 bus,
                 opened.enter_context(open_commissioning(bus.options)),
                 f"{bus.name}: " if len(buses) > 1 else "",
@@ -89,7 +89,7 @@ def found_cells(
 
 def refuse_absent(
     arguments: Namespace,
-    found: Sequence[FoundCells],
+    found: Sequence[BusCells],
     consequence: str = "mdms doctor names the cure",
 ) -> None:
     """Raise `CommandError` where cells have failed, or cells of the table are missing.
@@ -116,7 +116,7 @@ def refuse_absent(
     refuse_failed(found, consequence)
 
 
-def refuse_failed(found: Iterable[FoundCells], consequence: str) -> None:
+def refuse_failed(found: Iterable[BusCells], consequence: str) -> None:
     """Raise `CommandError` where cells have failed."""
     failed = [f"{each.where}node {ranges(each.failed)}" for each in found if each.failed]
     if failed:
@@ -157,7 +157,7 @@ def refuse_other_host(commissioning: Commissioning) -> None:
         raise OtherHostError(OTHER_HOST)
 
 
-def write_cells(found: FoundCells, changes: Sequence[Change], *, save: bool) -> None:
+def write_cells(found: BusCells, changes: Sequence[Change], *, save: bool) -> None:
     """Write, read back, and store if that is wanted; a cell that fails keeps no other from it.
 
     Raises OtherHostError beside another host, with nothing written, and CommissioningError where a

@@ -8,7 +8,7 @@ from pathlib import Path
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.cells.configure_cells import (
-    FoundCells,
+    BusCells,
     agreed,
     found_cells,
     open_commissioning,
@@ -63,11 +63,11 @@ def load(arguments: Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-def _load(arguments: Namespace, bus: TableBus, where: str) -> FoundCells:
+def _load(arguments: Namespace, bus: TableBus, where: str) -> BusCells:
     """The same for the cells of one bus."""
     filed = _filed(arguments, bus.number)
     with open_commissioning(bus.options) as commissioning:
-        found = FoundCells(bus, commissioning, where)
+        found = BusCells(bus, commissioning, where)
         entries = _read(found, filed)
         changes = [
             change
@@ -101,7 +101,7 @@ def _filed(arguments: Namespace, bus: int) -> Sequence[FiledCell]:
     return [cell for cell in filed if cell.node_id in wanted]
 
 
-def _read(found: FoundCells, filed: Sequence[FiledCell]) -> list[FiledCell]:
+def _read(found: BusCells, filed: Sequence[FiledCell]) -> list[FiledCell]:
     """Read the cells with the serial numbers of the file, whatever their node ids are now.
 
     Returns the entries of those that could be read.

@@ -12,7 +12,7 @@ from rich import box
 from rich.table import Table
 
 from mdms_host.cli.cells.configure_cells import (
-    FoundCells,
+    BusCells,
     agreed,
     found_cells,
     of_buses,
@@ -258,7 +258,7 @@ def restore_defaults(arguments: Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-def _restore(found: FoundCells, arguments: Namespace) -> None:
+def _restore(found: BusCells, arguments: Namespace) -> None:
     """The same for the cells of one bus."""
     where, commissioning = found.where, found.commissioning
     every = (*PARAMETERS, *WIRING)
