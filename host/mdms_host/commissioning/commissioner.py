@@ -315,7 +315,7 @@ def _keep(commissioning: Commissioning, node_id: int) -> bool:
         if refusal.code == sdo.CANNOT_STORE:
             return False
         raise
-    commissioning.refuse_booted([node_id])
+    commissioning.refuse_booted(node_id)
     before = commissioning.read(node_id, indices.SIGNATURE)
     commissioning.restart(node_id)
     if commissioning.read(node_id, indices.SIGNATURE) != before:

@@ -312,13 +312,12 @@ class Commissioning:
         """From now on, a boot-up message of this node counts."""
         self._booted.discard(node_id)
 
-    def refuse_booted(self, node_ids: Iterable[int]) -> None:
+    def refuse_booted(self, node_id: int) -> None:
         """Raises CommissioningError where a node has booted since it was expected to."""
-        booted = sorted(self._booted.intersection(node_ids))
-        if booted:
+        if node_id in self._booted:
             raise CommissioningError(
-                f"node {ranges(booted)} restarted meanwhile, and may have the settings of before; "
-                "look at its supply, then run the same again"
+                f"node {node_id} restarted meanwhile, and may have the settings of before; look at "
+                "its supply, then run the same again"
             )
 
     def await_boot(self, node_id: int) -> None:

@@ -63,8 +63,8 @@ def found_cells(
 ) -> Iterator[list[BusCells]]:
     """The cells of each bus of the table that the options name; the buses are closed at the end.
 
-    Where they are read `to_write` them, raises OtherHostError beside another host. If no cell can
-    be read, raises the error of the first. Raises NoBusError, ArrayFileError, `CommandError`.
+    Raises what `read_cells` raises, NoBusError and ArrayFileError. If no cell can be read, raises
+    the error of the first.
     """
     buses = named_table(arguments).buses
     with ExitStack() as opened:
@@ -77,9 +77,9 @@ def found_cells(
             for bus in buses
         ]
         for each in found:
-            each.cells += read_cells(each.commissioning, arguments, parameters, each.fail)
-            if to_write:
-                refuse_other_host(each.commissioning)
+            each.cells += read_cells(
+                each.commissioning, arguments, parameters, each.fail, to_write=to_write
+            )
             if not each.cells:
                 for error in each.failed.values():
                     raise error
@@ -128,14 +128,18 @@ def read_cells(
     arguments: Namespace,
     parameters: Sequence[Parameter],
     fail: Callable[[int, CommissioningError], object],
+    *,
+    to_write: bool = False,
 ) -> list[CellSettings]:
     """The cells that `--node` names, and their settings. Raises `CommandError` for absent ones.
 
     Without `--node`, nodes that are no cells are left alone. `fail` is called for a cell that
-    cannot be read.
+    cannot be read. Where they are read `to_write` them, raises OtherHostError beside another host.
     """
     wanted = nodes_of(arguments.nodes)
     node_ids = present_nodes(commissioning, wanted)
+    if to_write:
+        refuse_other_host(commissioning)
     cells = []
     with progress("reading") as share:
         for done, node_id in enumerate(node_ids, 1):
@@ -160,8 +164,8 @@ def refuse_other_host(commissioning: Commissioning) -> None:
 def write_cells(found: BusCells, changes: Sequence[Change], *, save: bool) -> None:
     """Write, read back, and store if that is wanted; a cell that fails keeps no other from it.
 
-    Raises OtherHostError beside another host, with nothing written, and CommissioningError where a
-    cell restarts meanwhile.
+    One that restarts meanwhile has failed. Raises OtherHostError beside another host, with nothing
+    written.
     """
     commissioning = found.commissioning
     refuse_other_host(commissioning)
@@ -183,7 +187,11 @@ def write_cells(found: BusCells, changes: Sequence[Change], *, save: bool) -> No
         except CommissioningError as error:
             found.fail(node_id, error)
             say(f"mdms: the settings are written, but not stored on node {node_id}")
-    commissioning.refuse_booted(node_ids)
+    for node_id in node_ids:
+        try:
+            commissioning.refuse_booted(node_id)
+        except CommissioningError as error:
+            found.fail(node_id, error)
 
 
 def of_buses(figures: Mapping[str, dict[str, object]]) -> dict[str, object]:

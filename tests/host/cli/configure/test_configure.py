@@ -238,7 +238,9 @@ def test_a_cell_that_restarts_before_it_has_stored_is_named(configure, capsys, c
 
     cells.before_send = look
     assert configure("set", "axis1.gain=12", "--save") == ExitCode.NODE_FAULT
-    assert "node 2 restarted meanwhile" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert "node 2 restarted meanwhile" in told.err
+    assert "stored on node 1, 3" in told.out
     assert values(configure, capsys, "axis1.gain") == {"1": 12.0, "2": 13.0, "3": 12.0}
 
 
