@@ -12,7 +12,6 @@ from mdms_host.commissioning.cell_settings import (
     apply_changes,
     check_identity,
     identify_cells,
-    read_settings,
 )
 from mdms_host.commissioning.network import Identity, RefusedError
 from mdms_host.commissioning.parameters import (
@@ -135,30 +134,10 @@ def read_back(values):
     return CellSettings(1, 7, values)
 
 
-def test_settings_are_read_changed_and_verified(commissioning):
-    cell = read_settings(commissioning, 2, [GAIN, TIMEOUT])
-    assert (cell.serial, cell.values) == (2, {GAIN: 13_000, TIMEOUT: 50})
-    apply_changes(commissioning, cell.changes({GAIN: 12_500, TIMEOUT: 80}))
-    again = read_settings(commissioning, 2, [GAIN, TIMEOUT])
-    assert again.values == {GAIN: 12_500, TIMEOUT: 80}
-
-
 def test_a_cell_that_says_yes_and_does_otherwise_is_found_out(commissioning, monkeypatch):
     monkeypatch.setattr(commissioning, "write", lambda *_: None)
     with pytest.raises(NotTakenError, match=r"node 2, axis1.gain: 12 V s/m was .* 13 V s/m is"):
         apply_changes(commissioning, [Change(2, GAIN, 13_000, 12_000)])
-
-
-def test_stored_settings_outlive_a_restart_until_the_defaults_are_restored(commissioning):
-    commissioning.write(3, *GAIN.place, 9_000)
-    commissioning.restart(3)
-    assert commissioning.read(3, *GAIN.place) == 13_000
-    commissioning.write(3, *GAIN.place, 9_000)
-    commissioning.store(3)
-    commissioning.restart(3)
-    assert commissioning.read(3, *GAIN.place) == 9_000
-    commissioning.restore_defaults(3)
-    assert commissioning.read(3, *GAIN.place) == 13_000
 
 
 def test_cells_of_one_serial_number_are_told(commissioning, monkeypatch):

@@ -121,12 +121,6 @@ def test_a_text_without_an_end_is_given_up() -> None:
     assert stranger.problem.endswith("its answer goes on after 1024 bytes")
 
 
-def test_written_values_are_read_back(commissioning) -> None:
-    commissioning.write(2, 0x2000, 0, 8_000)
-    assert commissioning.read(2, 0x2000) == 8_000
-    assert commissioning.read(1, 0x2000) == 13_000
-
-
 def test_a_negative_value_keeps_its_sign(commissioning) -> None:
     commissioning.write(1, 0x60FF, 0, -123_456)
     assert commissioning.read(1, 0x60FF) == -123_456

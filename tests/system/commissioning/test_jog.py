@@ -57,29 +57,14 @@ def test_one_wheel_turns_for_its_time_and_all_others_stand():
     assert np.abs(others).max() < 1e-3
 
 
-def test_wheel_stops_by_itself_when_the_host_dies():
-    time_s, speed_m_s = speeds(
-        Jog(CELL, AXIS, 0.1, 10.0), "fault=[{kind='host', start_s=0.4}]", duration_s=1.0
-    )
-    assert wheel(speed_m_s)[time_s == 0.39] > 0.05
-    assert np.abs(wheel(speed_m_s)[time_s > 0.55]).max() < 5e-3
-
-
-def test_a_host_that_comes_back_leaves_the_wheel_off_and_reports_why():
+def test_wheel_stops_by_itself_when_the_host_dies_and_one_that_comes_back_leaves_it_off():
     jog = Jog(CELL, AXIS, 0.1, 10.0)
     fault = "fault=[{kind='host', start_s=0.4, duration_s=0.3}]"
     time_s, speed_m_s = speeds(jog, fault, duration_s=1.2)
+    assert wheel(speed_m_s)[time_s == 0.39] > 0.05
     assert np.abs(wheel(speed_m_s)[time_s > 0.55]).max() < 5e-3
     assert jog.over
     assert "went off: axis 1 switch on disabled, axis 2 fault" in jog.failure
-
-
-def test_a_motor_that_runs_away_ends_the_jog_with_the_cells_reason():
-    jog = Jog(CELL, AXIS, 0.05, 1.0)
-    fault = f"fault=[{{kind='motor_reversed', cells=[{CELL}]}}]"
-    time_s, speed_m_s = speeds(jog, fault, duration_s=1.5)
-    assert "0x7302" in jog.failure
-    assert np.abs(wheel(speed_m_s)[time_s > 1.2]).max() < 5e-3
 
 
 def test_a_faster_jog_is_refused():
