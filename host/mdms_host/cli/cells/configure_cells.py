@@ -58,17 +58,14 @@ class BusCells:
 
 
 @contextmanager
-def found_cells(
-    arguments: Namespace, parameters: Sequence[Parameter] = (), *, to_write: bool = False
-) -> Iterator[list[BusCells]]:
-    """The cells of each bus of the table that the options name; the buses are closed at the end.
+def open_table(arguments: Namespace) -> Iterator[list[BusCells]]:
+    """Each bus of the table that the options name, without its cells; closed at the end.
 
-    Raises what `read_cells` raises, NoBusError and ArrayFileError. If no cell can be read, raises
-    the error of the first.
+    Raises NoBusError, ArrayFileError.
     """
     buses = named_table(arguments).buses
     with ExitStack() as opened:
-        found = [
+        yield [
             BusCells(
                 bus,
                 opened.enter_context(open_commissioning(bus.options)),
@@ -76,6 +73,17 @@ def found_cells(
             )
             for bus in buses
         ]
+
+
+@contextmanager
+def found_cells(
+    arguments: Namespace, parameters: Sequence[Parameter] = (), *, to_write: bool = False
+) -> Iterator[list[BusCells]]:
+    """The table as `open_table` opens it, with the cells of each bus.
+
+    Raises what `read_cells` raises. If no cell of a bus can be read, raises the error of the first.
+    """
+    with open_table(arguments) as found:
         for each in found:
             each.cells += read_cells(
                 each.commissioning, arguments, parameters, each.fail, to_write=to_write

@@ -5,13 +5,12 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.cells.configure_cells import (
     BusCells,
     agreed,
     found_cells,
-    open_commissioning,
+    open_table,
     refuse_absent,
     refuse_failed,
     refuse_other_host,
@@ -25,10 +24,9 @@ from mdms_host.cli.files import replacing
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.commissioning.array_file import FiledCell, array_text, placed_cells, read_array
-from mdms_host.commissioning.cell_settings import identify_cells, read_settings
+from mdms_host.commissioning.cell_settings import Change, identify_cells, read_settings
 from mdms_host.commissioning.network import CommissioningError, counted, ranges
 from mdms_host.commissioning.parameters import PARAMETERS
-from mdms_host.commissioning.table_cells import TableBus
 
 STDOUT = Path("-")
 
@@ -55,38 +53,42 @@ def dump(arguments: Namespace) -> ExitCode:
 
 
 def load(arguments: Namespace) -> ExitCode:
-    """Show what differs, and write it when that is agreed."""
+    """Show what differs, and write it when that is agreed; nothing before all buses are read."""
     options = Namespace(**vars(arguments) | {"array": arguments.file})
-    buses = named_table(options).buses
-    found = [_load(arguments, bus, f"{bus.name}: " if len(buses) > 1 else "") for bus in buses]
+    with open_table(options) as found:
+        changes = [_differences(arguments, each) for each in found]
+        for each, some in zip(found, changes, strict=True):
+            _load(arguments, each, some)
     refuse_failed(found, "the others have the settings of the file")
     return ExitCode.OK
 
 
-def _load(arguments: Namespace, bus: TableBus, where: str) -> BusCells:
-    """The same for the cells of one bus."""
-    filed = _filed(arguments, bus.number)
-    with open_commissioning(bus.options) as commissioning:
-        found = BusCells(bus, commissioning, where)
-        entries = _read(found, filed)
-        changes = [
-            change
-            for cell, entry in zip(found.cells, entries, strict=True)
-            for change in cell.changes(entry.values)
-        ]
-        check_margins(arguments.scenario, found.cells, [entry.values for entry in entries])
-        show_changes(changes, where)
-        if arguments.dry_run or not (changes or arguments.save):
-            print(f"{where}{counted(len(changes), 'setting differs', 'settings differ')}")
-            return found
-        refuse_other_host(commissioning)
-        if not agreed(arguments, f"{where}Write {counted(len(changes), 'setting')}?"):
-            raise CommandError("nothing was written", ExitCode.FAILURE)
-        write_cells(found, changes, save=arguments.save)
+def _differences(arguments: Namespace, found: BusCells) -> list[Change]:
+    """Read the cells of one bus, and show where they differ from the file."""
+    entries = _read(found, _filed(arguments, found.bus.number))
+    changes = [
+        change
+        for cell, entry in zip(found.cells, entries, strict=True)
+        for change in cell.changes(entry.values)
+    ]
+    check_margins(arguments.scenario, found.cells, [entry.values for entry in entries])
+    show_changes(changes, found.where)
+    return changes
+
+
+def _load(arguments: Namespace, found: BusCells, changes: Sequence[Change]) -> None:
+    """Write what differs on one bus."""
+    where = found.where
+    if arguments.dry_run or not (changes or arguments.save):
+        print(f"{where}{counted(len(changes), 'setting differs', 'settings differ')}")
+        return
+    refuse_other_host(found.commissioning)
+    if not agreed(arguments, f"{where}Write {counted(len(changes), 'setting')}?"):
+        raise CommandError(f"{where}nothing was written", ExitCode.FAILURE)
+    write_cells(found, changes, save=arguments.save)
     done = [change for change in changes if change.node_id not in found.failed]
     stored = f"; stored on node {ranges(found.node_ids)}" if arguments.save else ""
     print(f"{where}{counted(len(done), 'setting')} written and verified{stored}")
-    return found
 
 
 def _filed(arguments: Namespace, bus: int) -> Sequence[FiledCell]:

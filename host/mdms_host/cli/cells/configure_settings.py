@@ -276,7 +276,7 @@ def _restore(found: BusCells, arguments: Namespace) -> None:
         return
     question = f"{where}Restore the defaults of node {ranges(found.node_ids)}, and restart?"
     if not agreed(arguments, question):
-        raise CommandError("nothing was changed", ExitCode.FAILURE)
+        raise CommandError(f"{where}nothing was changed", ExitCode.FAILURE)
     # A run may have begun while the person was asked.
     refuse_other_host(commissioning)
     for node_id in found.node_ids:

@@ -369,6 +369,20 @@ def test_load_refuses_a_gain_beyond_the_margin_and_cells_that_are_not_there(
     assert configure("load", file, "--node", "5", "--yes") == ExitCode.USAGE
 
 
+def test_nothing_is_written_before_all_buses_are_read(configure, capsys, tmp_path):
+    file = tmp_path / "array.toml"
+    cells = (("00000001", 1, 0), ("000000EE", 2, 1))
+    rows = (
+        f'[[cell]]\nserial = "{serial}"\nnode = {node}\nbus = {bus}\nnumber = {node}\n'
+        "settings.axis1.gain = 7\n"
+        for serial, node, bus in cells
+    )
+    file.write_text("[array]\nchannels = ['a', 'b']\n" + "".join(rows))
+    assert configure("load", file, "--yes") == ExitCode.NO_DEVICE
+    assert "not on the bus: 000000EE (node 2); nothing was written" in capsys.readouterr().err
+    assert set(values(configure, capsys, "axis1.gain").values()) == {13.0}
+
+
 def test_nothing_is_written_without_consent(configure, capsys, tmp_path, monkeypatch):
     file = tmp_path / "array.toml"
     file.write_text('[[cell]]\nserial = "00000001"\nnode = 1\nsettings.axis1.gain = 7\n')
