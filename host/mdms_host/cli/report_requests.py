@@ -1,18 +1,22 @@
-"""The way to a running `run` or `serve` for `mdms report`: a socket that only its user may use.
+"""`mdms report`: a running `run` or `serve` writes its last minute as a run folder.
 
-A thread waits for requests, and the driver of the table carries them out.
+It is asked over a socket that only its user may use. A thread waits for requests, and the driver
+of the table carries them out.
 """
 
 import json
 import os
 import socket
 import tempfile
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import Any
+
+from mdms_host.cli.exits import CommandError, ExitCode
 
 _SUFFIX = ".report"
 _LONGEST = 65536
@@ -147,3 +151,44 @@ def ask(process: int, request: dict[str, Any], timeout_s: float) -> dict[str, An
         except (OSError, ValueError):
             return None
     return answer
+
+
+def run(arguments: Namespace) -> ExitCode:
+    """Ask the named command, or the only one that runs, for a report; print its folder."""
+    if not hasattr(socket, "AF_UNIX"):
+        raise CommandError(
+            "mdms report asks over a Unix socket, which this system has not; a report is written "
+            "after a fault in any case",
+            ExitCode.FAILURE,
+        )
+    process = _process(arguments.process)
+    folder = None if arguments.out is None else str(arguments.out.absolute())
+    answer = ask(process, {"do": "report", "folder": folder}, ANSWER_S)
+    if answer is None:
+        raise CommandError(f"process {process} does not answer, or has ended", ExitCode.FAILURE)
+    if "error" in answer:
+        raise CommandError(
+            f"process {process} wrote no report: {answer['error']}", ExitCode.FAILURE
+        )
+    print(json.dumps(answer) if arguments.json else answer["report"])
+    return ExitCode.OK
+
+
+def _process(named: int | None) -> int:
+    commands = running()
+    if named in commands:
+        return int(named or 0)
+    listed = "; ".join(f"{process} ({title})" for process, title in commands.items())
+    if named is not None:
+        raise CommandError(
+            f"process {named} is no table that writes reports; there are: {listed or 'none'}",
+            ExitCode.USAGE,
+        )
+    if not commands:
+        raise CommandError(
+            "no `mdms run` or `mdms serve` of yours keeps a last minute (--log ring or all)",
+            ExitCode.FAILURE,
+        )
+    if len(commands) > 1:
+        raise CommandError(f"several tables run; name one process: {listed}", ExitCode.USAGE)
+    return next(iter(commands))

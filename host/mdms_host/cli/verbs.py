@@ -156,7 +156,7 @@ VERBS = (
     Verb(
         "report",
         "have a running table write its last minute, for the makers",
-        f"{_ARRAY}.report:run",
+        "mdms_host.cli.report_requests:run",
         options.add_report,
         extra=RECORDING,
     ),
