@@ -58,6 +58,8 @@ def check_load(scenario: Scenario, options: Namespace) -> None:
     Without a bit rate among them the scenario's own counts.
     """
     bitrate = getattr(options, "bitrate", None) or scenario.wire.bitrate
+    if not isinstance(bitrate, int) or bitrate < 0:
+        raise InputError(f"bitrate is {bitrate!r:.60}, but must be whole bit/s, such as 1000000")
     scenario = replace(scenario, wire=replace(scenario.wire, bitrate=bitrate))
     refuse_overload(scenario)
     _warn(_busiest(scenario), scenario.wire)

@@ -18,7 +18,7 @@ from mdms_array.checks import refuse_tipping
 from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
-from mdms_array.source import Source, open_source
+from mdms_array.source import Source, check_path, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.can_link.link import AnyLink
 from mdms_host.can_link.links import open_links
@@ -61,7 +61,7 @@ def connect(
     `InputError`, `LinkError` where there is no way to the bus, and `RunError` for a table that does
     not come up. Leaving the block raises `FaultError` for a fault that no call has raised yet.
     """
-    path = None if array_file is None else Path(array_file)
+    path = None if array_file is None else check_path("array_file", array_file)
     checked, _ = open_source(_scenario_of(path, scenario), wait_for_ever)
     given = {"interface": interface, "channel": channel} | bus_options
     options = Namespace(**{name: value for name, value in given.items() if value is not None})

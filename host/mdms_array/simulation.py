@@ -28,7 +28,14 @@ from mdms_array.run import (
     StoppedError,
     TimeLimitError,
 )
-from mdms_array.source import LONGEST_S, SHORTEST_S, Source, check_time, open_source
+from mdms_array.source import (
+    LONGEST_S,
+    SHORTEST_S,
+    Source,
+    check_path,
+    check_time,
+    open_source,
+)
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
@@ -286,7 +293,8 @@ def simulate(
     for a disk that takes no record.
     """
     require(COMPILER, "mdms_array.simulate")
-    if record is not None:
+    folder = None if record is None else check_path("record", record)
+    if folder is not None:
         require(RECORDING, "mdms_array.simulate with a record")
     checked, main = open_source(scenario, program)
     if limit_s is not None:
@@ -296,14 +304,14 @@ def simulate(
     if listed and main is None and checked.motion.field != "program":
         raise InputError(f"signals: {', '.join(signals or ())} is given, but no program takes it")
     checked = replace(checked, signal=(*checked.signal, *listed))
-    if record is None:
+    if folder is None:
         return run_scenario(checked, main=main)
     _refuse_unkept(listed)
     if not force:
         repeated = checked if main is None else None
         ways_out = "force=True overwrites it, or give another folder"
-        check_other_run(Path(record), repeated, ways_out)
-    return run_and_keep(checked, Path(record), main=main)
+        check_other_run(folder, repeated, ways_out)
+    return run_and_keep(checked, folder, main=main)
 
 
 def run_and_keep(

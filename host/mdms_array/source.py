@@ -107,6 +107,13 @@ def check_time(name: str, time_s: object, least_s: float = 0.0) -> float:
     return number
 
 
+def check_path(name: str, path: object) -> Path:
+    """A path that a caller gives. Raises `InputError` for anything else."""
+    if not isinstance(path, str | Path):
+        raise InputError(f"{name} is {path!r:.60}, but must be a path, as text or a Path")
+    return Path(path)
+
+
 def _programmed(scenario: Scenario) -> Scenario:
     """The scenario with nothing to do of its own."""
     if scenario.run.fidelity != "firmware":

@@ -340,6 +340,7 @@ def test_a_fault_of_the_cells_ends_the_calls_that_wait():
         ({"scenario": None}, "neither a name, a file, a dict nor a Scenario"),
         ({"scenario": "array18", "limit_s": -1}, "limit_s is -1, but must be 0.001 to 100000"),
         ({"scenario": "array18", "limit_s": "3"}, "limit_s is '3'"),
+        ({"scenario": "array18", "record": 3}, "record is 3, but must be a path"),
         ({"scenario": "array18", "limit_s": float("nan")}, "limit_s is nan"),
         ({"scenario": "array18", "limit_s": 1e12}, "limit_s is 1000000000000.0"),
         (
@@ -354,6 +355,19 @@ def test_a_fault_of_the_cells_ends_the_calls_that_wait():
 def test_a_scenario_that_cannot_be_run_is_refused(arguments, told):
     with pytest.raises(mdms.InputError, match=told):
         mdms.simulate(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"array_file": 3}, "array_file is 3, but must be a path"),
+        ({"scenario": "array18", "interface": "virtual", "bitrate": "1M"}, "bitrate is '1M', but"),
+        ({"scenario": "array18", "interface": "virtual", "bitrate": -1}, "bitrate is -1, but must"),
+    ],
+)
+def test_a_table_that_cannot_be_reached_by_its_arguments_is_refused(arguments, told):
+    with pytest.raises(mdms.InputError, match=told), mdms.connect(**arguments):
+        pass
 
 
 @pytest.mark.parametrize(
