@@ -60,3 +60,17 @@ def test_compiling_during_the_run_is_told_apart():
     _, wall_s, compile_s = timed(lambda: compile_something)
     assert compile_s > 0
     assert wall_s + compile_s <= clock.now_s()
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "step_s"), [(0.06, 0.004), (1.0, 0.007), (0.0149, 0.001), (0.0012, 0.005)]
+)
+def test_an_ideal_run_ends_at_its_duration_whatever_its_step_is(duration_s, step_s):
+    """A box that slides from rest is at (mu g / 2) t2, in steps of any length."""
+    keys = ["run.fidelity=ideal", "motion.field=uniform", "motion.speed_m_s=9"]
+    keys += [f"run.duration_s={duration_s}", f"run.step_s={step_s}"]
+    scenario = load_scenario("paper-fig7", [*keys, "array.columns=100", "parcel.0.x_m=0"])
+    run = run_scenario(scenario)
+    assert run.figures["duration_s"] == pytest.approx(duration_s, rel=1e-12)
+    way_m = 0.3 * 9.81 / 2 * duration_s**2
+    assert run.record.pose[-1, 0, 0] == pytest.approx(way_m, rel=1e-6, abs=1e-9)

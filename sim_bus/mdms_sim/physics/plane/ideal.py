@@ -1,5 +1,7 @@
 """The `ideal` fidelity: a whole run of massless wheels under the continuous law, in one kernel."""
 
+import math
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,14 +31,31 @@ class Samples(NamedTuple):
 
 
 def solve_ideal(scenario: Scenario, reference_m_s: Floats) -> Record:
-    """Run a scenario under constant references (W,), sampled every 10 ms or every longer step.
+    """Run a scenario under constant references (W,), sampled about every 10 ms and at the end.
 
     Ends at the scenario's duration, or when a parcel tips: then the last event says so.
     """
-    step_s = scenario.run.step_s
-    steps = max(1, round(scenario.run.duration_s / step_s))
-    every = min(max(1, round(SAMPLE_S / step_s)), steps)
-    return run_ideal(World(scenario), reference_m_s, step_s, steps, every)
+    run, world = scenario.run, World(scenario)
+    every = max(1, round(SAMPLE_S / run.step_s))
+    periods = math.floor(run.duration_s / (every * run.step_s) * (1 + 1e-12))
+    record = run_ideal(world, reference_m_s, run.step_s, periods * every, every)
+    rest_s = run.duration_s - periods * every * run.step_s
+    steps = math.ceil(rest_s / run.step_s - 1e-9)
+    if steps > 0 and not any(event.kind == "tip" for event in record.events):
+        # Steps that are somewhat shorter end just then.
+        last = run_ideal(world, reference_m_s, rest_s / steps, steps, steps)
+        record = _joined(record, last)
+    return record
+
+
+def _joined(first: Record, last: Record) -> Record:
+    """One record of two, the second of which goes on where the first has ended."""
+    arrays = {
+        each.name: np.concatenate((array, getattr(last, each.name)[1:]))
+        for each in fields(Record)
+        if isinstance(array := getattr(first, each.name), np.ndarray)
+    }
+    return replace(last, **arrays)
 
 
 def run_ideal(world: World, reference_m_s: Floats, step_s: float, steps: int, every: int) -> Record:
