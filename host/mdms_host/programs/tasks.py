@@ -91,12 +91,14 @@ class Buffer:
     """Places at which parcels wait until they are asked for; first in, first out.
 
     A parcel that has left otherwise, or was found by mistake, frees its place. Raises ProgramError
-    for no places.
+    for no places, or one that is given twice.
     """
 
     def __init__(self, table: Table, places: Sequence[Place]) -> None:
         if not places:
             raise ProgramError("a buffer needs places for parcels to wait at")
+        if len({tuple(place) for place in places}) < len(places):
+            raise ProgramError(f"a buffer has one of {list(places)} twice; give each place once")
         self._table = table
         self._free: deque[Place] = deque(places)
         self._waiting: dict[str, tuple[TableParcel, Place]] = {}

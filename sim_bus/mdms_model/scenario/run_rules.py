@@ -268,6 +268,12 @@ def _check_places(scenario: Scenario, task: Task, key: str) -> None:
         for axis, half_m in enumerate(half_table_m(scenario)):
             path = f"{key}.{name}.{axis}" if name else f"{key}.{'xy'[axis]}_m"
             check_over(path, "the place", place[axis], place[axis], half_m)
+    for item, twice in enumerate(task.places):
+        if twice in task.places[:item]:
+            raise ScenarioError(
+                f"{key}.places.{item} is {list(twice)} once more, but one parcel alone has room "
+                "there; give each place once"
+            )
 
 
 def check_streams(scenario: Scenario) -> None:

@@ -69,6 +69,18 @@ def test_wheels_are_named_by_their_cells_also_where_a_cell_has_fewer():
     assert run.wheels[2, 1].reference_m_s[-1] == run.record.reference_m_s[-1, 1]
 
 
+def test_a_buffer_with_a_place_given_twice_is_refused():
+    twice = [[0.1, 0.0], [0.0, 0.1], [0.1, 0.0]]
+    task = {"do": "buffer", "exit": "east", "places": twice}
+    with pytest.raises(mdms.InputError, match=r"task\.0\.places\.2 is \[0\.1, 0\.0\] once more"):
+        mdms.simulate(read_tree("sort54") | {"task": [task]}, limit_s=1.0)
+
+    async def main(table):
+        mdms.tasks.Buffer(table, twice)
+
+    assert "give each place once" in mdms.simulate("array18", main, limit_s=1.0).reason
+
+
 def test_a_call_without_a_limit_is_given_up_too(monkeypatch):
     monkeypatch.setattr("mdms_array.simulation.LONGEST_S", 0.5)
     with (
