@@ -230,14 +230,23 @@ def name_of(measure: Measure) -> str:
 
 
 def check_measures(measures: Sequence[Measure]) -> tuple[Measure, ...]:
-    """The measures. Raises `InputError` for an unknown name, two with one name, or a lambda."""
+    """The measures.
+
+    Raises `InputError` for an unknown name, two with one name, a lambda, or an `async def`.
+    """
     if not isinstance(measures, str | Sequence) and not callable(measures):
         raise InputError(f"measures is {measures!r}, but must be a list of names and functions")
     listed = (measures,) if isinstance(measures, str) or callable(measures) else tuple(measures)
     for each in listed:
+        function = each.function if isinstance(each, FileFunction) else each
+        if inspect.iscoroutinefunction(function):
+            raise InputError(
+                f"measures: {name_of(each)} is an `async def`, but nothing awaits it; write a "
+                "plain `def`, which gets a run that has ended"
+            )
         if isinstance(each, FileFunction):
-            _ = each.function
-        elif isinstance(each, str):
+            continue
+        if isinstance(each, str):
             if each not in NAMED:
                 _check_path(each)
         elif not callable(each) or inspect.ismethod(each) or "<" in _path_of(each):

@@ -15,6 +15,7 @@ from mdms_array.experiments.measures import (
     check_measures,
     identity_of,
     known_figures,
+    measure_named,
     measured,
 )
 from mdms_array.run import ParcelRun, Run
@@ -205,6 +206,18 @@ def test_a_value_that_holds_itself_has_an_end(monkeypatch):
     endless.append(endless)
     monkeypatch.setitem(globals(), "VALUE", endless)
     assert identity_of(by_global) == identity_of(by_global)
+
+
+async def never_awaited(_run):
+    return 1.0
+
+
+def test_a_measure_that_nothing_would_await_is_refused(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("async def never_awaited(run): return 1.0\n")
+    for measure in (never_awaited, measure_named(f"{path}:never_awaited", tmp_path)):
+        with pytest.raises(mdms.InputError, match="never_awaited is an `async def`, but nothing"):
+            check_measures([measure])
 
 
 def test_a_value_that_nobody_can_compare_is_refused(monkeypatch):
