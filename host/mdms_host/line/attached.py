@@ -111,6 +111,8 @@ class Line:
             # The servers have the same clock. Their client has been told of a refusal by now.
             if monotonic() > message.get("until_s", inf):
                 raise CommandRefusedError("the request came too late")
+            if "at_s" in message:
+                message["age_s"] = monotonic() - message["at_s"]
             self.machine.do(message["do"], message)
         except (CommandRefusedError, ProgramError) as refused:
             error = str(refused)

@@ -221,15 +221,15 @@ class Machine:
             self._in_control = by
         self._passing = self._trouble = ""
 
-    def beat(self, by: str) -> None:
-        """A client lives."""
-        self._beats_s[by] = self._now_s()
+    def beat(self, by: str, age_s: float = 0.0) -> None:
+        """A client lives, or did so before the time that its heartbeat was on its way."""
+        self._beats_s[by] = max(self._beats_s.get(by, -inf), self._now_s() - age_s)
 
     def do(self, name: str, values: dict[str, Any]) -> None:
         """A request of a client by name. Raises `CommandRefusedError` and ProgramError."""
         match name:
             case "beat":
-                self.beat(values["by"])
+                self.beat(values["by"], values["age_s"])
             case "command":
                 self.command(Command(values["command"]), values["by"])
             case "mode":

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from asyncua import Server, ua
+from asyncua.common.callback import CallbackType, ServerItemCallback
 from asyncua.common.node import Node
 from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User, UserRole
 
@@ -257,6 +258,7 @@ class OpcUaServer:
         await server.load_certificate(settings["certificate"])
         await server.load_private_key(settings["key"])
         await self._build(settings["cells"])
+        server.subscribe_server_callback(CallbackType.PostWrite, self._on_written)
         await server.start()
         self._plant.on_report.append(self._reports.append)
         self.address = f"opc.tcp://{host}:{port}/mdms/"
@@ -420,12 +422,8 @@ class OpcUaServer:
     # What clients see ----------------------------------------------------------------------------
 
     async def show(self) -> None:
-        """Show the last snapshot; a heartbeat that was written since the last call counts."""
+        """Show the last snapshot."""
         plant, snapshot = self._plant, self._plant.snapshot
-        beat = await self._written_beat()
-        if beat is not None and beat != self._beat:
-            self._beat = beat
-            plant.beat(CLIENT)
         for each, node in self._variables:
             before = self._written.get("Alarm")
             value = each.value(plant)
@@ -444,6 +442,17 @@ class OpcUaServer:
         self._reports.clear()
         for report in reports:
             await self._pass_on(report)
+
+    async def _on_written(self, written: ServerItemCallback, _service: Any) -> None:
+        """Another number in the heartbeat counts at once."""
+        if all(
+            each.NodeId != self._heartbeat.nodeid for each in written.request_params.NodesToWrite
+        ):
+            return
+        beat = await self._written_beat()
+        if beat is not None and beat != self._beat:
+            self._beat = beat
+            self._plant.beat(CLIENT)
 
     async def _written_beat(self) -> int | None:
         """The heartbeat as clients have written it; None for one of a bad status, or no number."""

@@ -8,6 +8,7 @@ import asyncio
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from math import inf
 from time import monotonic
 from typing import Any
 
@@ -21,6 +22,11 @@ _ANSWER_S = 5.0
 _DELIVERY_S = 1.0
 #: Figures are kept on the disk this often [s].
 _KEEP_S = 1.0
+#: The servers look so often whether they have stood still, for the limit of a heartbeat [s].
+_LOOK_S = 0.1
+_STILL_S = 1.0
+#: Messages that have waited meanwhile are read in so many rounds of the loop.
+_ROUNDS = 20
 #: Longest key or name of a parcel, an exit or a kind.
 LONGEST = 64
 
@@ -87,6 +93,8 @@ class Plant:
         self._reader = reader
         self._writer = writer
         self._waiting: dict[int, asyncio.Future[str | None]] = {}
+        #: When the servers ran last, with nothing left that had waited [s].
+        self._ran_s = inf
         self._number = 0
         self._kept_s = 0.0
         self._keeps = True
@@ -121,8 +129,8 @@ class Plant:
         self._keep_settings(mode=mode)
 
     def beat(self, by: str) -> None:
-        """A client lives."""
-        self._tell("beat", by=by)
+        """A client lives, or did so when the servers stood still."""
+        self._tell("beat", by=by, at_s=self._came_s())
 
     def order(self, order: LineOrder) -> tuple[str, bool]:
         """Accept an order once; returns its state, and whether it is new.
@@ -218,6 +226,23 @@ class Plant:
 
     def _no_exit(self, exit: str) -> str:
         return f"no exit {exit!r:.40}; there are: {', '.join(self.exits) or 'none'}"
+
+    async def look_for_pauses(self) -> None:
+        """Note when the servers stand still, as on a slow disk; for ever, once they are open."""
+        while True:
+            self._ran_s = monotonic()
+            await asyncio.sleep(_LOOK_S)
+            if self._came_s() == self._ran_s:
+                for _ in range(_ROUNDS):
+                    await asyncio.sleep(0)
+
+    def _came_s(self) -> float:
+        """The time by which a message that is read now counts, by `monotonic` [s].
+
+        It has waited if the servers stood still, and its client may be gone since.
+        """
+        now_s = monotonic()
+        return self._ran_s if now_s - self._ran_s > _STILL_S else now_s
 
     # The table -----------------------------------------------------------------------------------
 

@@ -44,6 +44,7 @@ async def serve(descriptor: int) -> None:
             addresses = await _open(plant, settings, modbus, tasks)
         except (OSError, ValueError) as error:
             return await _fail(writer, f"a server of the line cannot be opened: {error}")
+        tasks.append(asyncio.create_task(plant.look_for_pauses()))
         plant.say_open(addresses)
         # If one fails all end, and the table with them: a line must not look alive.
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -29,8 +29,11 @@ class Controller:
     def close(self) -> None:
         self._socket.close()
 
-    def ask(self, pdu: bytes) -> bytes:
+    def send(self, pdu: bytes) -> None:
         self._socket.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
+
+    def ask(self, pdu: bytes) -> bytes:
+        self.send(pdu)
         (length,) = struct.unpack(">4xHx", self._socket.recv(7, socket.MSG_WAITALL))
         return self._socket.recv(length - 1, socket.MSG_WAITALL)
 

@@ -5,8 +5,10 @@ import os
 import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -60,6 +62,23 @@ def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
     second.beat()
     assert second.command(7)
     second.until_state(EXECUTE)
+
+
+def test_a_start_that_has_waited_with_its_heartbeat_moves_nothing(table: Table) -> None:
+    """The servers stand still, as on a slow disk, and the controller hangs meanwhile."""
+    hung, watching = table.controller(), table.controller()
+    assert hung.command(1)
+    hung.until_state(IDLE)
+    (counter,) = hung.read(103)
+    servers = table.servers()
+    os.kill(servers, signal.SIGSTOP)
+    hung.send(struct.pack(">BHH", 6, 100, 0xAAAA))
+    hung.send(struct.pack(">BHHBHH", 16, 101, 2, 4, 2, counter + 1))
+    time.sleep(2.0)
+    os.kill(servers, signal.SIGCONT)
+    watching.until(lambda: watching.read(103) == (counter + 1,), beats=False)
+    assert watching.read(104) == (2,)
+    assert watching.read(1) == (IDLE,)
 
 
 def test_a_command_that_was_refused_as_late_is_not_done_later(table: Table) -> None:
