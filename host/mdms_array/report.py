@@ -95,6 +95,8 @@ class Reporter:
         self._running: Callable[[], str] = lambda: ""
         self._due: tuple[float, str] | None = None
         self._faulted_s = -np.inf
+        #: The reports that were begun, the oldest first.
+        self._own: list[Path] = []
         self._writing: list[tuple[subprocess.Popen[bytes], Path, Done]] = []
 
     def run_by(
@@ -146,10 +148,28 @@ class Reporter:
             provenance,
         )
         try:
-            path = folder or _place_in(self.folder)
+            path = folder or self._new_place()
             self._writing.append((_writer(snapshot, path), path, done))
         except OSError as error:
             done(path, f"{error.filename or path}: {error.strerror}")
+
+    def _new_place(self) -> Path:
+        """A new name in the folder, which keeps the newest reports only. Raises OSError."""
+        folder, own = self.folder, self._own
+        folder.mkdir(parents=True, exist_ok=True)
+        there = (path for path in folder.iterdir() if _NAME.fullmatch(path.name))
+        # The clock may have been set back since: those of this process are the newest.
+        old = sorted(there, key=lambda path: (own.index(path) if path in own else -1, path.name))
+        for path in old[: max(0, len(old) - MOST_REPORTS + 1)]:
+            shutil.rmtree(path, ignore_errors=True)
+        digits = re.sub(r"\D", "", wall_text()[:19])
+        name = f"report-{digits[:8]}-{digits[8:14]}"
+        path, number = folder / name, 1
+        while path.exists() or _snapshot_of(path).exists():
+            number += 1
+            path = folder / f"{name}-{number}"
+        own.append(path)
+        return path
 
     def close(self, now_s: float) -> None:
         """Write the reports that are due, and wait for all of them."""
@@ -178,22 +198,6 @@ def _public(provenance: Mapping[str, Any]) -> dict[str, Any]:
     if "program" in told:
         told["program"] = told["program"] | {"source": None}
     return told
-
-
-def _place_in(folder: Path) -> Path:
-    """A new name in the folder, which keeps the newest reports only. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    old = sorted(path for path in folder.iterdir() if _NAME.fullmatch(path.name))
-    for path in old[: max(0, len(old) - MOST_REPORTS + 1)]:
-        shutil.rmtree(path, ignore_errors=True)
-    wall = wall_text()
-    digits = re.sub(r"\D", "", wall[:19])
-    name = f"report-{digits[:8]}-{digits[8:14]}"
-    path, number = folder / name, 1
-    while path.exists() or _snapshot_of(path).exists():
-        number += 1
-        path = folder / f"{name}-{number}"
-    return path
 
 
 def _snapshot_of(path: Path) -> Path:

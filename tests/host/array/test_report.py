@@ -13,10 +13,11 @@ import pytest
 from tests.host.line.virtual_line import TABLE, VirtualLine
 from tests.host.page.bench import unpacked
 
+from mdms_array import report as reports
 from mdms_array.anonymous import Anonymous
 from mdms_array.host import layout_of
 from mdms_host.can_link.bus_log import read_log
-from mdms_host.can_link.recent import RecentFrame
+from mdms_host.can_link.recent import Recent, RecentFrame
 from mdms_host.can_link.recent import unpacked as frames_of
 from mdms_host.cli.kept import Kept
 from mdms_host.cli.live_array import Watched
@@ -193,6 +194,30 @@ def test_it_names_the_recipe_that_runs(tmp_path, monkeypatch) -> None:
     assert provenance["recipe"] == "slow"
     assert provenance["program"]["file"] == "test_report.py"
     assert run.scenario.motion.speed_m_s == 0.2
+
+
+def test_a_clock_that_is_set_back_costs_no_new_report(tmp_path, monkeypatch) -> None:
+    def write(_snapshot, path):
+        path.mkdir()
+        return SimpleNamespace(poll=lambda: 0, returncode=0, communicate=lambda: (b"", b""))
+
+    scenario = load_scenario(str(TABLE))
+    layout = layout_of(scenario)
+    for second in range(reports.MOST_REPORTS):
+        (tmp_path / f"report-20260101-0000{second:02d}").mkdir()
+    reporter = reports.Reporter(Recent(), (scenario, None), layout, tmp_path, lambda _: None)
+    monkeypatch.setattr(reports, "_writer", write)
+    for hour in ("12", "11"):
+        wall = f"1970-01-01T{hour}:00:00.000+00:00"
+        monkeypatch.setattr(reports, "wall_text", lambda wall=wall: wall)
+        reporter.begin(0.0, "a fault")
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert len(names) == reports.MOST_REPORTS
+    assert names[:3] == [
+        "report-19700101-110000",
+        "report-19700101-120000",
+        "report-20260101-000002",
+    ]
 
 
 @pytest.mark.parametrize(
