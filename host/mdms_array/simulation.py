@@ -49,6 +49,7 @@ from mdms_model.errors import InputError
 from mdms_model.log import LOG
 from mdms_model.run.folder import BUS_LOG, check_other_run, fresh_folder
 from mdms_model.run.record import MOST_SAMPLES, Record, exit_of, leaving
+from mdms_model.scenario.rules import check_rules
 from mdms_model.scenario.scenario import Scenario, Signal
 from mdms_sim.physics.plane.ideal import solve_ideal
 from mdms_sim.physics.row.solver import solve_row
@@ -300,6 +301,8 @@ def simulate(
     if limit_s is not None:
         duration_s = check_time("limit_s", limit_s, SHORTEST_S)
         checked = replace(checked, run=replace(checked.run, duration_s=duration_s))
+        # A longer run has more samples than may be kept.
+        check_rules(checked)
     listed = _listed(signals)
     if listed and main is None and checked.motion.field != "program":
         raise InputError(f"signals: {', '.join(signals or ())} is given, but no program takes it")

@@ -352,6 +352,10 @@ def test_a_fault_of_the_cells_ends_the_calls_that_wait():
         ({"scenario": None}, "neither a name, a file, a dict nor a Scenario"),
         ({"scenario": "array18", "limit_s": -1}, "limit_s is -1, but must be 0.001 to 100000"),
         ({"scenario": "array18", "limit_s": "3"}, "limit_s is '3'"),
+        (
+            {"scenario": "paper-fig7", "limit_s": 1e5},
+            "duration_s is 100000.0, .* make the run short",
+        ),
         ({"scenario": "array18", "record": 3}, "record is 3, but must be a path"),
         ({"scenario": "array18", "limit_s": float("nan")}, "limit_s is nan"),
         ({"scenario": "array18", "limit_s": 1e12}, "limit_s is 1000000000000.0"),
