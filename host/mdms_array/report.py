@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
@@ -48,7 +49,8 @@ AGAIN_S = 10.0
 AFTER_S = 1.0
 #: The record has samples so often [s].
 _SAMPLE_S = 0.02
-_NAME = re.compile(r"report-\d{8}-\d{6}(-\d+)?")
+#: A report, and what a writer that was killed has left of it.
+_NAME = re.compile(r"\.?(report-\d{8}-\d{6}(?:-\d+)?)(\.\d+)?(\.\w+)?")
 _NICE = 15
 
 
@@ -96,7 +98,7 @@ class Reporter:
         self._due: tuple[float, str] | None = None
         self._faulted_s = -np.inf
         #: The reports that were begun, the oldest first.
-        self._own: list[Path] = []
+        self._own: list[str] = []
         self._writing: list[tuple[subprocess.Popen[bytes], Path, Done]] = []
 
     def run_by(
@@ -157,18 +159,24 @@ class Reporter:
         """A new name in the folder, which keeps the newest reports only. Raises OSError."""
         folder, own = self.folder, self._own
         folder.mkdir(parents=True, exist_ok=True)
-        there = (path for path in folder.iterdir() if _NAME.fullmatch(path.name))
+        there: dict[str, list[Path]] = {}
+        for path in folder.iterdir():
+            if named := _NAME.fullmatch(path.name):
+                there.setdefault(named[1], []).append(path)
         # The clock may have been set back since: those of this process are the newest.
-        old = sorted(there, key=lambda path: (own.index(path) if path in own else -1, path.name))
-        for path in old[: max(0, len(old) - MOST_REPORTS + 1)]:
-            shutil.rmtree(path, ignore_errors=True)
+        old = sorted(there, key=lambda name: (own.index(name) if name in own else -1, name))
+        for name in old[: max(0, len(old) - MOST_REPORTS + 1)]:
+            for path in there[name]:
+                shutil.rmtree(path, ignore_errors=True)
+                with suppress(OSError):
+                    path.unlink()
         digits = re.sub(r"\D", "", wall_text()[:19])
         name = f"report-{digits[:8]}-{digits[8:14]}"
         path, number = folder / name, 1
         while path.exists() or _snapshot_of(path).exists():
             number += 1
             path = folder / f"{name}-{number}"
-        own.append(path)
+        own.append(path.name)
         return path
 
     def close(self, now_s: float) -> None:

@@ -220,6 +220,20 @@ def test_a_clock_that_is_set_back_costs_no_new_report(tmp_path, monkeypatch) -> 
     ]
 
 
+def test_reports_that_were_broken_off_do_not_fill_the_disk(tmp_path) -> None:
+    """As by a power cut: their writers leave the memory that they were to write."""
+    scenario = load_scenario(str(TABLE))
+    layout = layout_of(scenario)
+    for _ in range(reports.MOST_REPORTS + 2):
+        # Each in a process of its own.
+        reporter = reports.Reporter(Recent(), (scenario, None), layout, tmp_path, print)
+        reporter.begin(0.0, "a fault")
+        ((writer, _, _),) = reporter._writing
+        writer.kill()
+        writer.communicate()
+    assert len(list(tmp_path.iterdir())) == reports.MOST_REPORTS
+
+
 @pytest.mark.parametrize(
     ("can_id", "data", "kept"),
     [
