@@ -42,8 +42,13 @@ class Register:
     words: int = 1
 
 
-def _figure(name: str, scale: float = 1.0) -> Value:
-    return lambda plant: round(scale * plant.snapshot[name])
+def _figure(name: str) -> Value:
+    return lambda plant: int(plant.snapshot[name])
+
+
+def _rate(name: str, scale: float = 1.0) -> Value:
+    """A rate that is too large for its register is the largest number there."""
+    return lambda plant: min(round(scale * plant.snapshot[name]), 0xFFFF)
 
 
 def _count(name: str) -> Value:
@@ -99,10 +104,10 @@ MAP = (
     Register(10, "parcels_in", "Parcels that have come.", _count("parcels_in"), 2),
     Register(12, "parcels_out", "Parcels that have left by an exit.", _out, 2),
     Register(14, "parcels_lost", "Parcels that were lost.", _count("parcels_lost"), 2),
-    Register(16, "parcels_per_hour", "Rate in Execute [1/h].", _figure("parcels_per_hour")),
-    Register(17, "availability", "OEE availability [0.1 %].", _figure("availability", 1000)),
-    Register(18, "performance", "OEE performance [0.1 %].", _figure("performance", 1000)),
-    Register(19, "quality", "OEE quality [0.1 %].", _figure("quality", 1000)),
+    Register(16, "parcels_per_hour", "Rate in Execute [1/h].", _rate("parcels_per_hour")),
+    Register(17, "availability", "OEE availability [0.1 %].", _rate("availability", 1000)),
+    Register(18, "performance", "OEE performance [0.1 %].", _rate("performance", 1000)),
+    Register(19, "quality", "OEE quality [0.1 %].", _rate("quality", 1000)),
     Register(
         20,
         "parcels_out_by_exit",

@@ -154,6 +154,20 @@ def test_a_book_of_before_that_has_answers_alone_is_gone_on_with(tmp_path: Path)
     asyncio.run(talk())
 
 
+def test_a_rate_that_is_too_large_for_its_register_is_not_a_small_one(tmp_path: Path) -> None:
+    """A parcel that leaves 0.05 s after Start makes 72,000 an hour."""
+
+    async def talk() -> None:
+        async with plant_in(tmp_path) as (plant, table):
+            await table.show(plant, parcels_per_hour=72_000.0, performance=80.0, changes=65_537)
+            registers = PlantRegisters(plant)
+            assert registers.read(16, 3) == [0xFFFF, 0, 0xFFFF]
+            # Counters go on from 0.
+            assert registers.read(3, 1) == [1]
+
+    asyncio.run(talk())
+
+
 def test_texts_that_are_not_ascii_are_refused_and_no_two_become_one(tmp_path: Path) -> None:
     async def talk() -> None:
         async with plant_in(tmp_path) as (plant, table):
