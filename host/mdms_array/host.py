@@ -79,23 +79,6 @@ def gains_vs_per_m(scenario: Scenario, cells: Cells) -> Floats:
     return gains.ravel()
 
 
-def trim(scenario: Scenario, cells: Cells) -> Floats | float:
-    """The factor of a steered wheel's reference, shape (W,), for its gain is its own.
-
-    1 where no cell has a gain of its own.
-    """
-    gains = gains_vs_per_m(scenario, cells)
-    if (gains == scenario.cell.gain_vs_per_m).all():
-        return 1.0
-    nominal = drive_of(scenario.cell).droop
-    droops = {
-        gain: drive_of(replace(scenario.cell, gain_vs_per_m=gain)).droop
-        for gain in set(gains.tolist())
-    }
-    # A wheel without gain follows no reference at all.
-    return np.array([nominal / (droops[gain] or np.inf) for gain in gains.tolist()])
-
-
 def addresses_of(scenario: Scenario, cells: Cells) -> Addresses:
     """Bus and node id of each cell, with node ids of their own where the cells have any."""
     array = scenario.array
