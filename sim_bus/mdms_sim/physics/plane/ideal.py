@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ def solve_ideal(scenario: Scenario, reference_m_s: Floats) -> Record:
 
 def _joined(first: Record, last: Record) -> Record:
     """One record of two, the second of which goes on where the first has ended."""
-    arrays = {
+    arrays: dict[str, Any] = {
         each.name: np.concatenate((array, getattr(last, each.name)[1:]))
         for each in fields(Record)
         if isinstance(array := getattr(first, each.name), np.ndarray)
