@@ -236,7 +236,7 @@ def _users(path: Path) -> dict[str, str]:
 def make_certificate(arguments: Namespace) -> ExitCode:
     """`mdms line certificate`: a key and a certificate for OPC UA, signed by itself."""
     # The extra has been asked for by the verb.
-    from mdms_host.line.certificate import certificate_of  # noqa: PLC0415
+    from mdms_host.line.opcua import certificate_of  # noqa: PLC0415
 
     folder = made_folder(arguments)
     key_path, path = folder / KEY, folder / CERTIFICATE

@@ -10,8 +10,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import Protocol
 
-READ, WRITE_ONE, WRITE_MANY, READ_WRITE = 3, 6, 16, 23
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 1, 2, 3, 4
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 MOST_READ, MOST_WRITTEN, MOST_WRITTEN_WITH_READ = 125, 123, 121
 #: Bytes behind the length field: unit identifier and PDU.
 _LENGTH_MIN, _LENGTH_MAX = 2, 254

@@ -7,18 +7,24 @@ The model is the OPC Foundation's node set, version 1.01, unchanged with its lic
 import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from hmac import compare_digest
 from math import isnan
 from pathlib import Path
+from socket import gethostname
 from typing import Any
 
 from asyncua import Server, ua
 from asyncua.common.callback import CallbackType, ServerItemCallback
 from asyncua.common.node import Node
+from asyncua.crypto import cert_gen
 from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User, UserRole
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from mdms_host.line.packml import Command, Mode, State
+from mdms_host.line.packml import Command, State
 from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
@@ -132,14 +138,47 @@ SHOWN = (
 )
 
 
+async def _give(command: Command, plant: Plant) -> None:
+    await plant.command(command, CLIENT)
+
+
+async def _order_to_exit(
+    plant: Plant, key: str, parcel: str, exit: str, priority: int
+) -> tuple[str, bool]:
+    return plant.order(LineOrder(key, parcel, exit, priority=priority))
+
+
+async def _order_to_pose(
+    plant: Plant, key: str, parcel: str, *pose_and_priority: Any
+) -> tuple[str, bool]:
+    x_m, y_m, yaw_rad, priority = pose_and_priority
+    for value in (x_m, y_m):
+        if not abs(value) < 1000.0:
+            raise RequestRefusedError(f"place {value} m is no place on a table")
+    if abs(yaw_rad) >= 1000.0:
+        raise RequestRefusedError(f"yaw {yaw_rad} rad is no angle")
+    yaw = None if isnan(yaw_rad) else yaw_rad
+    return plant.order(LineOrder(key, parcel, None, x_m, y_m, yaw, priority))
+
+
+async def _order_of(plant: Plant, key: str) -> tuple[str, str]:
+    row = plant.book.row(key) or {"state": "unknown", "text": ""}
+    return row["state"], row["text"]
+
+
 @dataclass(frozen=True, slots=True)
 class LineMethod:
-    """A method of the object `Line`: arguments by name and type, outputs, meaning."""
+    """A method of the object `Line`: arguments by name and type, outputs, meaning.
+
+    `does` carries it out: it is given the plant and the arguments, and returns the outputs. Raises
+    `RequestRefusedError`.
+    """
 
     name: str
     inputs: tuple[tuple[str, ua.VariantType], ...]
     outputs: tuple[tuple[str, ua.VariantType], ...]
     meaning: str
+    does: Callable[..., Awaitable[tuple[Any, ...] | None]]
 
 
 _TEXT, _NUMBER = _V.String, _V.Double
@@ -153,6 +192,7 @@ LINE_METHODS = (
         (("Key", _TEXT), ("Parcel", _TEXT), ("Exit", _TEXT), ("Priority", _V.Int32)),
         (("State", _TEXT), ("New", _V.Boolean)),
         "accept an order once by its key: the parcel leaves by the exit",
+        _order_to_exit,
     ),
     LineMethod(
         "GiveOrderToPose",
@@ -162,29 +202,56 @@ LINE_METHODS = (
         ),
         (("State", _TEXT), ("New", _V.Boolean)),
         "accept an order once by its key: the parcel goes to a pose [m, rad]; yaw NaN: as it comes",
+        _order_to_pose,
     ),
-    LineMethod("GetOrder", (("Key", _TEXT),), (("State", _TEXT), ("Text", _TEXT)), "how it stands"),
+    LineMethod(
+        "GetOrder",
+        (("Key", _TEXT),),
+        (("State", _TEXT), ("Text", _TEXT)),
+        "how it stands",
+        _order_of,
+    ),
     LineMethod(
         "CancelOrder",
         (("Key", _TEXT),),
         (),
         "drop an order not begun, in doubt, or whose parcel waits before a full exit",
+        Plant.cancel,
     ),
     LineMethod(
-        "ParcelComing", (("Parcel", _TEXT), ("Kind", _TEXT)), (), "identity and kind by the scanner"
+        "ParcelComing",
+        (("Parcel", _TEXT), ("Kind", _TEXT)),
+        (),
+        "identity and kind by the scanner",
+        Plant.coming,
     ),
     LineMethod(
-        "ParcelNotComing", (("Parcel", _TEXT),), (), "an announced parcel does not come after all"
+        "ParcelNotComing",
+        (("Parcel", _TEXT),),
+        (),
+        "an announced parcel does not come after all",
+        Plant.not_coming,
     ),
-    LineMethod("SetExitFull", (("Exit", _TEXT), ("Full", _V.Boolean)), (), "full, or free again"),
+    LineMethod(
+        "SetExitFull",
+        (("Exit", _TEXT), ("Full", _V.Boolean)),
+        (),
+        "full, or free again",
+        Plant.set_exit,
+    ),
     LineMethod(
         "ChooseRecipe",
         (("Recipe", _TEXT),),
         (),
         "take one of `Recipes` for the next Start, in Idle",
+        Plant.choose,
     ),
     LineMethod(
-        "SetIdealRate", (("PerHour", _NUMBER),), (), "the rate that counts as performance 1"
+        "SetIdealRate",
+        (("PerHour", _NUMBER),),
+        (),
+        "the rate that counts as performance 1",
+        Plant.set_ideal,
     ),
 )
 
@@ -284,9 +351,10 @@ class OpcUaServer:
         for path, name, command in METHODS:
             # asyncua makes no methods of a state machine, which the node set has as optional.
             machine = await table.get_child([f"{packml}:{each}" for each in path])
-            await machine.add_method(packml, name, self._commanding(command), [], [])
+            give = self._calling(partial(_give, command), ())
+            await machine.add_method(packml, name, give, [], [])
         set_mode = await table.get_child([f"{packml}:SetUnitMode"])
-        server.link_method(set_mode, self._refusing(self._set_mode, (_V.Int32,)))
+        server.link_method(set_mode, self._calling(Plant.change_mode, (_V.Int32,)))
         status = await table.get_child([f"{packml}:Status"])
         self._unit_mode = await status.get_child([f"{packml}:UnitModeCurrent"])
         self._blocked = await status.get_child([f"{packml}:EquipmentBlocked"])
@@ -308,12 +376,13 @@ class OpcUaServer:
             cell = await cells_folder.add_object(index, f"Cell{number}")
             self._cells.append(await cell.add_variable(index, "Enabled", False))
         for method in LINE_METHODS:
+            inputs, outputs = (
+                tuple(kind for _, kind in each) for each in (method.inputs, method.outputs)
+            )
             await line.add_method(
                 index,
                 method.name,
-                self._refusing(
-                    getattr(self, f"_{method.name}"), tuple(kind for _, kind in method.inputs)
-                ),
+                self._calling(method.does, inputs, outputs),
                 [_argument(*each) for each in method.inputs],
                 [_argument(*each) for each in method.outputs],
             )
@@ -328,96 +397,30 @@ class OpcUaServer:
 
     # What clients ask for ------------------------------------------------------------------------
 
-    def _commanding(self, command: Command) -> Any:
-        async def commanded(_parent: ua.NodeId) -> list[ua.Variant]:
-            await self._plant.command(command, CLIENT)
-            return []
-
-        return self._refusing(commanded, ())
-
-    def _refusing(
-        self, method: Callable[..., Awaitable[Any]], kinds: tuple[ua.VariantType, ...]
+    def _calling(
+        self,
+        does: Callable[..., Awaitable[tuple[Any, ...] | None]],
+        inputs: tuple[ua.VariantType, ...],
+        outputs: tuple[ua.VariantType, ...] = (),
     ) -> Any:
         """The method with arguments of these types; a refusal has a status, and is an event.
 
         Numbers may have another type that fits. A text that is null is empty.
         """
 
-        async def call(parent: ua.NodeId, *arguments: ua.Variant) -> Any:
-            if len(arguments) != len(kinds) or not all(map(_fits, arguments, kinds)):
+        async def call(_parent: ua.NodeId, *arguments: ua.Variant) -> Any:
+            if len(arguments) != len(inputs) or not all(map(_fits, arguments, inputs)):
                 return ua.StatusCode(ua.StatusCodes.BadInvalidArgument)
             try:
                 values = ("" if each.Value is None else each.Value for each in arguments)
-                return await method(parent, *values)
+                given = await does(self._plant, *values) or ()
             except RequestRefusedError as error:
                 self._alarms.event.Severity = _NEWS_SEVERITY
                 await self._alarms.trigger(message=f"refused: {error}")
                 return ua.StatusCode(ua.StatusCodes.BadInvalidState)
+            return list(map(ua.Variant, given, outputs))
 
         return call
-
-    async def _set_mode(self, _parent: ua.NodeId, mode: int) -> list[ua.Variant]:
-        await self._plant.change_mode(mode)
-        return []
-
-    async def _GiveOrderToExit(  # noqa: N802 - the names of methods in the address space
-        self, _parent: ua.NodeId, key: str, parcel: str, exit: str, priority: int
-    ) -> list[ua.Variant]:
-        return self._ordered(LineOrder(key, parcel, exit, priority=priority))
-
-    async def _GiveOrderToPose(  # noqa: N802
-        self, _parent: ua.NodeId, key: str, parcel: str, *pose_and_priority: Any
-    ) -> list[ua.Variant]:
-        x_m, y_m, yaw_rad, priority = pose_and_priority
-        for value in (x_m, y_m):
-            if not abs(value) < 1000.0:
-                raise RequestRefusedError(f"place {value} m is no place on a table")
-        if abs(yaw_rad) >= 1000.0:
-            raise RequestRefusedError(f"yaw {yaw_rad} rad is no angle")
-        yaw = None if isnan(yaw_rad) else yaw_rad
-        return self._ordered(LineOrder(key, parcel, None, x_m, y_m, yaw, priority))
-
-    def _ordered(self, order: LineOrder) -> list[ua.Variant]:
-        state, is_new = self._plant.order(order)
-        return [ua.Variant(str(state), _V.String), ua.Variant(is_new, _V.Boolean)]
-
-    async def _GetOrder(self, _parent: ua.NodeId, key: str) -> list[ua.Variant]:  # noqa: N802
-        row = self._plant.book.row(key) or {"state": "unknown", "text": ""}
-        return [ua.Variant(row["state"], _V.String), ua.Variant(row["text"], _V.String)]
-
-    async def _CancelOrder(self, _parent: ua.NodeId, key: str) -> list[ua.Variant]:  # noqa: N802
-        await self._plant.cancel(key)
-        return []
-
-    async def _ParcelComing(  # noqa: N802
-        self, _parent: ua.NodeId, parcel: str, kind: str
-    ) -> list[ua.Variant]:
-        await self._plant.coming(parcel, kind)
-        return []
-
-    async def _ParcelNotComing(  # noqa: N802
-        self, _parent: ua.NodeId, parcel: str
-    ) -> list[ua.Variant]:
-        await self._plant.not_coming(parcel)
-        return []
-
-    async def _SetExitFull(  # noqa: N802
-        self, _parent: ua.NodeId, exit: str, full: bool
-    ) -> list[ua.Variant]:
-        await self._plant.set_exit(exit, full)
-        return []
-
-    async def _ChooseRecipe(  # noqa: N802
-        self, _parent: ua.NodeId, recipe: str
-    ) -> list[ua.Variant]:
-        await self._plant.choose(recipe)
-        return []
-
-    async def _SetIdealRate(  # noqa: N802
-        self, _parent: ua.NodeId, per_hour: float
-    ) -> list[ua.Variant]:
-        await self._plant.set_ideal(per_hour)
-        return []
 
     # What clients see ----------------------------------------------------------------------------
 
@@ -538,6 +541,17 @@ def checked_nodeset() -> None:
         raise ValueError(f"{NODESET.name}: SHA-256 is {found}, but must be {NODESET_SHA256}")
 
 
-def modes() -> str:
-    """The modes by their numbers, for the page."""
-    return ", ".join(f"{int(each)} {each.name.capitalize()}" for each in Mode)
+def certificate_of(host_name: str | None, days: int) -> tuple[bytes, bytes, str]:
+    """A key (PEM), its certificate (DER) for a host's name, and its last day."""
+    name = host_name or gethostname()
+    key = cert_gen.generate_private_key()
+    certificate = cert_gen.generate_self_signed_app_certificate(
+        key,
+        f"mdms table on {name}",
+        {},
+        [x509.UniformResourceIdentifier(APPLICATION_URI), x509.DNSName(name)],
+        [ExtendedKeyUsageOID.SERVER_AUTH],
+        days=days,
+    )
+    until = certificate.not_valid_after_utc.date().isoformat()
+    return cert_gen.dump_private_key_as_pem(key), certificate.public_bytes(Encoding.DER), until

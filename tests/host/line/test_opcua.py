@@ -11,8 +11,7 @@ from tests.free_port import free_port
 from tests.host.line.played_table import PlayedTable, plant_in
 from tests.system.line.opcua import opcua_client
 
-from mdms_host.line.certificate import certificate_of
-from mdms_host.line.opcua import LINE_URI, OpcUaServer
+from mdms_host.line.opcua import LINE_URI, OpcUaServer, certificate_of
 from mdms_host.line.plant import Plant
 
 pytestmark = pytest.mark.slow
