@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.host.line.virtual_line import TABLE, VirtualLine
 
-from mdms_host.line.machine import _stands as machine_stands
+from mdms_host.line import machine
 from mdms_host.line.packml import Command, CommandRefusedError, Mode, State
 from mdms_host.page.commands import PageRefusedError
 from mdms_host.programs.table import Table
@@ -22,6 +22,13 @@ pytestmark = pytest.mark.slow
 def line() -> Iterator[VirtualLine]:
     with VirtualLine() as line:
         yield line
+
+
+@pytest.fixture
+def impatient(monkeypatch) -> None:
+    """The machine waits seconds where it would half a minute."""
+    for name in ("BLOCKED_S", "STARVED_S", "_ACTING_LIMIT_S"):
+        monkeypatch.setattr(machine, name, 2.0)
 
 
 def order(key: str, parcel: str, **where: object) -> dict[str, object]:
@@ -136,7 +143,7 @@ def test_an_emergency_stop_aborts_and_its_release_moves_nothing(line) -> None:
     line.until_state(State.EXECUTE)
 
 
-def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) -> None:
+def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line, impatient) -> None:
     line.do("exit", exit="east", full=True)
     line.do("exit", exit="south", full=True)
     line.bring_to_execute()
@@ -150,7 +157,7 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line) ->
 
 
 @pytest.fixture
-def waiting(line) -> VirtualLine:
+def waiting(line, impatient) -> VirtualLine:
     """A line in Suspended: the box P-1 waits before the full exit north, by its order."""
     line.do("exit", exit="north", full=True)
     line.do("coming", parcel="P-1", kind="box")
@@ -250,7 +257,7 @@ def test_a_program_gets_what_the_plant_reports_as_signals() -> None:
     ]
 
 
-def test_a_thing_in_the_infeed_is_named_where_no_parcel_comes(line) -> None:
+def test_a_thing_in_the_infeed_is_named_where_no_parcel_comes(line, impatient) -> None:
     line.bring_to_execute()
     line.until(lambda: any(p["pose"][0] > -0.13 for p in line.machine.snapshot()["parcels"]), 10.0)
     line.command(Command.STOP)
@@ -369,7 +376,7 @@ def test_an_order_in_doubt_is_confirmed_by_place_and_turn_alone(line, turned_rad
 def test_wheels_stand_beside_the_noise_of_their_encoders(reference_m_s, speed_m_s, rests) -> None:
     wheels = np.zeros(108)
     run = SimpleNamespace(references_m_s=wheels + reference_m_s, speeds_m_s=wheels - speed_m_s)
-    assert machine_stands(run) is rests
+    assert machine._stands(run) is rests
 
 
 @pytest.fixture
@@ -510,7 +517,7 @@ def test_a_recipe_is_not_chosen_in_completed() -> None:
             line.do("recipe", recipe=TABLE.stem)
 
 
-def test_a_cell_that_falls_out_in_suspended_holds_though_the_exits_become_free() -> None:
+def test_a_cell_that_falls_out_in_suspended_holds_though_the_exits_become_free(impatient) -> None:
     with VirtualLine(("run.on_lost_cell=hold",)) as line:
         line.do("exit", exit="east", full=True)
         line.do("exit", exit="south", full=True)
@@ -523,7 +530,7 @@ def test_a_cell_that_falls_out_in_suspended_holds_though_the_exits_become_free()
         line.do("exit", exit="south", full=False)
         with pytest.raises(CommandRefusedError, match=r"cell 3 .* give Unhold when it is back"):
             line.command(Command.UNHOLD)
-        line.pass_s(31.0)
+        line.pass_s(3.0)
         assert line.state is State.HELD
         line.simulation.faults.end(off)
         line.pass_s(3.0)

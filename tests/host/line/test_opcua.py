@@ -126,6 +126,11 @@ def test_arguments_of_other_types_or_numbers_are_invalid_and_nothing_is_done(
         for name, arguments in calls:
             with pytest.raises(ua.uaerrors.BadInvalidArgument):
                 await served.line.call_method(f"{own}:{name}", *arguments)
+        place = ua.Variant(0.0, NUMBER)
+        for angle_rad in (float("inf"), 1e300):
+            pose = place, place, ua.Variant(angle_rad, NUMBER), ua.Variant(0, WHOLE)
+            with pytest.raises(ua.uaerrors.BadInvalidState):
+                await served.line.call_method(f"{own}:GiveOrderToPose", *texts("k", "P"), *pose)
         assert len(served.table.told) == before
         assert served.plant.book.counts() == {}
         await served.line.call_method(f"{own}:ParcelComing", *texts("P", None))
@@ -142,18 +147,5 @@ def test_arguments_of_other_types_or_numbers_are_invalid_and_nothing_is_done(
             given = await served.line.call_method(f"{own}:GiveOrderToExit", *to_north, guessed)
             assert given == ["accepted", False]
         await served.line.call_method(f"{own}:SetIdealRate", 600)
-
-    with_client(tmp_path, talk)
-
-
-def test_an_angle_that_is_none_is_refused(tmp_path: Path) -> None:
-    async def talk(served: Served) -> None:
-        own = served.line.nodeid.NamespaceIndex
-        place = ua.Variant(0.0, NUMBER)
-        for angle_rad in (float("inf"), 1e300):
-            pose = place, place, ua.Variant(angle_rad, NUMBER), ua.Variant(0, WHOLE)
-            with pytest.raises(ua.uaerrors.BadInvalidState):
-                await served.line.call_method(f"{own}:GiveOrderToPose", *texts("k", "P"), *pose)
-        assert served.plant.book.counts() == {}
 
     with_client(tmp_path, talk)
