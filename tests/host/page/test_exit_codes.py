@@ -116,9 +116,7 @@ def test_a_defect_ends_the_run_in_order_and_is_reported(tmp_path, capsys, hand, 
     monkeypatch.setattr(TableTraffic, "step", broken)
     monkeypatch.setattr(SimulatedLink, "send", send)
     program = tmp_path / "program.py"
-    program.write_text(
-        PROGRAM.format(does="for x_m in (0.1, -0.1): await table['box'].move(x_m, 0.0)")
-    )
+    program.write_text(PROGRAM.format(does=TO_AND_FRO))
     logs = tmp_path / "logs"
     command = ["run", str(program), *page, "--limit", str(LIMIT_S), "--log-dir", str(logs)]
     assert main(command) == ExitCode.FAILURE
