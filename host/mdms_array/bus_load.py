@@ -65,11 +65,6 @@ def check_load(scenario: Scenario, options: Namespace) -> None:
     _warn(_busiest(scenario), scenario.wire)
 
 
-def load_of(cells: int, wire: Wire, control: str = "host") -> float:
-    """The share of a bus that so many cells need at most, steered by the host or by themselves."""
-    return _Users(cells, control).load(wire)
-
-
 def warn_of_load(cells: int, wire: Wire) -> None:
     """State the demand of a run with so many cells on a bus where they are crowded."""
     _warn(_Users(cells), wire)

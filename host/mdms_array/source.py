@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from numbers import Real
+from os import PathLike
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -74,18 +75,22 @@ def open_source(source: Source, main: Main | None = None) -> tuple[Scenario, Mai
         if main is not None:
             raise InputError(f"{source}: has a program of its own; give its scenario instead")
         source, main = name, own
-    if isinstance(source, Scenario):
-        scenario = source
-    elif isinstance(source, Mapping):
-        scenario = scenario_from(source)
-    elif isinstance(source, str | Path):
-        scenario = load_scenario(source)
-    else:
-        raise InputError(f"scenario: {source!r} is neither a name, a file, a dict nor a Scenario")
+    scenario = scenario_of(source)
     if main is not None:
         check_program(main)
         scenario = _programmed(scenario)
     return checked(scenario), main
+
+
+def scenario_of(source: Source) -> Scenario:
+    """A scenario from a name, a file, a dict, or itself. Raises `InputError`."""
+    if isinstance(source, Scenario):
+        return source
+    if isinstance(source, Mapping):
+        return scenario_from(source)
+    if isinstance(source, str | Path):
+        return load_scenario(source)
+    raise InputError(f"scenario: {source!r} is neither a name, a file, a dict nor a Scenario")
 
 
 def check_program(main: object) -> None:
@@ -109,7 +114,7 @@ def check_time(name: str, time_s: object, least_s: float = 0.0) -> float:
 
 def check_path(name: str, path: object) -> Path:
     """A path that a caller gives. Raises `InputError` for anything else."""
-    if not isinstance(path, str | Path):
+    if not isinstance(path, str | PathLike):
         raise InputError(f"{name} is {path!r:.60}, but must be a path, as text or a Path")
     return Path(path)
 

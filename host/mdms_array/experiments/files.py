@@ -50,10 +50,7 @@ class Plot:
 def read_sweep(path: Path) -> tuple[Design, tuple[Plot, ...]]:
     """The design and the pictures that a file describes. Raises `InputError`."""
     tree = read_table(path, SWEEP_KEYS)
-    given: dict[str, Any] = {
-        name: tree[name] for name in ("seeds", "seed", "samples", "sampling") if name in tree
-    }
-    _check_numbers(path, given)
+    given: dict[str, Any] = {name: tree[name] for name in _GIVEN if name in tree}
     if "measures" in tree:
         given["measures"] = measures_of(path, tree["measures"])
     try:
@@ -71,7 +68,6 @@ def read_sweep(path: Path) -> tuple[Design, tuple[Plot, ...]]:
 def read_tuning(path: Path) -> TuningProblem:
     """The task of tuning that a file describes. Raises `InputError`."""
     tree = read_table(path, TUNE_KEYS)
-    _check_numbers(path, tree)
     goals = [key for key in ("minimise", "maximise") if key in tree]
     if len(goals) != 1 or not isinstance(tree[goals[0]], str):
         raise InputError(f"{path}: give minimise or maximise, and to one of them a measure")
@@ -230,15 +226,6 @@ def _range(name: str, value: Mapping[str, Any]) -> list[float]:
         bounds = _bounded(name, "log_uniform", ends)
     # Rounded, so that 0.3 is 0.3.
     return [float(f"{bounds.at(share):.12g}") for share in np.linspace(0.0, 1.0, count).tolist()]
-
-
-def _check_numbers(path: Path, given: Mapping[str, Any]) -> None:
-    seed = given.get("seed", 1)
-    if not isinstance(seed, int) or isinstance(seed, bool):
-        raise InputError(f"{path}: seed is {seed!r}, but must be a whole number")
-    seeds = given.get("seeds", 1)
-    if not isinstance(seeds, int | list) or isinstance(seeds, bool):
-        raise InputError(f"{path}: seeds is {seeds!r}, but must be a number of runs, or a list")
 
 
 def measures_of(path: Path, listed: Any) -> list[Measure]:

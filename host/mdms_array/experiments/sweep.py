@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, field
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +41,19 @@ from mdms_array.experiments.settings import (
 )
 from mdms_array.extras import SWEEP, require
 from mdms_array.revision import code_revision, git_revision
-from mdms_array.source import Source, check_program, is_python, read_program
+from mdms_array.source import (
+    Source,
+    check_path,
+    check_program,
+    is_python,
+    read_program,
+    scenario_of,
+)
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
 from mdms_model.errors import Error, InputError
 from mdms_model.run.folder import RunFolderError, check_other_run
-from mdms_model.scenario.file import load_scenario, scenario_from
+from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError
 from mdms_model.scenario.tree import plain
 
@@ -231,13 +237,7 @@ def _opened(
         check_program(program.function)
     elif program is not None:
         check_program(program)
-    if isinstance(scenario, Scenario):
-        return scenario, program
-    if isinstance(scenario, Mapping):
-        return scenario_from(scenario), program
-    if isinstance(scenario, str | Path):
-        return load_scenario(scenario), program
-    raise InputError(f"scenario: {scenario!r} is neither a name, a file, a dict nor a Scenario")
+    return scenario_of(scenario), program
 
 
 def _check_some(design: Design) -> None:
@@ -320,8 +320,8 @@ def _check_types(executor: object, folder: object, progress: object) -> None:
             f"executor is {executor!r}, but must be an executor of `concurrent.futures`, such as "
             "ProcessPoolExecutor(); leave it out for processes of this machine"
         )
-    if not isinstance(folder, str | PathLike | None):
-        raise InputError(f"folder is {folder!r}, but must be a path, as text or a Path")
+    if folder is not None:
+        check_path("folder", folder)
     if progress is not None and not callable(progress):
         raise InputError(
             f"progress is {progress!r}, but must be a function of a Progress, or be left out"

@@ -4,7 +4,7 @@ from argparse import Namespace
 
 import pytest
 
-from mdms_array.bus_load import load_of, warn_of_load, wire_of
+from mdms_array.bus_load import _Users, warn_of_load, wire_of
 from mdms_array.simulation import run_scenario
 from mdms_array.source import open_program
 from mdms_host.cli import main
@@ -114,10 +114,14 @@ def test_cells_that_steer_are_not_advised_to_slow_their_beat():
     assert "a slower SYNC" not in refusal(*wide, scenario="neighbours")
 
 
+def load_of(cells, control):
+    return _Users(cells, control).load(Wire())
+
+
 def test_cells_that_steer_leave_the_bus_four_tenths():
     # States and estimates 24.3 % each, SYNC, heartbeats, and what each repeats of its state
-    load = load_of(18, Wire(), "cells")
+    load = load_of(18, "cells")
     assert load == pytest.approx(2 * 0.243 + 0.0055 + 18 * 0.00065 + 0.0026 + 18 * 0.0005, abs=0.01)
     assert load < 0.60
-    assert load_of(18, Wire(), "host") == pytest.approx(load, abs=0.005)
-    assert load_of(21, Wire(), "cells") < 0.60 < load_of(22, Wire(), "cells")
+    assert load_of(18, "host") == pytest.approx(load, abs=0.005)
+    assert load_of(21, "cells") < 0.60 < load_of(22, "cells")
