@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -26,52 +25,6 @@ BRING_UP_S = 20.0
 #: The outlines of the parcels of a table have so many edges at most.
 MOST_EDGES = 64
 FIDELITIES = ("ideal", "firmware")
-
-
-class Tables(Protocol):
-    """N tables that are moved together, each by the references of its own wheels."""
-
-    @property
-    def worlds(self) -> Sequence[World]:
-        """The truth of each."""
-        ...
-
-    def begin(self, k: int, scenario: Scenario) -> None:
-        """Have table k begin anew as this scenario. Raises `InputError` and `Error`."""
-        ...
-
-    def move(self, reference_m_s: Floats) -> None:
-        """Move all by a control period under these references (N, W)."""
-        ...
-
-    @property
-    def presence(self) -> Bits:
-        """One byte of presence bits a cell (N, cells), as the host has them."""
-        ...
-
-    @property
-    def wheel_speed_m_s(self) -> Floats:
-        """Speeds of the wheels (N, W), as the host has them."""
-        ...
-
-    @property
-    def motion(self) -> tuple[Floats, Floats]:
-        """True poses and twists of the parcels (N, P, 3); NaN for those that are away."""
-        ...
-
-    @property
-    def tipped(self) -> Bools:
-        """Which have a parcel that has tipped off its supports (N,)."""
-        ...
-
-    @property
-    def faults(self) -> "list[str | None]":
-        """Why tables do not go on; empty while all do."""
-        ...
-
-    def close(self) -> None:
-        """Release the resources of the tables."""
-        ...
 
 
 class IdealTables:
@@ -103,11 +56,11 @@ class IdealTables:
 
     @property
     def worlds(self) -> Sequence[World]:
-        """See `Tables`."""
+        """The truth of each."""
         return self._batch.worlds
 
     def begin(self, k: int, scenario: Scenario) -> None:
-        """See `Tables`."""
+        """Have table k begin anew as this scenario. Raises `InputError` and `Error`."""
         self._refuse(scenario)
         if _alike(scenario, self._begun[k]):
             world = self._batch.worlds[k]
@@ -132,13 +85,13 @@ class IdealTables:
             )
 
     def move(self, reference_m_s: Floats) -> None:
-        """See `Tables`."""
+        """Move all by a control period under these references (N, W)."""
         self._batch.step_ideal(reference_m_s, self._step_s, self._steps, self._sensed)
         self._motion = None
 
     @property
     def presence(self) -> Bits:
-        """See `Tables`."""
+        """One byte of presence bits a cell (N, cells), as the host has them."""
         bits = self._batch.presence
         if not self._noisy:
             return bits
@@ -147,28 +100,28 @@ class IdealTables:
 
     @property
     def wheel_speed_m_s(self) -> Floats:
-        """See `Tables`."""
+        """Speeds of the wheels (N, W), as the host has them."""
         return self._batch.wheel_speed_m_s
 
     @property
     def motion(self) -> tuple[Floats, Floats]:
-        """See `Tables`."""
+        """True poses and twists of the parcels (N, P, 3); NaN for those that are away."""
         if self._motion is None:
             self._motion = self._batch.motion
         return self._motion
 
     @property
     def tipped(self) -> Bools:
-        """See `Tables`."""
+        """Which have a parcel that has tipped off its supports (N,)."""
         return self._batch.tipped
 
     @property
     def faults(self) -> list[str | None]:
-        """See `Tables`; a model has none."""
+        """Why tables do not go on; empty while all do, as those of a model always do."""
         return []
 
     def close(self) -> None:
-        """See `Tables`."""
+        """Release the resources of the tables."""
 
 
 def _alike(scenario: Scenario, other: Scenario) -> bool:
@@ -201,11 +154,11 @@ class FirmwareTables:
 
     @property
     def worlds(self) -> Sequence[World]:
-        """See `Tables`."""
+        """See `IdealTables`."""
         return [table.simulation.world for table in self._up]
 
     def begin(self, k: int, scenario: Scenario) -> None:
-        """See `Tables`."""
+        """See `IdealTables`."""
         check_alike(self._scenarios[0], scenario, k)
         old = self._tables[k]
         if old is not None:
@@ -213,39 +166,39 @@ class FirmwareTables:
         self._tables[k] = _FirmwareTable(scenario)
 
     def move(self, reference_m_s: Floats) -> None:
-        """See `Tables`."""
+        """See `IdealTables`."""
         for table, own_m_s in zip(self._up, reference_m_s, strict=True):
             table.move(own_m_s)
 
     @property
     def presence(self) -> Bits:
-        """See `Tables`."""
+        """See `IdealTables`."""
         return np.array([table.simulation.reported_presence for table in self._up])
 
     @property
     def wheel_speed_m_s(self) -> Floats:
-        """See `Tables`; 0 for a cell that has not reported yet."""
+        """See `IdealTables`; 0 for a cell that has not reported yet."""
         return np.nan_to_num([table.coordinator.speeds_m_s for table in self._up])
 
     @property
     def motion(self) -> tuple[Floats, Floats]:
-        """See `Tables`."""
+        """See `IdealTables`."""
         poses, twists = zip(*(table.simulation.world.motion for table in self._up), strict=True)
         return np.array(poses), np.array(twists)
 
     @property
     def tipped(self) -> Bools:
-        """See `Tables`."""
+        """See `IdealTables`."""
         return np.array([world.scene.state.parcels["tipped"].any() for world in self.worlds])
 
     @property
     def faults(self) -> list[str | None]:
-        """See `Tables`."""
+        """See `IdealTables`."""
         faults = [table.coordinator.fault for table in self._up]
         return faults if any(faults) else []
 
     def close(self) -> None:
-        """See `Tables`."""
+        """See `IdealTables`."""
         for table in self._tables:
             if table is not None:
                 table.close()
@@ -292,3 +245,7 @@ class _FirmwareTable:
         """End its cells."""
         with suppress(OSError):
             self._bank.close()
+
+
+#: N tables that are moved together, each by the references of its own wheels.
+Tables = IdealTables | FirmwareTables

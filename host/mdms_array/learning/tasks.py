@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import pi
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -29,27 +29,6 @@ class Judgement:
     infos: dict[str, Any] = field(default_factory=dict)
 
 
-class LearningTask(Protocol):
-    """A task of N tables."""
-
-    @property
-    def sizes(self) -> Mapping[str, tuple[int, ...]]:
-        """Shapes of the task's own observations."""
-        ...
-
-    def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
-        """An episode of table k begins."""
-        ...
-
-    def judge(self, tables: Tables) -> Judgement:
-        """Judge the step that all tables have made."""
-        ...
-
-    def seen(self, tables: Tables) -> dict[str, Floats]:
-        """The task's own observations of all tables, (N, ...)."""
-        ...
-
-
 def as_seen(pose: Floats) -> Floats:
     """Poses (..., 3) as x, y, cosine and sine of the yaw (..., 4)."""
     seen = np.empty((*pose.shape[:-1], 4))
@@ -71,6 +50,7 @@ class ParcelTask:
     as 0.15 m. Reaching it is worth 1 more, tipping 1 less, and either ends the episode.
     """
 
+    #: Shapes of the task's own observations.
     sizes: Mapping[str, tuple[int, ...]] = {"pose": (4,), "twist": (3,), "goal": (4,)}
 
     def __init__(self, scenario: Scenario, tables: int) -> None:
@@ -79,7 +59,7 @@ class ParcelTask:
         self._goal_seen = as_seen(self._goal)
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
-        """See `LearningTask`.
+        """An episode of table k begins.
 
         Raises `InputError` for a parcel without a goal, or that does not stay.
         """
@@ -99,7 +79,7 @@ class ParcelTask:
         return place_m, yaw_rad, place_m + YAW_M_PER_RAD * yaw_rad
 
     def judge(self, tables: Tables) -> Judgement:
-        """See `LearningTask`."""
+        """Judge the step that all tables have made."""
         place_m, yaw_rad, distance_m = self._errors(tables)
         twist = tables.motion[1][:, 0]
         stands = abs(twist[:, 0]) + abs(twist[:, 1]) + YAW_M_PER_RAD * abs(twist[:, 2])
@@ -112,7 +92,7 @@ class ParcelTask:
         return Judgement(reward, reached | fallen, infos)
 
     def seen(self, tables: Tables) -> dict[str, Floats]:
-        """See `LearningTask`."""
+        """The task's own observations of all tables, (N, ...)."""
         pose, twist = tables.motion
         return {"pose": as_seen(pose[:, 0]), "twist": twist[:, 0], "goal": self._goal_seen}
 
@@ -144,7 +124,7 @@ class SortTask:
         self._right, self._wrong = np.zeros((2, tables), np.int64)
 
     def begin(self, k: int, scenario: Scenario, tables: Tables) -> None:
-        """See `LearningTask`. Raises `InputError` for a scenario without exits or a stream."""
+        """See `ParcelTask`. Raises `InputError` for a scenario without exits or a stream."""
         self._exit_m[k] = _exits_m(scenario)
         self._events[k] = len(tables.worlds[k].events)
         self._right[k] = self._wrong[k] = 0
@@ -156,7 +136,7 @@ class SortTask:
         return np.asarray(np.hypot(*np.moveaxis(pose[..., :2] - self._exit_m, -1, 0)))
 
     def judge(self, tables: Tables) -> Judgement:
-        """See `LearningTask`."""
+        """See `ParcelTask`."""
         before = self._right - self._wrong
         for k, world in enumerate(tables.worlds):
             for event in world.events[self._events[k] :]:
@@ -173,7 +153,7 @@ class SortTask:
         return Judgement(reward, fallen, infos)
 
     def seen(self, tables: Tables) -> dict[str, Floats]:
-        """See `LearningTask`."""
+        """See `ParcelTask`."""
         pose, twist = tables.motion
         here = ~np.isnan(pose[..., 0])
         poses, twists = (np.where(here[..., None], each, 0.0) for each in (as_seen(pose), twist))
@@ -195,3 +175,7 @@ def _exit_m(scenario: Scenario, kind: str) -> Sequence[float]:
             middle_m: list[float] = ends_m.mean(axis=0).tolist()
             return middle_m
     raise InputError(f"no exit takes parcels of kind {kind!r}; give one in exit.kinds")
+
+
+#: A task of N tables.
+LearningTask = ParcelTask | SortTask

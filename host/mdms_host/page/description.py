@@ -5,9 +5,9 @@ packs the values of the signals in that order.
 """
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Protocol, TypeAlias, cast
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mdms_host.estimation.size import Size
 from mdms_host.layout import Layout
 from mdms_host.page.bus_watch import KINDS, CellState
 from mdms_host.page.flow import NO_ENDS, Ends
+from mdms_host.programs.program import TableProgram
 from mdms_model.arrays import Floats
 
 #: An outline that changes by less is the same for the eye [m].
@@ -158,35 +159,21 @@ class SnapshotSignals:
             yield array.tobytes()
 
 
-#: A square tile, its middle and side [m; table frame], and the parcels that pass over it in turn.
-Reserved: TypeAlias = tuple[float, float, float, tuple[str, ...]]
-
-
-class Planned(Protocol):
-    """A program whose parcels have ways and tiles of their own."""
-
-    @property
-    def ways(self) -> Mapping[str, Floats]:
-        """The poses (K, 3) that are still before each parcel, by its name."""
-        ...
-
-    @property
-    def reserved(self) -> Sequence[Reserved]:
-        """The tiles that are reserved."""
-        ...
-
-
 def plan_of(coordinator: Coordinator | None) -> dict[str, Any]:
     """The message `plan`, empty where the program has neither ways nor tiles."""
     program = None if coordinator is None else coordinator.program
-    if not hasattr(type(program), "ways"):
+    if not isinstance(program, TableProgram):
         return planned({}, ())
-    plans = cast(Planned, program)
-    return planned(plans.ways, plans.reserved)
+    return planned(program.ways, program.reserved)
 
 
-def planned(ways: Mapping[str, Floats], reserved: Sequence[Reserved]) -> dict[str, Any]:
-    """The message `plan` of these ways and tiles."""
+def planned(
+    ways: Mapping[str, Floats], reserved: Iterable[tuple[float, float, float, tuple[str, ...]]]
+) -> dict[str, Any]:
+    """The message `plan` of the poses (K, 3) that are before each parcel, and of square tiles.
+
+    A tile has its middle and side [m; table frame], and the parcels that pass over it in turn.
+    """
     return {
         "kind": "plan",
         "paths": {name: poses.round(4).tolist() for name, poses in ways.items()},
