@@ -6,8 +6,8 @@ It runs in the process of the servers. An order is on the disk before it is ackn
 
 import asyncio
 import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from math import inf
 from time import monotonic
 from typing import Any
@@ -59,32 +59,27 @@ class RequestRefusedError(Exception):
     """A request that the table or the order book refuses: one line for a person."""
 
 
-@dataclass(frozen=True, slots=True)
-class TableNames:
-    """What a table has by name: exits, recipes that are allowed, and kinds of parcels that come.
-
-    Without any `kinds` a program alone knows what comes.
-    """
-
-    exits: tuple[str, ...]
-    recipes: tuple[str, ...]
-    kinds: tuple[str, ...]
-
-
 class Plant:
-    """The table as the servers see it."""
+    """The table as the servers see it.
+
+    It has exits, recipes that are allowed, and kinds of parcels that come, all by name. Without any
+    `kinds` a program alone knows what comes.
+    """
 
     def __init__(
         self,
         book: OrderBook,
-        names: TableNames,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
+        *,
+        exits: Sequence[str],
+        recipes: Sequence[str],
+        kinds: Sequence[str],
     ) -> None:
         self.book = book
-        self.exits = names.exits
-        self.recipes = names.recipes
-        self.kinds = names.kinds
+        self.exits = exits
+        self.recipes = recipes
+        self.kinds = kinds
         self.snapshot = NOTHING
         #: How many snapshots have come, for clients that watch whether the table lives.
         self.beats = 0

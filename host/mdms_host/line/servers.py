@@ -15,7 +15,7 @@ from typing import Any
 
 from mdms_host.line.modbus import ModbusServer
 from mdms_host.line.order_book import OrderBook, OrderBookError
-from mdms_host.line.plant import Plant, TableNames
+from mdms_host.line.plant import Plant
 from mdms_host.line.registers import PlantRegisters
 
 BOOK = "orders.sqlite"
@@ -35,8 +35,8 @@ async def serve(descriptor: int) -> None:
     except (OrderBookError, OSError) as error:
         return await _fail(writer, str(error))
     with book:
-        names = TableNames(*(tuple(settings[each]) for each in ("exits", "recipes", "kinds")))
-        plant = Plant(book, names, reader, writer)
+        names = {each: settings[each] for each in ("exits", "recipes", "kinds")}
+        plant = Plant(book, reader, writer, **names)
         plant.begin()
         tasks = [asyncio.create_task(plant.listen())]
         modbus = ModbusServer(PlantRegisters(plant))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mdms_host.line.order_book import OrderBook
-from mdms_host.line.plant import NOTHING, Plant, TableNames
+from mdms_host.line.plant import NOTHING, Plant
 
 _PATIENCE_S = 20.0
 
@@ -53,8 +53,12 @@ async def plant_in(folder: Path) -> AsyncIterator[tuple[Plant, PlayedTable]]:
     """A plant with exits, recipes and kinds of parcels, whose order book lies in a folder."""
     table = PlayedTable()
     with OrderBook(folder / "orders.sqlite") as book:
-        names = TableNames(("north", "east"), ("table", "gentle"), ("box", "disc"))
-        plant = Plant(book, names, table.reader, table)  # type: ignore[arg-type]
+        plant = Plant(
+            *(book, table.reader, table),  # type: ignore[arg-type]
+            exits=("north", "east"),
+            recipes=("table", "gentle"),
+            kinds=("box", "disc"),
+        )
         plant.begin()
         listening = asyncio.create_task(plant.listen())
         try:
