@@ -83,7 +83,7 @@ class Controller:
 class Table:
     """`mdms serve` of the example, in a process that may be killed and begun again."""
 
-    def __init__(self, folder: Path, protocols: tuple[str, ...] = ("modbus", "opcua")) -> None:
+    def __init__(self, folder: Path, protocols: tuple[str, ...]) -> None:
         self.folder = folder
         self.ports = {name: free_port() for name in protocols}
         self.process: subprocess.Popen[str] | None = None

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -41,15 +42,28 @@ needs_node = pytest.mark.skipif(
 )
 
 
-@pytest.fixture
-def table(tmp_path: Path) -> Iterator[Table]:
-    admit_user(tmp_path)
-    table = Table(tmp_path)
+@contextmanager
+def served(folder: Path, *protocols: str) -> Iterator[Table]:
+    table = Table(folder, protocols)
     table.start()
     try:
         yield table
     finally:
         table.close()
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Iterator[Table]:
+    with served(tmp_path, "modbus") as table:
+        yield table
+
+
+@pytest.fixture
+def both(tmp_path: Path) -> Iterator[Table]:
+    """A table with both protocols."""
+    admit_user(tmp_path)
+    with served(tmp_path, "modbus", "opcua") as table:
+        yield table
 
 
 def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
@@ -176,8 +190,8 @@ def test_modbus_serial_brings_a_parcel_to_its_exit(table: Table) -> None:
 
 
 @needs_node
-def test_node_opcua_brings_a_parcel_to_its_exit(table: Table, tmp_path: Path) -> None:
-    url = f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/"
+def test_node_opcua_brings_a_parcel_to_its_exit(both: Table, tmp_path: Path) -> None:
+    url = f"opc.tcp://127.0.0.1:{both.ports['opcua']}/mdms/"
     command = [str(NODE), str(HERE / "opcua_client.js"), url, "u1", "box 1", str(tmp_path / "pki")]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=4 * PATIENCE_S, check=False
@@ -202,22 +216,22 @@ def test_mbpoll_reads_the_map(table: Table) -> None:
 
 
 @pytest.mark.parametrize("controller", ["modbus", "opcua"])
-def test_the_controllers_of_the_example_work(table: Table, controller: str) -> None:
-    arguments = {
-        "modbus": [str(table.ports["modbus"])],
-        "opcua": [
-            f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/",
-            *(str(table.folder), "plc", "secret"),
-        ],
-    }[controller]
-    script = str(EXAMPLES / f"{controller}_controller.py")
-    done = subprocess.run(
-        [sys.executable, script, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=4 * PATIENCE_S,
-        check=False,
-    )
+def test_the_controllers_of_the_example_work(tmp_path: Path, controller: str) -> None:
+    if controller == "opcua":
+        admit_user(tmp_path)
+    with served(tmp_path, controller) as table:
+        port = table.ports[controller]
+        arguments = {
+            "modbus": [str(port)],
+            "opcua": [f"opc.tcp://127.0.0.1:{port}/mdms/", str(tmp_path), "plc", "secret"],
+        }[controller]
+        done = subprocess.run(
+            [sys.executable, str(EXAMPLES / f"{controller}_controller.py"), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=4 * PATIENCE_S,
+            check=False,
+        )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].lower() == "stopped"
 
@@ -245,12 +259,12 @@ def test_a_full_chute_of_the_plant_leaves_the_others_to_their_parcels() -> None:
     assert while_full, "".join(lines)
 
 
-def test_opcua_refuses_other_users_and_connections_without_encryption(table: Table) -> None:
+def test_opcua_refuses_other_users_and_connections_without_encryption(both: Table) -> None:
     from asyncua import ua
 
     async def connect(user: str, password: str, *, secure: bool) -> None:
-        url = f"opc.tcp://127.0.0.1:{table.ports['opcua']}/mdms/"
-        async with await opcua_client(url, table.folder, user, password, secure=secure):
+        url = f"opc.tcp://127.0.0.1:{both.ports['opcua']}/mdms/"
+        async with await opcua_client(url, both.folder, user, password, secure=secure):
             pass
 
     asyncio.run(connect("plc", "secret", secure=True))
@@ -283,13 +297,9 @@ def test_on_a_full_disk_orders_are_refused_and_the_run_goes_on(table: Table) -> 
 def test_an_order_of_the_book_that_the_table_refuses_is_refused(tmp_path: Path) -> None:
     with OrderBook(tmp_path / BOOK) as book:
         book.accept(LineOrder("k1", "P-1", "east", priority="high"))  # type: ignore[arg-type]
-    table = Table(tmp_path, ("modbus",))
-    table.start()
-    try:
+    with served(tmp_path, "modbus") as table:
         controller = table.controller()
         controller.until(lambda: controller.order(3, "k1") == (0, 5))
-    finally:
-        table.close()
 
 
 def test_a_server_that_is_killed_ends_the_command_with_an_error(table: Table) -> None:
