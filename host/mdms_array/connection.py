@@ -13,10 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from mdms_array.array import BelievedArray, believe
-from mdms_array.bus_load import check_load
-from mdms_array.checks import refuse_tipping
 from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of
+from mdms_array.operation import check_array
 from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
 from mdms_array.source import Source, check_path, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
@@ -66,9 +65,7 @@ def connect(
     given = {"interface": interface, "channel": channel} | bus_options
     options = Namespace(**{name: value for name, value in given.items() if value is not None})
     belief = believe(checked, path, options)
-    # The file's table may be smaller than the scenario's.
-    refuse_tipping(belief.scenario)
-    check_load(belief.scenario, options)
+    check_array(belief, options, path)
     with open_links(options, belief.channels) as (link, clock):
         refuse_other_host(link, clock)
         driver = ThreadDriver(belief, link, clock)

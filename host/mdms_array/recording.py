@@ -175,12 +175,6 @@ def keep_run(
 _PACKAGES = ("numpy", "numba", "python-can", "canopen", "mcap")
 
 
-def source_of(path: Path) -> str:
-    """The text of a Python file, in the encoding that it names."""
-    with tokenize.open(path) as file:
-        return file.read()
-
-
 def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
     """The origin of a run of this process: command, revision, packages, program, array file."""
     told: dict[str, Any] = {"command": sys.argv, "revision": git_revision()}
@@ -192,7 +186,11 @@ def provenance_of(main: Main | None, array_file: Path | None) -> dict[str, Any]:
         bound = main if isinstance(main, functools.partial) else functools.partial(main)
         function = bound.func
         path = Path(function.__code__.co_filename)
-        source = source_of(path) if path.is_file() else None
+        source = None
+        if path.is_file():
+            # In the encoding that it names.
+            with tokenize.open(path) as file:
+                source = file.read()
         # Functions within others, and arguments, cannot be had from the file.
         is_there = function.__qualname__.isidentifier() and not (bound.args or bound.keywords)
         told["program"] = {

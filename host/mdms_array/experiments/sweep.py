@@ -27,7 +27,14 @@ from mdms_array.experiments.journal import (
     work_digest,
     write_tables,
 )
-from mdms_array.experiments.measures import USUAL, FileFunction, Measure, check_measures, name_of
+from mdms_array.experiments.measures import (
+    MOST_WHOLE,
+    USUAL,
+    FileFunction,
+    Measure,
+    check_measures,
+    name_of,
+)
 from mdms_array.experiments.settings import (
     Distribution,
     Values,
@@ -68,8 +75,6 @@ LAST = (
 #: The folder of the runs' own folders, each by so many digits of its row's `key`: the number of a
 #: row changes with the settings.
 RECORDS, RECORD_DIGITS = "records", 16
-#: Whole numbers of a table are below this.
-MOST_WHOLE = 1 << 63
 
 
 @dataclass(frozen=True, slots=True)
