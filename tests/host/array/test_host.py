@@ -88,11 +88,6 @@ def test_nothing_is_believed_before_the_first_frame(plane):
     assert np.isnan(estimates_of(coordinator_of(plane), plane)).all()
 
 
-def test_single_parcel_is_looked_for_first_where_it_was_put(plane):
-    (box,) = parcels_of(plane)
-    assert box.near_m == (plane.parcel[0].x_m, plane.parcel[0].y_m)
-
-
 def test_several_parcels_are_told_apart_by_where_they_were_put(plane):
     box = replace(plane.parcel[0], length_m=0.2, x_m=-0.2)
     two = replace(plane, parcel=(box, replace(box, name="other", x_m=0.2, goal=None)))
