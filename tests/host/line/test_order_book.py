@@ -23,6 +23,8 @@ def test_an_order_is_accepted_once_and_gets_the_same_answer_again(tmp_path: Path
         assert book.accept(ORDER) == (OrderState.ACCEPTED, False)
         book.on_event("o1", "under way")
         book.on_event("o1", "left")
+        # A closed order stays closed.
+        book.on_event("o1", "under way")
         assert book.accept(ORDER) == (OrderState.LEFT, False)
     with OrderBook(tmp_path / "book") as book:
         assert book.accept(ORDER) == (OrderState.LEFT, False)
@@ -136,14 +138,6 @@ def test_orders_under_way_are_in_doubt_after_the_host_has_ended(tmp_path: Path) 
         assert [order.key for order in book.in_state(OrderState.ACCEPTED)] == ["o2"]
         book.on_event("o1", "arrived")
         assert book.state("o1") == OrderState.ARRIVED
-
-
-def test_an_order_that_is_closed_stays_closed(tmp_path: Path) -> None:
-    with OrderBook(tmp_path / "book") as book:
-        book.accept(ORDER)
-        book.on_event("o1", "left")
-        book.on_event("o1", "under way")
-        assert book.state("o1") == OrderState.LEFT
 
 
 def test_an_order_that_cannot_be_written_is_not_accepted(tmp_path: Path) -> None:
