@@ -10,10 +10,10 @@ import numpy as np
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.estimation.parcel import Parcel, outline_corners_m
 from mdms_host.programs.program import TableProgram
+from mdms_model.array import edge_m
 from mdms_model.arrays import Floats
 from mdms_model.run.record import Event, exit_of
-from mdms_model.scenario.run_rules import half_table_m
-from mdms_model.scenario.scenario import Exit, Scenario, in_stock
+from mdms_model.scenario.scenario import Array, Exit, Scenario, in_stock
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,27 +50,25 @@ def ends_of(scenario: Scenario, parcels: Iterable[Parcel]) -> Ends:
         }
         for stream in scenario.stream
     )
-    half_m = half_table_m(scenario)
     return Ends(
         infeeds,
-        tuple(_edge(each, half_m) for each in scenario.exit),
+        tuple(_edge(each, scenario.array) for each in scenario.exit),
         frozenset(in_stock(scenario)),
         {parcel.name: parcel.kind for parcel in scenario.parcel if parcel.kind},
         min((stream.start_s for stream in scenario.stream), default=0.0),
     )
 
 
-def _edge(exit_: Exit, half_m: tuple[float, float]) -> dict[str, Any]:
+def _edge(exit_: Exit, array: Array) -> dict[str, Any]:
     """An exit with the ends of its stretch of the table's edge, and the way out."""
-    half_x_m, half_y_m = half_m
-    upright = exit_.side in ("east", "west")
-    outwards = 1.0 if exit_.side in ("east", "north") else -1.0
-    most_m = half_y_m if upright else half_x_m
-    places_m = [float(np.clip(place_m, -most_m, most_m)) for place_m in (exit_.from_m, exit_.to_m)]
-    edge_m = outwards * (half_x_m if upright else half_y_m)
-    ends_m = [[edge_m, place] if upright else [place, edge_m] for place in places_m]
-    out = [outwards, 0.0] if upright else [0.0, outwards]
-    return {"name": exit_.name, "ends_m": ends_m, "out": out, "kinds": [*exit_.kinds]}
+    ends_m = edge_m(array, exit_.side, exit_.from_m, exit_.to_m).tolist()
+    out = {"east": [1.0, 0.0], "west": [-1.0, 0.0], "north": [0.0, 1.0], "south": [0.0, -1.0]}
+    return {
+        "name": exit_.name,
+        "ends_m": ends_m,
+        "out": out[exit_.side],
+        "kinds": [*exit_.kinds],
+    }
 
 
 class FlowCount:
