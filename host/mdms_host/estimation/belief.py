@@ -79,7 +79,8 @@ class Belief:
     `outline` is as large as edges have shown it to be. `corrected` is whether a sensor has
     corrected the pose since the last belief. `feel` are moves (x, y, yaw) from here that would make
     the place surer, best first, if they were asked for. There are none where it is sure. `noisy` is
-    whether sensors are wrong too often to show the place.
+    whether sensors are wrong too often to show the place. `unseen` is whether no speeds came for a
+    while before the last ones: the twist has changed in all of that time.
 
     A belief of another kind than PARCEL is an obstacle, and never steered. It rests, and its
     outline contains everything that may lie there, as far as sensors show.
@@ -95,6 +96,7 @@ class Belief:
     feel: tuple[Floats, ...] = ()
     kind: BeliefKind = BeliefKind.PARCEL
     noisy: bool = False
+    unseen: bool = False
 
     @property
     def doubtful(self) -> bool:

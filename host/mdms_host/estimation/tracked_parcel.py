@@ -140,6 +140,7 @@ class TrackedParcel:
             one.standing,
             corrected,
             feel,
+            unseen=one.unseen,
         )
 
     def look_again(self, deviation_m: float) -> None:

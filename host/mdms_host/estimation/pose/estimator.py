@@ -113,8 +113,9 @@ class ParcelEstimator:
 
     `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost.
     `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
-    sensor that is believed. `footprint` is as large as edges show it, and `spread_m` how
-    exact its drawing is. A twist divided by `corner_m` has a corner's speed instead of the rate.
+    sensor that is believed. `unseen` is whether no speeds came for a while before the last ones.
+    `footprint` is as large as edges show it, and `spread_m` how exact its drawing is. A twist
+    divided by `corner_m` has a corner's speed instead of the rate.
     """
 
     def __init__(
@@ -142,10 +143,10 @@ class ParcelEstimator:
         self.twist: Floats = np.zeros(3)
         self._sliding = Sliding(self.corner_m)
         self._pushed_s = -inf
-        self._is_unseen = False  # whether no speeds came for a while before the last ones
         #: The last steps: the time of each, and how far wheels have carried the parcel by then.
         self._way: deque[tuple[float, Floats]] = deque(maxlen=_STEPS)
         self.corrected = False
+        self.unseen = False
         #: Sensors of the last view (N,) whose cell alone contradicted by more than can be believed.
         self.alone: Bools = np.zeros(0, dtype=bool)
         #: What was found at the last pose: a parcel that rests has the same again and again.
@@ -334,8 +335,8 @@ class ParcelEstimator:
         elif now_s > self._rolled_s + _CARRIED_S:
             self.twist = np.zeros(3)
         step_s = max(0.0, now_s - self._at_s)
-        self._is_unseen = step_s > UNSEEN_S
-        if self._is_unseen:
+        self.unseen = step_s > UNSEEN_S
+        if self.unseen:
             self._sliding.begin_again()
             gone_on = (before - self.twist) * min(step_s, _CARRIED_S)
             moved, unsure = self.twist * step_s + gone_on, gone_on / 2
@@ -354,10 +355,9 @@ class ParcelEstimator:
     def slide(self, missing: Floats, gained: Floats, step_s: float) -> None:
         """In the last step the wheels gained so much [a second], so much more than they pushed to.
 
-        Both are twists, shape (3,). After a time without speeds the change in all of it would
-        count as one of a step.
+        Both are twists, shape (3,).
         """
-        if self._filter is not None and not self._is_unseen:
+        if self._filter is not None:
             self._sliding.step(missing, gained, step_s)
             self._pushed_s = self._at_s
 

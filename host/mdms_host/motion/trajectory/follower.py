@@ -156,7 +156,8 @@ class Follower:
         """Compare the gain of the wheels in the step that has just ended with their pushes.
 
         Not where the belief has just been corrected: at another place the same speeds of wheels
-        make another twist.
+        make another twist. Nor after a time without speeds: the gain in all of it would count as
+        one of a step.
         """
         ended, before, last, twist = self._ended, self._twist, self._pose, belief.twist
         self._twist, self._pose = twist, belief.pose
@@ -164,7 +165,7 @@ class Follower:
         if ended is None or before is None or last is None:
             return
         jumped = belief.pose - last - twist * step_s
-        if self.path.distance_m(jumped) > _SET_RIGHT_M or self.paused:
+        if self.path.distance_m(jumped) > _SET_RIGHT_M or self.paused or belief.unseen:
             self.grip.begin_again()
             return
         gained_m_s2 = self._along(ended, twist - before) / step_s

@@ -1,5 +1,6 @@
 """Parcels on wheels of the paper's model follow their paths within their movement authorities."""
 
+from dataclasses import replace
 from functools import partial
 from random import Random
 
@@ -177,6 +178,21 @@ def test_rolling_wheels_gain_as_they_push() -> None:
         if follower.gain is not None:
             sliding.step(follower.gain.missing, follower.gain.gained, STEP_S)
             assert not sliding.twist.any()
+
+
+def test_a_change_of_speed_in_a_time_without_speeds_is_no_slip() -> None:
+    follower, table = follower_of(STRAIGHT), Table(STRAIGHT.start)
+    for _ in range(30):
+        table.step(follower.step)
+    last = table.belief()
+    follower.step(last, STEP_S)
+    # The wheels were braked meanwhile, where friction would not brake them within a cycle.
+    belief = replace(last, twist=np.zeros(3), unseen=True)
+    follower.step(belief, STEP_S)
+    assert follower.gain is None
+    for _ in range(20):
+        follower.step(replace(belief, unseen=False), STEP_S)
+    assert follower.grip.slips == 0
 
 
 def test_wheels_that_drag_are_not_taken_for_wheels_that_slip() -> None:
