@@ -29,7 +29,7 @@ from mdms_host.coordination.recorder import Recorder
 from mdms_host.programs.program import TableProgram
 from mdms_host.programs.script import ScriptTask
 from mdms_host.programs.table import Table
-from mdms_host.programs.traffic.planning import ThreadExecutor
+from mdms_host.programs.traffic.dispatch import ThreadExecutor
 from mdms_model.errors import InputError
 
 Result = TypeVar("Result")

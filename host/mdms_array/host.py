@@ -27,11 +27,10 @@ from mdms_host.programs.newcomers import Comings, Infeed
 from mdms_host.programs.order import Gate
 from mdms_host.programs.program import CellsTableProgram, Main, Member, TableProgram
 from mdms_host.programs.table import Table
-from mdms_host.programs.task_list import main_of
+from mdms_host.programs.tasks import main_of
 from mdms_host.programs.traffic.by_cells import CellsTraffic
 from mdms_host.programs.traffic.by_host import TableTraffic
-from mdms_host.programs.traffic.dispatch import KeptFree
-from mdms_host.programs.traffic.planning import PlanExecutor, VirtualExecutor
+from mdms_host.programs.traffic.dispatch import KeptFree, PlanExecutor, VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import TrapezoidPace
 from mdms_host.routes.support import Shape

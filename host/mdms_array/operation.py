@@ -25,7 +25,7 @@ from mdms_host.coordination.operation import Ending, OnEvent, Operation, operate
 from mdms_host.coordination.other_host import refuse_other_host
 from mdms_host.coordination.recorder import Recorder
 from mdms_host.programs.program import Main, TableProgram
-from mdms_host.programs.traffic.planning import ThreadExecutor
+from mdms_host.programs.traffic.dispatch import ThreadExecutor
 from mdms_model.errors import Error, InputError
 from mdms_model.run.folder import BUS_LOG
 from mdms_protocol.codecs.frame import Frame

@@ -27,7 +27,7 @@ from mdms_host.commissioning.array_file import (
     array_document,
     read_array,
 )
-from mdms_host.programs.traffic.planning import VirtualExecutor
+from mdms_host.programs.traffic.dispatch import VirtualExecutor
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob

@@ -33,7 +33,7 @@ from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.programs.program import Main
-from mdms_host.programs.traffic.planning import ThreadExecutor
+from mdms_host.programs.traffic.dispatch import ThreadExecutor
 from mdms_model.scenario.scenario import Scenario
 
 

@@ -1,21 +1,247 @@
-"""Joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out."""
+"""Joins belief, plan, allocation and encoding once a SYNC: speeds in, setpoints out.
 
-from collections.abc import Iterable, Iterator, Mapping
+Watches look on, and report to a person parcels, wheels and cells that fail.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from math import degrees
 
 import numpy as np
 
-from mdms_host.coordination.commands import CellsControl
+from mdms_host.coordination.bring_up import BringUpCell
+from mdms_host.coordination.frames import CellsControl
 from mdms_host.coordination.recovery import ArrayState
 from mdms_host.coordination.run_state import HELD, UP, Phase
 from mdms_host.coordination.supervision import names
-from mdms_host.coordination.watch import Standings, Watch
 from mdms_host.coordination.wheel_speeds import MISSED_SYNCS, VelocityFrames
-from mdms_host.estimation.belief import Belief, Standing
+from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, Standing
 from mdms_host.estimation.tracker import Tracker
-from mdms_host.motion.program import ByCells, Program
+from mdms_host.motion.program import ByCells, Program, Steered
 from mdms_model.arrays import Bools, Floats
 from mdms_protocol.codecs.frame import Frame
+
+#: Commanded speeds at least so large [m/s].
+_COMMANDED_M_S = 0.01
+#: Reported speeds at most so large, absolutely [m/s] or of the commanded one: an observer that
+#: takes new voltage into account reports some speed of a wheel that is held.
+_STANDING_M_S = 0.002
+_STANDING_SHARE = 0.1
+#: A wheel follows again from this share of the commanded speed on.
+_FOLLOWING_SHARE = 0.5
+#: For so long [s]; or for as long as it takes to be commanded so far [m], but longer than a wheel
+#: in order takes to get up to speed, which is some 30 ms.
+_LIMIT_S = 0.3
+_LIMIT_M = 0.015
+_STARTING_S = 0.05
+
+
+class Following:
+    """Watches all wheels, shape (W,), and reports a standing wheel once, until it follows again.
+
+    `standing` are the wheels that stand now. Their speeds show nothing of the parcels on them.
+    """
+
+    def __init__(self, wheels: int) -> None:
+        self._standing_s: Floats = np.zeros(wheels)
+        self._missed_m: Floats = np.zeros(wheels)
+        self.standing: Bools = np.zeros(wheels, dtype=bool)
+
+    def step(self, commanded_m_s: Floats, speed_m_s: Floats, step_s: float) -> list[int]:
+        """Take in speeds commanded and reported; the wheels (from 0) found standing now."""
+        commanded = abs(commanded_m_s) >= _COMMANDED_M_S
+        if not commanded.any():
+            self._standing_s[:] = self._missed_m[:] = 0.0
+            return []
+        slow_m_s = np.maximum(_STANDING_M_S, _STANDING_SHARE * abs(commanded_m_s))
+        standing = commanded & (abs(speed_m_s) <= slow_m_s)
+        self._standing_s = np.where(standing, self._standing_s + step_s, 0.0)
+        missed_m = self._missed_m + abs(commanded_m_s) * step_s
+        self._missed_m = np.where(standing, missed_m, 0.0)
+        along_m_s = speed_m_s * np.sign(commanded_m_s)
+        self.standing &= ~(commanded & (along_m_s > _FOLLOWING_SHARE * abs(commanded_m_s)))
+        late = (self._standing_s > _LIMIT_S) | (self._missed_m > _LIMIT_M)
+        found = late & (self._standing_s > _STARTING_S) & ~self.standing
+        self.standing |= found
+        return [int(wheel) for wheel in np.flatnonzero(found)]
+
+
+#: A parcel is looked for so long before that is reported [s].
+_FOUND_WITHIN_S = 1.5
+
+
+class MissingParcels:
+    """Reports once each parcel that is awaited and not found."""
+
+    def __init__(self) -> None:
+        self._missing_s: dict[str, float] = {}
+
+    def step(
+        self, awaited: Collection[str], found: Collection[str], step_s: float
+    ) -> Iterator[str]:
+        """Take in which parcels have been found; those that have been looked for too long."""
+        for name in sorted(awaited):
+            before_s = self._missing_s.get(name, 0.0)
+            self._missing_s[name] = before_s + step_s if name not in found else 0.0
+            if before_s < _FOUND_WITHIN_S <= self._missing_s[name]:
+                since = f"for {_FOUND_WITHIN_S:g} s"
+                doubts = "is it there, as told, and every cell in its place?"
+                yield f"{name} has not been found {since}: {doubts}"
+
+
+_TEXTS = {
+    BeliefEvent.FOUND: "{name} found at {where}",
+    BeliefEvent.DOUBTFUL: "{name} is doubtful: sensors do not show it where it was",
+    BeliefEvent.LOST: "{name} is lost: no sensor shows it where it was; it is not steered",
+    BeliefEvent.DEPARTED: "{name} has departed",
+    BeliefEvent.APPEARED: "{name} appeared at {where}, {size}: wheels under it stand",
+    BeliefEvent.HEAPED: (
+        "{name} is a heap at {where}, {size}: more than one parcel, which cannot be told apart; "
+        "wheels under it stand"
+    ),
+    BeliefEvent.CLEARED: "{name} is not there any more",
+    BeliefEvent.EXPLAINED: "{name} is {other}",
+    BeliefEvent.WITHDRAWN: "{name} has not come: something else was taken for it",
+    BeliefEvent.GUESSED: (
+        "{name} and {other} look alike, and both lie elsewhere than told: which is which is a "
+        "guess; tell where they lie"
+    ),
+    BeliefEvent.MISFIT: "{name} is not {other}: sensors contradict its outline",
+}
+_TROUBLES = (BeliefEvent.LOST, BeliefEvent.GUESSED, BeliefEvent.MISFIT)
+
+
+class Standings:
+    """Changes of the beliefs of a run; `troubles` are the changes that need a person."""
+
+    def __init__(self) -> None:
+        self._lost_s: dict[str, float] = {}
+
+    @property
+    def lost(self) -> str | None:
+        """The parcels that are lost now, and since when; None without one.
+
+        Parcels that were never found are not listed.
+        """
+        lost = ", ".join(f"{name} since {time_s:.2f} s" for name, time_s in self._lost_s.items())
+        return f"lost: {lost}; no sensor shows it" if lost else None
+
+    def step(
+        self, time_s: float, changes: Iterable[BeliefChange], poses: Mapping[str, Floats]
+    ) -> Iterator[tuple[str, bool]]:
+        """Texts about changes of the standings, each with whether it is a trouble."""
+        for change in changes:
+            name = change.name
+            if change.event is BeliefEvent.LOST:
+                self._lost_s[name] = time_s
+            elif change.event in (BeliefEvent.FOUND, BeliefEvent.DEPARTED, BeliefEvent.WITHDRAWN):
+                self._lost_s.pop(name, None)
+            pose = poses.get(name, change.pose)
+            where = "" if pose is None else _where(pose)
+            yield (
+                _TEXTS[change.event].format(
+                    name=name, where=where, size=_size(change), other=change.other
+                ),
+                change.event in _TROUBLES,
+            )
+
+
+def _where(pose: Floats) -> str:
+    x_m, y_m, yaw_rad = pose.tolist()
+    return f"x = {x_m:.3f} m, y = {y_m:.3f} m, yaw = {yaw_rad:.2f} rad"
+
+
+def _size(change: BeliefChange) -> str:
+    if change.size_m is None:
+        return ""
+    along_m, across_m = change.size_m
+    return f"{along_m:.2f} m x {across_m:.2f} m at most"
+
+
+#: A parcel that is known so many times worse than is enough may well be elsewhere.
+_ELSEWHERE = 2.0
+
+
+class Watch:
+    """Watches the wheels of `axes` axes a cell, and the parcels that are steered, by name.
+
+    `arrived_s` is when each parcel came to its goal, of those that are there [s]. `unsure` has the
+    parcels that may be beside the goals that they have come to, and says how far.
+    """
+
+    def __init__(
+        self, cells: Sequence[BringUpCell], axes: int, controllers: Mapping[str, Steered]
+    ) -> None:
+        self.arrived_s: dict[str, float] = {}
+        self.unsure: dict[str, str] = {}
+        self._cells = cells
+        self._axes = axes
+        self._controllers = controllers
+        self._following = Following(axes * len(cells))
+        self._missing = MissingParcels()
+
+    @property
+    def standing(self) -> Bools:
+        """Wheels that do not follow their references, shape (W,)."""
+        return self._following.standing
+
+    def wheels(self, commanded_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
+        """Troubles of wheels, given the speeds commanded in the last cycle, and those reported."""
+        for wheel in self._following.step(commanded_m_s, speed_m_s, step_s):
+            cell, axis = divmod(wheel, self._axes)
+            yield (
+                f"{self._cells[cell].name} axis {axis + 1} does not follow: it stands, "
+                f"commanded to run at {1e3 * commanded_m_s[wheel]:.0f} mm/s "
+                "(wheel held, encoder stuck, no supply?)"
+            )
+
+    def arrivals(self, beliefs: Mapping[str, Belief], now_s: float) -> Iterator[tuple[str, bool]]:
+        """Texts about parcels at their goals, each with whether it is a trouble.
+
+        A parcel has not arrived while it may well be elsewhere. If it may be a little beside its
+        goal, the first text says so.
+        """
+        for name in self.unsure.keys() - self._controllers.keys():
+            del self.unsure[name]
+        for name, controller in self._controllers.items():
+            if not controller.arrived:
+                self.arrived_s.pop(name, None)
+                self.unsure.pop(name, None)
+            elif name not in self.arrived_s:
+                turned = controller.goal.yaw_rad is not None
+                yield from self._come(name, beliefs.get(name), now_s, turned=turned)
+
+    def _come(
+        self, name: str, belief: Belief | None, now_s: float, *, turned: bool
+    ) -> Iterator[tuple[str, bool]]:
+        """The texts about a parcel that has come to its goal; its turn may matter."""
+        doubt = None if belief is None else _doubt(belief, turned=turned)
+        if doubt and belief and not belief.is_sure(turned=turned, times=_ELSEWHERE):
+            if name not in self.unsure:
+                self.unsure[name] = f"{name} may be beside its goal: it {doubt}"
+                yield self.unsure[name], True
+            return
+        self.unsure.pop(name, None)
+        self.arrived_s[name] = now_s
+        if doubt:
+            yield f"{name} {doubt}", False
+        yield f"{name} has arrived", False
+
+    def parcels(
+        self, awaited: Collection[str], found: Collection[str], step_s: float
+    ) -> Iterator[str]:
+        """Troubles of parcels, given those that the program awaits, and those that are found."""
+        yield from self._missing.step(awaited, found, step_s)
+
+
+def _doubt(belief: Belief, *, turned: bool) -> str | None:
+    """How well a parcel's place is known, where it may be beside its goal; else None."""
+    if belief.is_sure(turned=turned):
+        return None
+    off_m, off_rad = belief.region
+    turn = f" and {degrees(off_rad):.1f} degrees" if turned else ""
+    return f"is known to {1e3 * off_m:.1f} mm{turn}: no move shows its place better"
+
 
 #: References shrink to 0 when parcels are to be held, in proportion, so that each keeps its line:
 #: the largest by so much [m/s2], which a friction of 0.3 gives (mu g / 2 = 1.47).

@@ -10,9 +10,8 @@ from types import MappingProxyType
 import numpy as np
 
 from mdms_host.coordination.bring_up import BringUpCell, ExpectedCells
-from mdms_host.coordination.commands import CellsControl, Commands
 from mdms_host.coordination.control_cycle import ControlCycle
-from mdms_host.coordination.frame_router import FrameRouter
+from mdms_host.coordination.frames import CellsControl, Commands, FrameRouter
 from mdms_host.coordination.recovery import ArrayState, Policy, Recovery, Roster
 from mdms_host.coordination.run_state import (
     HELD,

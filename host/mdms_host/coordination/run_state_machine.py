@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
-from mdms_host.coordination.frame_router import FrameRouter
+from mdms_host.coordination.frames import FrameRouter
 from mdms_host.coordination.recovery import ArrayState, Recovery
 from mdms_host.coordination.run_state import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, RunSignal
 from mdms_host.coordination.supervision import COMMANDED, OTHER_HOST, SWITCHED_OFF, names

@@ -3,6 +3,7 @@
 `Footprint` is the interface of any footprint to estimator and controller.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import copysign, cos, hypot, pi, sin
@@ -10,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
+from mdms_model import outline
 from mdms_model.arrays import Floats
-from mdms_model.outline import polygon_outline
 
 
 class Footprint(Protocol):
@@ -322,7 +323,7 @@ class Polygon:
 
     @cached_property
     def _edges(self) -> Floats:
-        return polygon_outline(np.array(self.corners_m)).edges
+        return outline.polygon_outline(np.array(self.corners_m)).edges
 
     @cached_property
     def _normals(self) -> Floats:
@@ -331,3 +332,34 @@ class Polygon:
     @cached_property
     def _distances_m(self) -> Floats:
         return self._edges[:, 2]
+
+
+def edge_of(footprint: Footprint, point_m: Floats, pose: Floats) -> tuple[float, Floats]:
+    """Distance of a point from the edge [m], and its derivative by pose and growth, (5,)."""
+    off_m, slope = footprint.edge(point_m, pose)
+    x, y, _ = slope.tolist()
+    cosine, sine = cos(pose[2]), sin(pose[2])
+    along, across = cosine * x + sine * y, cosine * y - sine * x
+    return off_m, np.array([*slope, -along * along, -across * across])
+
+
+#: Room that a parcel needs around it to turn on the spot [m].
+_NEAR_M = 0.015
+
+
+def gap_m(one: Footprint, one_pose: Floats, other: Footprint, other_pose: Floats) -> float:
+    """Gap between two parcels' outlines along the direction that parts them best [m]."""
+    return outline.gap_m(one.outline_m(one_pose), other.outline_m(other_pose))
+
+
+def has_room(
+    name: str, move: Floats, places: Mapping[str, Floats], outlines: Mapping[str, Footprint]
+) -> bool:
+    """Whether a parcel may turn, and move so, without coming near any other that has a place."""
+    mine = places[name]
+    reach_m = outlines[name].reach_m + _NEAR_M + hypot(*move[:2].tolist())
+    return not any(
+        hypot(*(place - mine)[:2].tolist()) < reach_m + outlines[other].reach_m
+        for other, place in places.items()
+        if other != name
+    )

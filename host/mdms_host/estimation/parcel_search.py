@@ -1,18 +1,180 @@
-"""The search for parcels that are not found, wherever covered sensors stand still."""
+"""Covered sensors that no parcel explains, and the search there for parcels that are not found.
 
-from collections.abc import Iterable
+The sensors are in groups, and a search begins wherever they have stood still.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from math import hypot, inf
 
 import numpy as np
 
 from mdms_host.estimation.belief import BeliefChange, BeliefEvent, Standing
-from mdms_host.estimation.pose.estimator import BESIDE_M
-from mdms_host.estimation.presence import PresenceMap, Surroundings
+from mdms_host.estimation.pose.estimator import BESIDE_M, View
+from mdms_host.estimation.presence import PresenceMap, SensorGroups, Surroundings
 from mdms_host.estimation.roll_call import Found, RollCall, SensorScene
 from mdms_host.estimation.tracked_parcel import TrackedParcel
-from mdms_host.estimation.unexplained_sensors import UnexplainedSensors
 from mdms_host.estimation.unknowns import Unknowns
 from mdms_host.layout import Layout
-from mdms_model.arrays import Bools, Ints
+from mdms_model.arrays import Bools, Floats, Ints
+
+#: No parcel's.
+NOBODY = -1
+
+
+class Coverage:
+    """All sensors (S,): the number of the parcel nearest to each, and how far its edge is [m].
+
+    A covered sensor is `explained` where a found parcel is, or may be, and `taken` where it is for
+    sure. `disputed` are sensors around a doubtful parcel. `number` is that of each parcel, by name.
+    """
+
+    def __init__(
+        self, sensors: int, known: Mapping[str, TrackedParcel], views: Mapping[str, View]
+    ) -> None:
+        self.distance_m: Floats = np.full(sensors, np.inf)
+        self.owner: Ints = np.full(sensors, NOBODY, dtype=np.int64)
+        self.explained: Bools = np.zeros(sensors, dtype=bool)
+        self.taken: Bools = np.zeros(sensors, dtype=bool)
+        self.disputed: Bools = np.zeros(sensors, dtype=bool)
+        self.number = {name: number for number, name in enumerate(known)}
+        for number, (name, each) in enumerate(known.items()):
+            if name in views:
+                self._take(number, each, views[name])
+
+    def _take(self, number: int, known: TrackedParcel, view: View) -> None:
+        numbers, distance_m = view.near.sensors, view.distance_m
+        nearer = distance_m < self.distance_m[numbers]
+        mine = numbers[nearer]
+        self.distance_m[mine] = distance_m[nearer]
+        self.owner[mine] = number
+        if known.standing is Standing.FOUND:
+            unsure_m = known.estimator.unsure_m
+            self.explained[numbers[distance_m < min(unsure_m, BESIDE_M)]] = True
+            self.taken[numbers[distance_m < -unsure_m]] = True
+        else:
+            self.disputed[numbers[distance_m < BESIDE_M]] = True
+
+
+#: Covered sensors must stay the same this long before parcels are searched for there [s].
+_STILL_S = 0.05
+#: Sensors behind a parcel that has left them are taken to show that parcel for so long [s], but no
+#: longer once those that are covered have stayed the same for so long: what leaves goes on [s].
+_WAKE_S = 1.0
+_STANDS_S = 0.3
+#: A sensor so far inside a parcel is under nothing else [m].
+_INSIDE_M = 0.02
+#: A group within one cell may be a broken cell.
+_CELLS = 2
+
+
+class UnexplainedSensors:
+    """Sensors (S,) that are `foreign`: known to be under something else than the parcel beside it.
+
+    `link_m` is how far neighbouring sensors are from each other.
+    """
+
+    def __init__(self, layout: Layout, surroundings: Surroundings) -> None:
+        self._sensors_m = layout.sensors_m
+        self._cell = layout.sensor_cells
+        self._surroundings = surroundings
+        self._grouping = SensorGroups(layout)
+        self._wake_s: Floats = np.full(len(self._sensors_m), -inf)
+        #: When parcels have left of late, and the sensors behind each.
+        self._wakes: list[tuple[float, Ints]] = []
+        #: When each sensor was under a parcel last, as was believed.
+        self._under_s: Floats = np.full(len(self._sensors_m), -inf)
+        self._last: tuple[bytes, tuple[Ints, ...]] = (b"", ())
+        self.link_m = self._grouping.link_m
+        self.foreign: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+        #: Covered ones (S,) that a parcel explains only where it was when their cells reported.
+        self._left_behind: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+        #: Those (S,) that a parcel alone explains, whatever they show.
+        self._explained: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+
+    def leave(self, now_s: float, sensors: Ints) -> None:
+        """A parcel over these sensors has left, or is about to fall off."""
+        self._wake_s[sensors] = now_s + _WAKE_S
+        self._wakes.append((now_s, sensors))
+
+    def left_standing(self, now_s: float, covered: Bools, changed_s: Floats) -> Iterator[Ints]:
+        """Covered sensors behind a parcel believed to have left, once none there changes any more.
+
+        They show it no more: something lies there.
+        """
+        for wake in list(self._wakes):
+            left_s, sensors = wake
+            shown = sensors[covered[sensors]]
+            if not len(shown) or now_s > left_s + _WAKE_S:
+                self._wakes.remove(wake)
+            elif now_s >= max(left_s, changed_s[sensors].max()) + _STANDS_S:
+                self._wakes.remove(wake)
+                self._wake_s[sensors] = -inf
+                yield shown
+
+    def just_left(self, now_s: float) -> Bools:
+        """Sensors (S,) that a parcel has left so lately that they may show it still."""
+        return self._wake_s >= now_s
+
+    def groups(
+        self, now_s: float, covered: Bools, valid: Bools, coverage: Coverage, silent_s: Floats
+    ) -> tuple[Ints, ...]:
+        """The groups of covered sensors that no found parcel explains.
+
+        A parcel that has gone on explains what cells have reported before that, `silent_s` ago.
+        """
+        self._under_s[coverage.explained] = now_s
+        explained = coverage.explained | (self._under_s >= now_s - silent_s)
+        self._left_behind = covered & valid & explained & ~coverage.explained
+        # Sensors that a parcel has moved over since then are its own.
+        self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
+        strange = covered & valid & (~explained | self.foreign) & ~self.just_left(now_s)
+        self._explained = coverage.explained & ~strange
+        key = strange.tobytes() + valid.tobytes()
+        if key != self._last[0]:
+            groups = tuple(self._grouping.of(strange, ~valid)) if strange.any() else ()
+            self._last = key, groups
+        return self._last[1]
+
+    def beside(self, covered: Bools, coverage: Coverage) -> Bools:
+        """Covered sensors (S,) outside all parcels that show something else, however near it is.
+
+        They hang together, and most are farther beside every parcel than its own may be.
+        """
+        others: Bools = np.zeros(len(covered), dtype=bool)
+        outside = covered & (coverage.distance_m > 0.0)
+        if (outside & (coverage.distance_m > BESIDE_M)).any():
+            for group in self._grouping.of(outside, others):
+                far = coverage.distance_m[group] > BESIDE_M
+                others[group] = 2 * far.sum() > len(group)
+        return others
+
+    def still(
+        self, now_s: float, groups: Iterable[Ints], changed_s: Floats, *, at_once: bool
+    ) -> tuple[Ints, ...]:
+        """Those of the groups in and around which no sensor has changed of late.
+
+        Those that a parcel explains, which may move, do not count `at_once`. Nor has a parcel just
+        left any of these: whether such a sensor belongs to the group is known once its cell reports
+        again.
+        """
+        changes = changed_s > now_s - _STILL_S
+        if at_once:
+            changes &= ~self._explained
+        changes |= self._left_behind
+        return tuple(group for group in groups if not changes[self._around(group)].any())
+
+    def _around(self, group: Ints) -> Ints:
+        low_m, high_m = self._sensors_m[group].min(axis=0), self._sensors_m[group].max(axis=0)
+        reach_m = hypot(*(high_m - low_m).tolist()) / 2 + self.link_m
+        return self._surroundings.of((low_m + high_m) / 2, reach_m).sensors
+
+    def large(self, groups: Iterable[Ints]) -> Bools:
+        """Sensors (S,) of groups that are under more than one cell's worth of something."""
+        members: Bools = np.zeros(len(self._sensors_m), dtype=bool)
+        for group in groups:
+            if len(np.unique(self._cell[group])) >= _CELLS:
+                members[group] = True
+        return members
 
 
 class ParcelSearch:

@@ -9,13 +9,12 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief, BeliefChange, BeliefEvent, Gain, Standing
 from mdms_host.estimation.parcel import BoundingBox, ExitLine, Parcel
-from mdms_host.estimation.parcel_search import ParcelSearch
+from mdms_host.estimation.parcel_search import Coverage, ParcelSearch, UnexplainedSensors
 from mdms_host.estimation.pose.estimator import BESIDE_M, UNSEEN_S, Shown, View
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence import PresenceMap, Surroundings
 from mdms_host.estimation.size import Size
 from mdms_host.estimation.tracked_parcel import TrackedParcel
-from mdms_host.estimation.unexplained_sensors import Coverage, UnexplainedSensors
 from mdms_host.estimation.unknowns import Unknown, Unknowns
 from mdms_host.layout import Layout
 from mdms_model.arrays import Bools, Floats, Ints

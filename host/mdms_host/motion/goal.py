@@ -8,8 +8,7 @@ import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.motion.footholds import Footholds
-from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower
-from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.follower import STIFFNESS_PER_S, Carried, Follower, Grip
 from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.traction import Traction

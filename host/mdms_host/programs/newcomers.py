@@ -3,13 +3,12 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, inf
-from typing import Protocol
 
 import numpy as np
 
 from mdms_host.estimation.parcel import BoundingBox, Parcel
 from mdms_host.estimation.parcel import ExitLine as TrackerGate
-from mdms_host.estimation.size import Size
+from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.trajectory.pushes import UNKNOWN_KG, Mass, uniform_mass
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table import Newcomer, ProgramError
@@ -17,27 +16,6 @@ from mdms_model.arrays import Floats
 
 #: A parcel is found with its middle so near to the place where it is set down [m].
 _AROUND_M = 0.10
-
-
-class ParcelRegister(Protocol):
-    """Where parcels are announced and taken off: the tracker."""
-
-    @property
-    def parcels(self) -> Mapping[str, Parcel]:
-        """The parcels that there are, found or not, as they were given, by name."""
-        ...
-
-    def announce(self, parcel: Parcel, region: BoundingBox | None = None) -> None:
-        """Expect a parcel."""
-        ...
-
-    def depart(self, name: str, gate: TrackerGate | None = None) -> None:
-        """Have a parcel leave."""
-        ...
-
-    def stay(self, name: str) -> None:
-        """Have a parcel not leave any more."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +61,7 @@ class Comings:
         stocks = (parcels for infeed in self._infeeds for parcels in infeed.stock.values())
         return any(name == parcel.name for parcels in stocks for parcel in parcels)
 
-    def step(self, register: ParcelRegister, there: Collection[str]) -> None:
+    def step(self, register: Tracker, there: Collection[str]) -> None:
         """Announce the parcels that may come next; `there` are all believed on the table."""
         expected = {key: name for key, name in self._expected.items() if name not in there}
         self._expected = expected
@@ -107,31 +85,6 @@ def tracker_gate(gate: Gate) -> TrackerGate:
     return TrackerGate(x_m, y_m, atan2(heading[1], heading[0]))
 
 
-class NamingRegister(ParcelRegister, Protocol):
-    """Where parcels are announced, named and taken off: the tracker."""
-
-    def name(self, unknown: str, parcel: Parcel) -> None:
-        """Take an unknown thing for a parcel. Raises KeyError, ValueError."""
-        ...
-
-    def take_withdrawn(self) -> list[tuple[Parcel, BoundingBox | None]]:
-        """Parcels that have not come after all."""
-        ...
-
-    @property
-    def is_clear(self) -> bool | None:
-        """Whether sensors show nothing at all; None before every cell has reported."""
-        ...
-
-    def lay_there(self, name: str) -> bool:
-        """Whether a parcel lay where it was found before every cell had reported."""
-        ...
-
-    def size(self, name: str) -> Size | None:
-        """Size of an unknown thing; None for another shape than a rectangle. Raises KeyError."""
-        ...
-
-
 class TrackedNewcomers:
     """See `table_parcel.Newcomers`. `know` has the traffic and the program know a parcel.
 
@@ -141,7 +94,7 @@ class TrackedNewcomers:
 
     def __init__(
         self,
-        register: NamingRegister,
+        register: Tracker,
         know: Callable[[Parcel, Mass, str, bool], None],
         heaviest_kg: float = inf,
         misfit: Callable[[Parcel], str | None] = lambda _: None,

@@ -7,17 +7,18 @@ from typing import Any
 
 from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
+from mdms_host.estimation.tracker import Tracker
 from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
-from mdms_host.programs.carrier import Traffic
-from mdms_host.programs.newcomers import Comings, NamingRegister, TrackedNewcomers, tracker_gate
+from mdms_host.programs.newcomers import Comings, TrackedNewcomers, tracker_gate
 from mdms_host.programs.order import Order
 from mdms_host.programs.script import ScriptError, ScriptTask, failure_text, place_of
 from mdms_host.programs.table import Table, TableDriver
 from mdms_host.programs.table_parcel import ProgramError, TableParcel
 from mdms_host.programs.traffic.by_cells import CellsTraffic
+from mdms_host.programs.traffic.ordered import OrderedTraffic
 from mdms_model.arrays import Floats
 from mdms_protocol.neighbours.messages import Estimate, Lost, Page
 
@@ -53,13 +54,13 @@ class TableProgram:
         main: Main,
         table: Table,
         members: Sequence[Member],
-        traffic: Traffic,
+        traffic: OrderedTraffic[Any],
         comings: Comings | None = None,
     ) -> None:
         self._main = main
         self.keeps_goals = False
         self._comings = comings
-        self._register: NamingRegister | None = None
+        self._register: Tracker | None = None
         self._members = {member.name: member for member in members}
         self._awaited = {member.name for member in members if member.lies}
         self._traffic = traffic
@@ -93,7 +94,7 @@ class TableProgram:
         for name, goal in goals.items():
             self._give(name, goal)
 
-    def attend(self, register: NamingRegister, heaviest_kg: float = inf) -> None:
+    def attend(self, register: Tracker, heaviest_kg: float = inf) -> None:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
         self._traffic.attend(lambda: register.parcels)

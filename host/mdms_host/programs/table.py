@@ -4,14 +4,13 @@ from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from difflib import get_close_matches
 from math import inf
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.goal import GoalPose
-from mdms_host.programs.carrier import Orders
 from mdms_host.programs.order import Gate, Order
 from mdms_host.programs.script import Condition, Outside, Script, ScriptTask, until
 from mdms_host.programs.table_orders import TableOrders
@@ -31,6 +30,18 @@ Result = TypeVar("Result")
 _FOUND_S = 3.0
 #: Values under a name that wait to be taken: bounded, since anybody outside sends them.
 _MOST_SIGNALS = 1000
+
+
+class Orders(Protocol):
+    """Carries out orders for parcels."""
+
+    def give(self, order: Order) -> None:
+        """Take an order in place of any other for its parcel."""
+        ...
+
+    def stop(self) -> None:
+        """Bring all parcels to rest, and hold them there."""
+        ...
 
 
 class Table:

@@ -1,10 +1,13 @@
-"""The usual jobs of a table: one coroutine a task, for programs and for program files."""
+"""The usual jobs of a table: one coroutine a task, and the tasks of a file as a program."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from typing import Any
 
+from mdms_host.programs.program import Main
 from mdms_host.programs.script import Outside, ScriptTask, until
 from mdms_host.programs.table import Newcomer, ProgramError, Table, TableParcel
+from mdms_model.scenario.scenario import Task
 
 __all__ = ["Buffer", "buffer", "merge", "name", "singulate", "sort", "swap", "transport"]
 
@@ -199,3 +202,59 @@ async def _fill(table: Table, store: Buffer, count: int | None) -> None:
         table.start(store.put(parcel))
         if count is not None:
             came.append(parcel)
+
+
+def main_of(listed: Sequence[Task]) -> Main:
+    """The program that does these tasks; those `beside` another go on together with it."""
+    groups = list(_groups(listed))
+
+    async def main(table: Table) -> None:
+        for group in groups:
+            await table.together(*(_routine(table, task) for task in group))
+
+    return main
+
+
+def _groups(listed: Sequence[Task]) -> Iterator[list[Task]]:
+    group: list[Task] = []
+    for task in listed:
+        if group and not task.beside:
+            yield group
+            group = []
+        group.append(task)
+    if group:
+        yield group
+
+
+def _routine(table: Table, task: Task) -> Coroutine[Any, Any, None]:
+    """The coroutine of a task; its keys have been checked by `mdms_model.scenario.run_rules`."""
+    return _ROUTINES[task.do](table, task)
+
+
+def _transport(table: Table, task: Task) -> Coroutine[Any, Any, None]:
+    return transport(table, table[task.parcel], *_place(task), task.yaw_rad)
+
+
+def _name(table: Table, task: Task) -> Coroutine[Any, Any, None]:
+    newcomer = Newcomer(
+        task.parcel, task.length_m, task.width_m, task.shape, task.kind, task.mass_kg
+    )
+    return name(table, newcomer, *_place(task))
+
+
+def _place(task: Task) -> tuple[float, float]:
+    if task.x_m is None or task.y_m is None:
+        raise ProgramError(f"{task.do} of {task.parcel} has no place")
+    return task.x_m, task.y_m
+
+
+_ROUTINES: dict[str, Callable[[Table, Task], Coroutine[Any, Any, None]]] = {
+    "transport": _transport,
+    "name": _name,
+    "swap": lambda table, task: swap(table, *(table[name] for name in task.parcels)),
+    "sort": lambda table, task: sort(table, task.count),
+    "merge": lambda table, task: merge(table, task.exit, task.count),
+    "singulate": lambda table, task: singulate(table, task.exit, task.period_s, task.count),
+    "buffer": lambda table, task: buffer(table, task.places, task.exit, task.order, task.count),
+    "wait": lambda table, task: table.sleep(task.period_s),
+}

@@ -7,10 +7,9 @@ from itertools import permutations
 
 import numpy as np
 
-from mdms_host.routes.interval_search import FoundWay, SearchEnds, search
+from mdms_host.routes.interval_search import FoundWay, SearchEnds, TakenTiles, search
 from mdms_host.routes.planning_problem import Ground, PlanningProblem
 from mdms_host.routes.route import Route
-from mdms_host.routes.safe_intervals import TakenTiles
 from mdms_host.routes.ways_alone import (
     Alone,
     Guide,

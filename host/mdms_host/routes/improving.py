@@ -13,11 +13,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mdms_host.motion.trajectory.path import Path
+from mdms_host.routes.interval_search import Taken, first_departure, free_until
 from mdms_host.routes.moves import Met
 from mdms_host.routes.planning_problem import PlanningProblem
 from mdms_host.routes.reservations import REST_M, Reservations, Wait
 from mdms_host.routes.route import Pace, Route, Visits
-from mdms_host.routes.safe_intervals import Taken, first_departure, free_until
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.compiled import compiled
 

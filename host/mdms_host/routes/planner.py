@@ -20,20 +20,22 @@ from mdms_host.estimation.footprint import Rectangle
 from mdms_host.layout import Layout
 from mdms_host.routes import interval_search
 from mdms_host.routes.attempt import MANY, Aside, Attempt, Terms, is_free
-from mdms_host.routes.blocked import Blocked, Blocker, blockers
 from mdms_host.routes.grid import Lattice, Tiles
 from mdms_host.routes.improving import Straightening, legs_of, retimed
+from mdms_host.routes.interval_search import TakenTiles
 from mdms_host.routes.moves import LatticeMoves, lattice_moves
 from mdms_host.routes.planning_problem import (
+    Blocked,
+    Blocker,
     Ground,
     PlanningProblem,
     RouteTask,
+    blockers,
     own_ends,
     turned_rad,
 )
 from mdms_host.routes.reservations import Authority, Reservations
 from mdms_host.routes.route import Pace, Route, TrapezoidPace
-from mdms_host.routes.safe_intervals import TakenTiles
 from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_host.routes.well_formed import OrderSearch, stuck
 from mdms_model.arrays import Bools, Floats, Ints

@@ -23,7 +23,7 @@ from mdms_host.can_link.links import open_links
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.operation import operate
-from mdms_host.programs.traffic.planning import ThreadExecutor
+from mdms_host.programs.traffic.dispatch import ThreadExecutor
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cob

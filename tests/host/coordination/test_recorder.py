@@ -6,7 +6,7 @@ import pytest
 from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.recording import PlanLog
 from mdms_host.coordination.recorder import Recorder
-from mdms_host.programs.traffic.planning import DELAY_CYCLES
+from mdms_host.programs.traffic.dispatch import DELAY_CYCLES
 from mdms_model.run.record import Contact, Event
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.simulation import simulate

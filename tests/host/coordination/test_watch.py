@@ -5,9 +5,9 @@ import pytest
 from tests.host.motion.believing import beliefs
 from tests.host.programs.goals import program_to
 
+from mdms_host.coordination.control_cycle import Following, Watch
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import Phase
-from mdms_host.coordination.watch import Following, Watch
 from mdms_host.estimation.footprint import Rectangle
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace

@@ -15,7 +15,7 @@ from mdms_host.page.commands import COMMANDS, PageRefusedError, StopAll
 from mdms_host.page.description import HEAD, SnapshotSignals, Thing, describe
 from mdms_host.page.page import Page
 from mdms_host.programs.program import Main
-from mdms_host.programs.traffic.planning import VirtualExecutor
+from mdms_host.programs.traffic.dispatch import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.nodes.python_bank import PythonBank

@@ -12,7 +12,7 @@ from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.live_array import SUSPENDED_S
 from mdms_host.page.commands import Goal, StopAll
 from mdms_host.programs.traffic.by_host import TableTraffic
-from mdms_host.programs.traffic.planning import VirtualExecutor
+from mdms_host.programs.traffic.dispatch import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob

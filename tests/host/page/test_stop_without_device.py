@@ -13,7 +13,7 @@ from mdms_host.can_link.returning import ReturningLink
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.page.commands import PageRefusedError, StopAll
-from mdms_host.programs.traffic.planning import VirtualExecutor
+from mdms_host.programs.traffic.dispatch import VirtualExecutor
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob, nmt
 from mdms_sim.nodes.python_bank import PythonBank

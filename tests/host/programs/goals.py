@@ -8,9 +8,9 @@ from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.program import Member, TableProgram
 from mdms_host.programs.table import Table
-from mdms_host.programs.task_list import main_of
+from mdms_host.programs.tasks import main_of
 from mdms_host.programs.traffic.by_host import TableTraffic
-from mdms_host.programs.traffic.planning import VirtualExecutor
+from mdms_host.programs.traffic.dispatch import VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.route import TrapezoidPace
 

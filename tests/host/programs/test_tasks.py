@@ -6,7 +6,7 @@ from tests.host.programs.hands import Stage
 from mdms_host.programs import tasks
 from mdms_host.programs.order import Gate
 from mdms_host.programs.table_orders import LineOrder
-from mdms_host.programs.task_list import main_of
+from mdms_host.programs.tasks import main_of
 from mdms_model.scenario.scenario import Task
 
 

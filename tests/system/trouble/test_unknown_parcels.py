@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import mdms_array as mdms
-from mdms_host.estimation.footprint import Rectangle
-from mdms_host.motion.contact import gap_m
+from mdms_host.estimation.footprint import Rectangle, gap_m
 from mdms_host.programs.script import until
 from mdms_model.scenario.file import load_scenario, scenario_from
 

@@ -21,7 +21,7 @@ from mdms_host.line.machine import Recipes
 from mdms_host.page.run_slot import RunSlot
 from mdms_host.page.simulated import SLICE_NS, SimulatedTable
 from mdms_host.programs.program import Main
-from mdms_host.programs.traffic.planning import ThreadExecutor
+from mdms_host.programs.traffic.dispatch import ThreadExecutor
 from mdms_host.routes.planner import planner_compiled_beside
 from mdms_model.scenario.belief import believed
 from mdms_model.scenario.scenario import Scenario

@@ -10,12 +10,11 @@ from math import hypot, inf, log, pi, sqrt
 import numpy as np
 
 from mdms_host.estimation.belief import Confirmation, Standing
-from mdms_host.estimation.footprint import Footprint, Rectangle
+from mdms_host.estimation.footprint import Footprint, Rectangle, edge_of
 from mdms_host.estimation.locating import Location
-from mdms_host.estimation.pose.feeling import edge_of, moves_to_feel
+from mdms_host.estimation.pose.feeling import moves_to_feel
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
-from mdms_host.estimation.pose.pose_filter import PoseFilter
-from mdms_host.estimation.pose.sliding import Sliding
+from mdms_host.estimation.pose.pose_filter import PoseFilter, Sliding
 from mdms_host.estimation.presence import Near, Surroundings
 from mdms_model.arrays import Bools, Floats, Ints
 from mdms_model.scenario.scenario import DRAWN_M

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from math import cos, sin, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from mdms_host.estimation.footprint import Footprint
+from mdms_host.estimation.footprint import Footprint, edge_of
 from mdms_model.arrays import Bools, Floats
 
 #: A place is known well enough within these, as standard deviations [m, rad]: within 3 mm and 1
@@ -33,15 +33,6 @@ _EDGE_M = 0.0005
 #: Where no edge makes a place sure, one will do that leaves no more than this of its variance.
 _LEFT = 0.5
 _ALONG, _ACROSS, _TURN = np.eye(3)
-
-
-def edge_of(footprint: Footprint, point_m: Floats, pose: Floats) -> tuple[float, Floats]:
-    """Distance of a point from the edge [m], and its derivative by pose and growth, (5,)."""
-    off_m, slope = footprint.edge(point_m, pose)
-    x, y, _ = slope.tolist()
-    cosine, sine = cos(pose[2]), sin(pose[2])
-    along, across = cosine * x + sine * y, cosine * y - sine * x
-    return off_m, np.array([*slope, -along * along, -across * across])
 
 
 def moves_to_feel(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Footprint
+from mdms_host.estimation.footprint import Footprint, has_room
 from mdms_host.estimation.tracked_parcel import LEARNED_M
 from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout
@@ -16,7 +16,6 @@ from mdms_host.motion.by_cells.followed import Followed, LastLeg
 from mdms_host.motion.by_cells.lost_cells import LostCells
 from mdms_host.motion.by_cells.reports import Observed, Reports
 from mdms_host.motion.by_cells.sending import CellsMotion, CellTurn, Precedences, Sending, Way
-from mdms_host.motion.contact import has_room
 from mdms_host.motion.footholds import Footholds
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.safe_goals import Places

@@ -18,9 +18,8 @@ from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Order
-from mdms_host.programs.traffic.dispatch import WayRules
+from mdms_host.programs.traffic.dispatch import PlanExecutor, WayRules
 from mdms_host.programs.traffic.ordered import OrderedTraffic, planner_of
-from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import SearchSettings
@@ -259,7 +258,7 @@ _LEGS = wire.LEGS_MAX
 
 
 class CellsTraffic(OrderedTraffic[Legs]):
-    """Traffic by way of `cells`; see `carrier.Traffic`."""
+    """Traffic by way of `cells`; see `OrderedTraffic`."""
 
     def __init__(
         self,

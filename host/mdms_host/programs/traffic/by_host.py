@@ -5,13 +5,11 @@ from types import MappingProxyType
 
 from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.motion.carrying import Carrying
-from mdms_host.motion.trajectory.follower import Carried
-from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.follower import Carried, Grip
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Order
-from mdms_host.programs.traffic.dispatch import KeptFree, WayRules
+from mdms_host.programs.traffic.dispatch import KeptFree, PlanExecutor, WayRules
 from mdms_host.programs.traffic.ordered import OrderedTraffic, planner_of
-from mdms_host.programs.traffic.planning import PlanExecutor
 from mdms_host.programs.traffic.ride import Load, Ride
 from mdms_host.routes.planner import SearchSettings
 from mdms_host.routes.route import Pace, Route
@@ -26,7 +24,7 @@ _GAP_S = 0.1
 
 
 class TableTraffic(OrderedTraffic[Ride]):
-    """Traffic on the wheels of `traction`; see `carrier.Traffic`."""
+    """Traffic on the wheels of `traction`; see `OrderedTraffic`."""
 
     def __init__(
         self,

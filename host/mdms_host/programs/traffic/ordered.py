@@ -7,21 +7,21 @@ from how far all have come.
 """
 
 from abc import ABC, abstractmethod
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from math import hypot, inf
 from types import MappingProxyType
 from typing import Generic, TypeVar
 
-from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.traffic.dispatch import Dispatch, NoWay, WayRules
-from mdms_host.programs.traffic.planning import PlanExecutor
-from mdms_host.programs.traffic.ride import Load, Riding, due_in_s_of, reserved_by, ways_of
+from mdms_host.programs.traffic.dispatch import Dispatch, NoWay, PlanExecutor, WayRules
+from mdms_host.programs.traffic.ride import Load, Riding
 from mdms_host.programs.traffic.world_state import Timetable, WorldState
 from mdms_host.routes.grid import RIM_M, Tiles
 from mdms_host.routes.planner import Margins, Planner, RoutePlan, SearchSettings
@@ -96,10 +96,10 @@ Ride = TypeVar("Ride", bound=Riding)
 
 
 class OrderedTraffic(ABC, Generic[Ride]):
-    """Carries out orders for parcels whose loads are known, by name; see `carrier.Traffic`.
+    """Carries out orders for parcels, and keeps the parcels out of each other's way.
 
-    Anything else that is believed to lie on the table is an obstacle. Parcels lie where they were
-    `told` to until they are found.
+    Their loads are known, by name. Anything else that is believed to lie on the table is an
+    obstacle. Parcels lie where they were `told` to until they are found.
     """
 
     def __init__(
@@ -137,6 +137,20 @@ class OrderedTraffic(ABC, Generic[Ride]):
     @abstractmethod
     def _set_out(self, order: Order, route: Route) -> Ride:
         """Begin to take a parcel along a route."""
+
+    @abstractmethod
+    def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
+        """References of all wheels (W,) [m/s] for the next cycle."""
+
+    @property
+    @abstractmethod
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+
+    @property
+    @abstractmethod
+    def gains(self) -> Mapping[str, Gain]:
+        """Gains of the wheels under parcels in the step before these, and their pushes."""
 
     # Orders --------------------------------------------------------------------------------------
 
@@ -192,7 +206,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self.steered.pop(name, None)
 
     def attend(self, tracked: Callable[[], Collection[str]]) -> None:
-        """See `Traffic`."""
+        """From now on a parcel without a belief has left only if `tracked()` does not name it."""
         self._tracked = tracked
 
     def take_left(self) -> list[str]:
@@ -201,7 +215,10 @@ class OrderedTraffic(ABC, Generic[Ride]):
         return left
 
     def take_leaving(self) -> list[tuple[str, Gate | None]]:
-        """See `Traffic`."""
+        """Parcels that have set out to leave since the last call, and through which gate.
+
+        Without one, a parcel that was to leave has set out for another place.
+        """
         leaving, self._leaving = self._leaving, []
         return leaving
 
@@ -232,18 +249,43 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     @property
     def ways(self) -> dict[str, Floats]:
-        """See `program.TableProgram`."""
-        return ways_of(self._rides)
+        """The poses (K, 3) that are before each parcel under way, where it is now first."""
+        return {
+            name: ride.route.ahead(ride.progress_m, ride.route.length_m)
+            for name, ride in self._rides.items()
+            if not ride.has_come
+        }
 
     @property
     def due_in_s(self) -> dict[str, Floats]:
-        """See `program.TableProgram`."""
-        return due_in_s_of(self._rides, self._now_s)
+        """In what time each parcel under way is planned at these poses [s], (K,)."""
+        return {
+            name: ride.route.ahead_s(ride.progress_m, ride.route.length_m) - self._now_s
+            for name, ride in self._rides.items()
+            if not ride.has_come
+        }
 
     @property
     def reserved(self) -> list[tuple[float, float, float, tuple[str, ...]]]:
-        """See `program.TableProgram`."""
-        return reserved_by(self._rides, self._tiles)
+        """Tiles that parcels under way have before them, and which do, in their order.
+
+        Middle and side of each [m; table frame].
+        """
+        visits: dict[int, list[tuple[float, str]]] = defaultdict(list)
+        for name, ride in self._rides.items():
+            left = ride.route.visits.leaves_m > ride.progress_m
+            if not ride.has_come:
+                columns = ride.route.visits.tile[left], ride.route.visits.enters_s[left]
+                for tile, enters_s in zip(*(each.tolist() for each in columns), strict=True):
+                    visits[tile].append((enters_s, name))
+        return [
+            (
+                *self._tiles.centre_m(tile),
+                self._tiles.side_m,
+                tuple(dict.fromkeys(name for _, name in sorted(each))),
+            )
+            for tile, each in visits.items()
+        ]
 
     # The cycle -----------------------------------------------------------------------------------
 

@@ -2,8 +2,7 @@
 
 A parcel goes along its route as far as that is free, and is then held at its goal, or has left."""
 
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -13,14 +12,12 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.goal import GoalController, GoalPose
 from mdms_host.motion.outcome import Standstill
-from mdms_host.motion.trajectory.follower import Carried, Follower
-from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.motion.trajectory.follower import Carried, Follower, Grip
 from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass
 from mdms_host.motion.trajectory.speed_profile import SpeedProfile
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_host.programs.order import Gate, Order
-from mdms_host.routes.grid import Tiles
 from mdms_host.routes.route import Route
 from mdms_model.arrays import Floats
 
@@ -66,48 +63,6 @@ class Riding(Protocol):
     def has_left(self, belief: Belief | None, last: Floats) -> bool:
         """Whether it has left, given its present belief, and its last believed pose."""
         ...
-
-
-def ways_of(rides: Mapping[str, Riding]) -> dict[str, Floats]:
-    """The poses (K, 3) that are before each parcel under way, where it is now first."""
-    return {
-        name: ride.route.ahead(ride.progress_m, ride.route.length_m)
-        for name, ride in rides.items()
-        if not ride.has_come
-    }
-
-
-def due_in_s_of(rides: Mapping[str, Riding], now_s: float) -> dict[str, Floats]:
-    """In what time each parcel under way is planned at these poses [s], (K,)."""
-    return {
-        name: ride.route.ahead_s(ride.progress_m, ride.route.length_m) - now_s
-        for name, ride in rides.items()
-        if not ride.has_come
-    }
-
-
-def reserved_by(
-    rides: Mapping[str, Riding], tiles: Tiles
-) -> list[tuple[float, float, float, tuple[str, ...]]]:
-    """Tiles that parcels under way have before them, and which do, in their order.
-
-    Middle and side of each [m; table frame].
-    """
-    visits: dict[int, list[tuple[float, str]]] = defaultdict(list)
-    for name, ride in rides.items():
-        left = ride.route.visits.leaves_m > ride.progress_m
-        if not ride.has_come:
-            columns = ride.route.visits.tile[left], ride.route.visits.enters_s[left]
-            for tile, enters_s in zip(*(each.tolist() for each in columns), strict=True):
-                visits[tile].append((enters_s, name))
-    return [
-        (
-            *tiles.centre_m(tile),
-            tiles.side_m,
-            tuple(dict.fromkeys(name for _, name in sorted(each))),
-        )
-        for tile, each in visits.items()
-    ]
 
 
 #: Rounding, of the length of a way [m].

@@ -8,8 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdms_host.estimation.belief import Belief
-from mdms_host.estimation.footprint import Footprint
-from mdms_host.motion.contact import has_room
+from mdms_host.estimation.footprint import Footprint, has_room
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.planner import RoutePlan
 from mdms_host.routes.route import Route

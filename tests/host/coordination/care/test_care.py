@@ -8,10 +8,10 @@ import pytest
 from tests.host.cells_link import CellsLink
 
 from mdms_host.can_link.link import drive
+from mdms_host.coordination.control_cycle import Watch
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.coordination.run_state import HELD, Phase
-from mdms_host.coordination.watch import Watch
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_model.arrays import Floats

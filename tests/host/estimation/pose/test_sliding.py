@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.pose.sliding import Sliding
+from mdms_host.estimation.pose.pose_filter import Sliding
 
 CORNER_M = np.array([1.0, 1.0, 5.0])
 STEP_S = 0.01

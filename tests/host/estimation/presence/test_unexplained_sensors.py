@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from mdms_host.estimation.parcel_search import Coverage, UnexplainedSensors
 from mdms_host.estimation.presence import Surroundings
-from mdms_host.estimation.unexplained_sensors import Coverage, UnexplainedSensors
 from mdms_host.layout import Layout
 
 LAYOUT = Layout(9, 6)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
 
-from mdms_host.estimation.pose.sliding import Sliding
-from mdms_host.motion.trajectory.follower import Follower
-from mdms_host.motion.trajectory.grip import Grip
+from mdms_host.estimation.pose.pose_filter import Sliding
+from mdms_host.motion.trajectory.follower import Follower, Grip
 from mdms_host.motion.trajectory.path import Path, straight
 
 REACH_M = BOX.footprint.reach_m

@@ -12,7 +12,7 @@ from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Order
 from mdms_host.programs.traffic.by_cells import CellsTraffic
-from mdms_host.programs.traffic.planning import VirtualExecutor
+from mdms_host.programs.traffic.dispatch import VirtualExecutor
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.routes.improving import legs_of
 from mdms_protocol.neighbours import frames as wire

@@ -9,8 +9,7 @@ from mdms_host.layout import Layout
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.trajectory.pushes import uniform_mass
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.traffic.dispatch import Dispatch, WayRules
-from mdms_host.programs.traffic.planning import DELAY_CYCLES, VirtualExecutor
+from mdms_host.programs.traffic.dispatch import DELAY_CYCLES, Dispatch, VirtualExecutor, WayRules
 from mdms_host.programs.traffic.ride import Load
 from mdms_host.programs.traffic.world_state import Timetable, WorldState
 from mdms_host.routes.grid import Tiles

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from mdms_host.estimation.footprint import Rectangle
-from mdms_host.motion.contact import gap_m, has_room
+from mdms_host.estimation.footprint import Rectangle, gap_m, has_room
 
 BOX = Rectangle(0.30, 0.20)
 
