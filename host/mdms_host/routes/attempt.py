@@ -130,10 +130,8 @@ class Attempt:
         for name, route in kept.items():
             self._table.take(self._owners[name], route)
             self._parked[route.stays] = True
-        for name, problem in problems.items():
+        for problem in problems.values():
             self._table.stand(problem)
-            if not problem.is_at_rest:
-                self._table.take(self._owners[name], problem.prefix)
 
     def run(self, order: Sequence[str], aside: Aside) -> dict[str, Route]:
         """Routes of as many as can be planned, in this order where that does.

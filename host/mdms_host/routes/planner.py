@@ -141,7 +141,6 @@ class Planner:
         *,
         closed: Bools | None = None,
         kept: Mapping[str, Route] | None = None,
-        seed: int = 1,
     ) -> RoutePlan:
         """Routes for all these parcels, first ones first if that works.
 
@@ -159,7 +158,7 @@ class Planner:
         kept = {name: route for name, route in (kept or {}).items() if name not in named}
         for off_m in dict.fromkeys((self._margins.off_m, 0.0)):
             problems = {task.parcel: self._problem(task, now_s, off_m) for task in tasks}
-            plan = self._plan(problems, closed, kept, seed)
+            plan = self._plan(problems, closed, kept)
             if not plan.blocked:
                 break
         return plan
@@ -169,10 +168,9 @@ class Planner:
         problems: Mapping[str, PlanningProblem],
         closed: Bools,
         kept: Mapping[str, Route],
-        seed: int,
     ) -> RoutePlan:
         best: dict[str, Route] = {}
-        for going, order, sure, aside in self._orders(problems, closed, kept, seed):
+        for going, order, sure, aside in self._orders(problems, closed, kept):
             attempt = Attempt(self._terms, going, closed, kept, sure)
             found = attempt.run(order, aside)
             if len(found) >= len(best):
@@ -182,7 +180,7 @@ class Planner:
         own = {name: best[name] if name in best else problems[name].prefix for name in problems}
         routes = {**kept, **own}
         for name in best:
-            if legs_of(routes[name]) > self._search.legs and problems[name].is_at_rest:
+            if legs_of(routes[name]) > self._search.legs:
                 routes[name] = self._straightened(problems[name], routes, closed)
         blocked = {
             name: self._blocked(problems, name, best, closed, kept)
@@ -197,7 +195,6 @@ class Planner:
         problems: Mapping[str, PlanningProblem],
         closed: Bools,
         kept: Mapping[str, Route],
-        seed: int,
     ) -> Iterator[tuple[Mapping[str, PlanningProblem], Sequence[str], bool, Aside]]:
         """Orders of planning: first a well-formed one, then the given one, then random ones.
 
@@ -223,7 +220,7 @@ class Planner:
                 break
         moving = _moving(problems)
         yield problems, moving, True, Aside.LATE
-        random = Random(f"orders {seed}")
+        random = Random("orders 1")
         for number in range(_TRIES):
             aside = Aside.EARLY if number % 3 == 0 else Aside.LATE
             yield problems, random.sample(moving, len(moving)), number % 3 < 2, aside
@@ -338,7 +335,7 @@ def planner_compiled_beside() -> Iterator[None]:
 
 def compile_planner() -> None:
     """Plan a short way on a small table, which compiles all that every plan needs."""
-    start, goal = np.array([[-0.05, 0.0, 0.0]]), np.array([0.05, 0.0, 0.3])
+    start, goal = np.array([-0.05, 0.0, 0.0]), np.array([0.05, 0.0, 0.3])
     task = RouteTask("box", Shape(Rectangle(0.28, 0.28)), start, goal)
     plan = Planner(Tiles(Layout(6, 6))).plan([task])
     plan.authority.limits_m({"box": 0.0})

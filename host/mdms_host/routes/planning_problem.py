@@ -29,24 +29,16 @@ _WHOLE = 1e-9
 class RouteTask:
     """A parcel on the table, and its goal; without a goal it stays at its place.
 
-    `ahead` (K, 3) are poses that it passes in any plan, from its present place to the place where
-    it can stop. For a parcel at rest it is its pose alone. Goals are (x, y, yaw); a disc's yaw does
-    not matter. A parcel that `leaves` is taken off the table at its goal, `leaves_s` after it has
-    come.
+    Start and goal are (x, y, yaw); a disc's yaw does not matter. A parcel that `leaves` is taken
+    off the table at its goal, `leaves_s` after it has come.
     """
 
     parcel: str
     shape: Shape
-    ahead: Floats
+    start: Floats
     goal: Floats | None = None
     leaves: bool = False
     leaves_s: float = 0.5
-
-    @property
-    def start(self) -> Floats:
-        """The pose from which it can be planned anew, shape (3,)."""
-        pose: Floats = self.ahead[-1]
-        return pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +93,12 @@ class PlanningProblem:
         """Its route until it can be planned anew; it stays at the end."""
         if self.so_far is not None:
             return self.so_far
-        return self._route(self.task.ahead, self.now_s, np.zeros(0), np.inf)
+        return self._route(self.task.start[None], self.now_s, np.zeros(0), np.inf)
 
     @property
     def is_at_rest(self) -> bool:
         """Whether it is where it can be planned anew."""
-        return self.so_far is None and len(self.task.ahead) == 1
+        return self.so_far is None
 
     @property
     def ready_s(self) -> float:
@@ -115,14 +107,14 @@ class PlanningProblem:
 
     def route(self, found: FoundWay) -> Route:
         """The route along the result of a search."""
-        poses = [self.roadmap.pose(node) for node in found.nodes[1:].tolist()]
-        turned = np.array(poses).reshape(-1, 3) + np.array([0.0, 0.0, self.turned_rad])
-        ahead = np.concatenate([self.task.ahead, turned])
+        ahead = [self.roadmap.pose(node) for node in found.nodes[1:].tolist()]
+        turned = np.array(ahead).reshape(-1, 3) + np.array([0.0, 0.0, self.turned_rad])
+        poses = np.concatenate([self.prefix.poses, turned])
         end_s = float(found.arrives_s[-1]) if len(found.arrives_s) else self.ready_s
         gone_s = end_s + self.task.leaves_s if self.task.leaves else np.inf
         before_s = np.zeros(0) if self.so_far is None else self.so_far.begins_s
         begins_s = np.concatenate((before_s, found.begins_s))
-        return self._route(ahead, self.now_s, begins_s, gone_s)
+        return self._route(poses, self.now_s, begins_s, gone_s)
 
     def along(self, poses: Floats, begins_s: Floats) -> Route:
         """The route along these poses, with moves that begin then, to the end of the problem."""
@@ -176,7 +168,6 @@ class PlanningProblem:
             arrives_s,
             visits,
             self.task.shape.body.bend_m,
-            self.task.leaves and bool(len(planned_s)),
         )
 
     def aside(self, pose: Floats) -> "PlanningProblem":
@@ -190,7 +181,7 @@ class PlanningProblem:
 
     def onward(self, route: Route) -> "PlanningProblem":
         """The same problem from the end of its planned part."""
-        return replace(self, task=replace(self.task, ahead=route.poses), so_far=route)
+        return replace(self, task=replace(self.task, start=route.poses[-1]), so_far=route)
 
 
 def own_ends(task: RouteTask, turned_rad: float) -> tuple[Floats, Floats]:

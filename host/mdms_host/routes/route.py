@@ -86,8 +86,7 @@ class Route:
 
     Move k leads from pose k to pose k + 1, at rest at both, and is planned from `begins_s[k]` to
     `arrives_s[k]`. Path coordinates `along_m` (K,) count from the first pose: the way of the centre
-    and that of the farthest corner's turning, hypot of both, `reach_m` from the centre. `gone` is
-    whether the parcel leaves the table at the end.
+    and that of the farthest corner's turning, hypot of both, `reach_m` from the centre.
     """
 
     parcel: str
@@ -97,7 +96,6 @@ class Route:
     arrives_s: Floats
     visits: Visits
     reach_m: float
-    gone: bool = False
 
     @property
     def length_m(self) -> float:

@@ -76,7 +76,7 @@ def instance(table: Table, seed: int, parcels: int | None = None) -> list[RouteT
         tasks = with_goals(table, random, started(table, random, count))
     random.shuffle(tasks)
     return [
-        RouteTask(f"parcel {number}", task.shape, task.ahead, task.goal)
+        RouteTask(f"parcel {number}", task.shape, task.start, task.goal)
         for number, task in enumerate(tasks)
     ]
 
@@ -107,7 +107,7 @@ def started(table: Table, random: Random, count: int) -> list[RouteTask]:
             under = table.planner.stand(shape, start)
             if not taken[under].any():
                 taken[under] = True
-                tasks.append(RouteTask("", shape, start[None]))
+                tasks.append(RouteTask("", shape, start))
             if len(tasks) == count:
                 return tasks
 
@@ -145,7 +145,7 @@ def with_goal(table: Table, random: Random, task: RouteTask, taken: np.ndarray) 
         under = table.planner.stand(task.shape, goal)
         if taken[under].any() or not reached[under].any():
             continue
-        gone = RouteTask("", task.shape, task.ahead, goal)
+        gone = RouteTask("", task.shape, task.start, goal)
         return gone if table.planner.plan([gone], closed=taken).routes[""].length_m else None
     return None
 

@@ -10,6 +10,7 @@ from mdms_host.estimation.tracker import Parcel
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.trajectory.follower import Carried
+from mdms_host.motion.trajectory.path import Path, shorter_turn_rad
 from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
 from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
 from mdms_model.arrays import Floats
@@ -34,6 +35,12 @@ def traction_of(layout: Layout = LAYOUT, speed_m_s: float = 0.1, friction: float
 
 def mass_of(parcel: Parcel, mass_kg: float = BOX_KG) -> Mass:
     return uniform_mass(parcel.footprint, mass_kg)
+
+
+def straight(start: Floats, end: Floats, reach_m: float) -> Path:
+    """The path straight from a pose to another, by the shorter turn."""
+    turn_rad = shorter_turn_rad(float(start[2]), float(end[2]))
+    return Path(np.array([start, [end[0], end[1], start[2] + turn_rad]]), reach_m)
 
 
 class Table:

@@ -14,6 +14,4 @@ Pose = tuple[float, ...]
 
 def task(name: str, start: Pose, goal: Pose | None, shape: Shape = BOX, **more: bool) -> RouteTask:
     """A parcel at rest."""
-    return RouteTask(
-        name, shape, np.array([start]), None if goal is None else np.array(goal), **more
-    )
+    return RouteTask(name, shape, np.array(start), None if goal is None else np.array(goal), **more)

@@ -76,7 +76,7 @@ def cells() -> list[Cell]:
 
 
 def task(name: str, start: Cell, goal: Cell) -> RouteTask:
-    return RouteTask(name, BODY, pose(start)[None], pose(goal))
+    return RouteTask(name, BODY, pose(start), pose(goal))
 
 
 def pose(cell: Cell) -> Floats:

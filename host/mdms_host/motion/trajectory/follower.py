@@ -141,8 +141,6 @@ _REJOIN_M = 0.012
 _SEARCH_M = 0.3
 #: A parcel that is farther beside its path has left it [m].
 _OFF_PATH_M = 0.02
-#: Number of poses of the way ahead in records and pictures.
-_SHOWN = 13
 #: A belief farther from where its twist leads has been corrected by a sensor [m].
 _SET_RIGHT_M = 0.001
 
@@ -221,27 +219,6 @@ class Follower:
     def finished(self) -> bool:
         """Whether the parcel is to stand at the end of its path."""
         return self._reference.finished
-
-    @property
-    def committed_s_m(self) -> float:
-        """The path coordinate before which the parcel cannot stop any more [m].
-
-        An authority that is withdrawn to less is overrun, braking.
-        """
-        return self._reference.committed_s_m
-
-    @property
-    def stopping_s(self) -> float:
-        """How long it takes to come to rest from here [s]."""
-        return self._reference.stopping_s
-
-    @property
-    def ahead(self) -> tuple[Floats, Floats]:
-        """The poses (K, 3) still before the parcel, and in what time it may be there [s], (K,)."""
-        along_m = np.linspace(self.s_m, self.path.length_m, _SHOWN)
-        times_s = self.profile.time_at(along_m)
-        poses = np.array([self.path.pose_at(s_m) for s_m in along_m.tolist()])
-        return poses, times_s - times_s[0]
 
     def step(self, belief: Belief, step_s: float, authority_s_m: float = inf) -> Carried:
         """Motion of the wheels in the step that begins at the belief's time.

@@ -132,12 +132,6 @@ def shorter_turn_rad(from_rad: float, to_rad: float) -> float:
     return (to_rad - from_rad + pi) % (2 * pi) - pi
 
 
-def straight(start: Floats, end: Floats, reach_m: float) -> Path:
-    """The path straight from a pose to another, by the shorter turn."""
-    turn_rad = shorter_turn_rad(float(start[2]), float(end[2]))
-    return Path(np.array([start, [end[0], end[1], start[2] + turn_rad]]), reach_m)
-
-
 def _pieces(poses: Floats, extent_m: Floats) -> Iterator[Piece]:
     at_s_m = 0.0
     open_: Piece | None = None

@@ -41,7 +41,9 @@ class SpeedProfile:
     @cached_property
     def duration_s(self) -> float:
         """Time from rest at the start to rest at the end, never slower than the bounds say."""
-        return float(self._times_s[-1])
+        speeds_m_s = np.sqrt(self._squares)
+        both_m_s = speeds_m_s[:-1] + speeds_m_s[1:]
+        return float((2 * np.diff(self.s_m) / both_m_s).sum())
 
     def speed_at(self, s_m: float) -> float:
         """The greatest speed at a path coordinate [m/s]."""
@@ -54,11 +56,6 @@ class SpeedProfile:
             return 0.0
         return self._accelerations[min(max(bisect_right(self._samples, s_m) - 1, 0), last)]
 
-    def time_at(self, s_m: Floats) -> Floats:
-        """When each path coordinate is reached at the soonest, from rest at the start [s]."""
-        times_s: Floats = np.interp(s_m, self.s_m, self._times_s)
-        return times_s
-
     def climb(self, s_m: float) -> float:
         """E(s), half the square of the speed that could be gained from 0 to there [m2/s2]."""
         return _interpolated(s_m, self._samples, self._climbs)
@@ -70,16 +67,6 @@ class SpeedProfile:
     def stop_after(self, s_m: float) -> float:
         """The next path coordinate, beyond this one, at which the parcel rests anyway [m]."""
         return next((each for each in self.path.corners_m if each > s_m), self.path.length_m)
-
-    def stopping_end(self, s_m: float, speed_m_s: float) -> float:
-        """Where a parcel of this speed comes to rest at the soonest [m].
-
-        inf if that is beyond the path's end.
-        """
-        climb = self.climb(s_m) + speed_m_s**2 / 2
-        if climb > self._climbs[-1] + 1e-12:
-            return inf
-        return max(s_m, _interpolated(climb, self._climbs, self._samples))
 
     def part_at(self, s_m: float) -> tuple[Pushes, int]:
         """The shares at the sample nearest to a path coordinate, and its place among them."""
@@ -120,12 +107,6 @@ class SpeedProfile:
         rests = np.searchsorted(self.s_m, [0.0, *self.path.corners_m])
         squares[np.minimum(rests, len(squares) - 1)] = 0.0
         return squares
-
-    @cached_property
-    def _times_s(self) -> Floats:
-        speeds_m_s = np.sqrt(self._squares)
-        both_m_s = speeds_m_s[:-1] + speeds_m_s[1:]
-        return np.concatenate(([0.0], np.cumsum(2 * np.diff(self.s_m) / both_m_s)))
 
 
 def _passed(squares: Sequence[float], gains: Floats) -> list[float]:
@@ -177,19 +158,8 @@ class Reference:
         return self.at_rest and self.s_m >= self.profile.path.length_m
 
     @property
-    def stopping_s(self) -> float:
-        """How long it takes to come to rest from here [s]."""
-        return 0.0 if self.at_rest else self.speed_m_s / self._bound_m_s2
-
-    @property
     def _bound_m_s2(self) -> float:
         return self.profile.acceleration_at(self.s_m)
-
-    @property
-    def committed_s_m(self) -> float:
-        """The path coordinate before which it cannot stop any more."""
-        end_m = self.profile.stopping_end(self.s_m, self.speed_m_s)
-        return min(end_m, self.profile.stop_after(self.s_m))
 
     def brake(self, step_s: float) -> None:
         """Move on by a step, and towards rest."""

@@ -190,7 +190,7 @@ class Dispatch:
         for shape in dict.fromkeys(map(shape_of, self._loads.values())):
             for yaw_rad in (_LITTLE_RAD, -_LITTLE_RAD):
                 start, goal = np.array([0.0, 0.0, yaw_rad]), np.array([_LITTLE_M, 0.0, yaw_rad])
-                self._planner.plan([RouteTask("any", shape, start[None, :], goal)])
+                self._planner.plan([RouteTask("any", shape, start, goal)])
 
     @property
     def is_busy(self) -> bool:
@@ -390,14 +390,14 @@ class Dispatch:
             shape = self._world_state.shape(name)
             if name not in others and shape is not None:
                 goal, leaves = self._goal(name, pose)
-                yield RouteTask(name, shape, pose[None, :], goal, leaves, _LEAVES_S)
+                yield RouteTask(name, shape, pose, goal, leaves, _LEAVES_S)
 
     def _kept_free(self, under: Collection[Ints]) -> Iterator[RouteTask]:
         """Places that are kept free for coming parcels, of those that are empty."""
         for free in self._rules.kept_free:
             kept = self._planner.stand(free.shape, free.pose)
             if not any(np.isin(kept, tiles).any() for tiles in under):
-                yield RouteTask(free.name, free.shape, free.pose[None, :])
+                yield RouteTask(free.name, free.shape, free.pose)
 
     def _goal(self, name: str, pose: Floats) -> tuple[Floats | None, bool]:
         """Where a parcel is to go by the plan, and whether it leaves there."""

@@ -6,11 +6,11 @@ from random import Random
 
 import numpy as np
 import pytest
-from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
+from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, straight, traction_of
 
 from mdms_host.estimation.pose.pose_filter import Sliding
 from mdms_host.motion.trajectory.follower import Follower, Grip
-from mdms_host.motion.trajectory.path import Path, straight
+from mdms_host.motion.trajectory.path import Path
 
 REACH_M = BOX.footprint.reach_m
 STRAIGHT = straight(np.array([-0.15, 0.0, 0.0]), np.array([0.15, 0.0, 0.3]), REACH_M)
@@ -22,6 +22,13 @@ CORNERED = Path(
 def follower_of(path: Path, grip: Grip | None = None, mass_kg: float = 2.0) -> Follower:
     traction = traction_of(speed_m_s=0.7)
     return Follower(traction, traction.profile(path, BOX.footprint, mass_of(BOX, mass_kg)), grip)
+
+
+def stop_m(follower: Follower) -> float:
+    """Before this path coordinate the parcel cannot stop any more."""
+    least_m_s2 = follower.profile.acceleration_m_s2.min()
+    stop_m = follower.s_m + follower.speed_m_s**2 / 2 / least_m_s2
+    return min(stop_m, follower.profile.stop_after(follower.s_m))
 
 
 def at_m(path: Path, table: Table) -> float:
@@ -59,7 +66,7 @@ def test_a_parcel_never_passes_its_authority_however_that_is_extended(seed: int)
             authority_m = min(authority_m + random.uniform(0.0, 0.15), CORNERED.length_m)
         elif random.random() < 0.02:
             # An authority before which the parcel cannot stop any more is not taken back.
-            authority_m = max(follower.committed_s_m, authority_m - random.uniform(0.0, 0.1))
+            authority_m = max(stop_m(follower), authority_m - random.uniform(0.0, 0.1))
         table.step(partial(follower.step, authority_s_m=authority_m))
         assert follower.s_m <= authority_m + 1e-4
         assert at_m(CORNERED, table) <= authority_m + 0.003
@@ -79,7 +86,7 @@ def test_an_authority_that_is_withdrawn_too_late_is_overrun_braking() -> None:
     follower, table = follower_of(STRAIGHT), Table(STRAIGHT.start)
     for _ in range(40):
         table.step(follower.step)
-    withdrawn_m, committed_m = follower.s_m + 0.001, follower.committed_s_m
+    withdrawn_m, committed_m = follower.s_m + 0.001, stop_m(follower)
     for _ in range(80):
         table.step(partial(follower.step, authority_s_m=withdrawn_m))
     assert follower.at_rest

@@ -1,11 +1,11 @@
-from math import hypot, pi
+from math import pi
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdms_host.motion.trajectory.path import Path, straight
+from mdms_host.motion.trajectory.path import Path
 
 REACH_M = 0.2
 POSE = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-3, 3))
@@ -52,16 +52,6 @@ def test_a_path_of_one_pose_has_no_length() -> None:
     assert path.length_m == 0.0
     np.testing.assert_array_equal(path.end, (0.1, 0.2, 0.3))
     assert not path.direction_at(0.0).any()
-
-
-@given(POSE, POSE)
-def test_the_straight_path_takes_the_shorter_turn(start, end) -> None:
-    path = straight(np.array(start), np.array(end), REACH_M)
-    turn_rad = path.end[2] - start[2]
-    assert abs(turn_rad) <= pi + 1e-9
-    assert np.cos(path.end[2]) == pytest.approx(np.cos(end[2]), abs=1e-9)
-    way_m = hypot(end[0] - start[0], end[1] - start[1], REACH_M * turn_rad)
-    assert path.length_m == pytest.approx(way_m, abs=1e-8)
 
 
 @pytest.mark.parametrize("poses", [np.zeros((0, 3)), np.zeros(3), np.array([(0.0, 0.0, np.nan)])])

@@ -5,11 +5,11 @@ import pytest
 import toppra
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.host.motion.driving import BOX, LAYOUT, mass_of, traction_of
+from tests.host.motion.driving import BOX, LAYOUT, mass_of, straight, traction_of
 from toppra.algorithm import TOPPRA
 from toppra.constraint import SecondOrderConstraint
 
-from mdms_host.motion.trajectory.path import Path, straight
+from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.pushes import Mass, pushes_at
 from mdms_host.motion.trajectory.speed_profile import SpeedProfile
 from mdms_host.motion.trajectory.traction import PLANNED_SHARE
