@@ -104,6 +104,21 @@ def test_a_program_ends_as_it_should_and_the_fault_is_reported(row: Row) -> None
     for message in messages(HEADING)[row.what]:
         assert re.search(message, texts), f"{message}: {texts}"
     assert moved_without_command_m_s(run, row) < STANDS_M_S
+    if row.ends is ExitCode.OK:
+        assert run.parcels["box"].reached
+
+
+def test_wheels_stand_while_a_dead_cell_is_waited_for_and_are_off_thereafter() -> None:
+    fault = f"fault=[{{kind='off', cells=[6], start_s={START_S}}}]"
+    killed = (fault, "run.pause_s=0.5", "motion.speed_m_s=0.2")
+    run = mdms.simulate(load_scenario("array18", [*TABLE, *killed, "run.duration_s=2.2"]))
+    assert run.status == "fault"
+    assert run.reason == (
+        "cell 6 (node 6) has fallen silent: no speeds for 0.1 s; not back within 0.5 s"
+    )
+    record = run.record
+    assert np.abs(record.speed_m_s[record.time_s > START_S + 0.5]).max() < 0.01
+    assert (record.voltage_v[record.time_s > START_S + 1.2] == 0.0).all()
 
 
 async def fails_on_the_way(table: Table) -> None:
@@ -162,7 +177,10 @@ def test_a_program_without_its_parcel_says_soon_that_it_waits_for_it(
 
 
 def moved_without_command_m_s(run: mdms.Run, row: Row) -> float:
-    """The greatest speed of the parcel while all wheels are to stand, or nobody commands any."""
+    """The greatest speed of the parcel while all wheels are to stand, or nobody commands any.
+
+    Of a wheel, too, while parcels are held.
+    """
     record = run.record
     commanded = (record.reference_m_s != 0.0).any(axis=1)
     if row.ends is not ExitCode.OK and row.fault:
@@ -170,6 +188,8 @@ def moved_without_command_m_s(run: mdms.Run, row: Row) -> float:
         commanded &= record.time_s < ended_s(record)
     last_s = np.maximum.accumulate(np.where(commanded, record.time_s, 0.0))
     speed_m_s = np.hypot(*record.twist[:, 0, :2].T)
+    if row.pauses:
+        speed_m_s = np.maximum(speed_m_s, np.abs(record.speed_m_s).max(axis=1))
     pushed = "push" in row.fault
     return float(np.nanmax(speed_m_s[record.time_s > last_s + STANDS_S + pushed], initial=0.0))
 
