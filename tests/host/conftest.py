@@ -56,6 +56,9 @@ class KinematicCell:
     sensors: Presence = field(default_factory=Presence)
     writes: list[bytes] = field(default_factory=list)
     reads: list[bytes] = field(default_factory=list)
+    #: How many settings had been written when the period of the status was read.
+    settled: int = -1
+    period_s: float = 0.0
     objects: Objects = field(default_factory=Objects)
 
     def __post_init__(self) -> None:
@@ -95,12 +98,14 @@ class KinematicCell:
             if self.nmt_state == nmt.INITIALISING:
                 self.nmt_state = nmt.PRE_OPERATIONAL
             self.heartbeat_s = now_s + 0.1
-        self.sensors.debounce_ms = self.objects.number(indices.PRESENCE_DEBOUNCE)
+        if self.settled != len(self.writes):
+            self.settled = len(self.writes)
+            self.sensors.debounce_ms = self.objects.number(indices.PRESENCE_DEBOUNCE)
+            self.period_s = self.objects.number(indices.TPDO_PARAMETERS + 1, 5) * 1e-3
         self.sensors.step(presence, round(now_s * 1e3))
         words = (state | cia402.VOLTAGE_ENABLED for state in self.states)
         status = (*words, self.sensors.bits)
-        period_s = self.objects.number(indices.TPDO_PARAMETERS + 1, 5) * 1e-3
-        due = status != self.status or (period_s and now_s >= self.status_s + period_s)
+        due = status != self.status or (self.period_s and now_s >= self.status_s + self.period_s)
         if self.nmt_state == nmt.OPERATIONAL and due:
             self.status, self.status_s = status, now_s
             frames.append(Frame(pdo.STATUS.can_id(self.node_id), pdo.STATUS.encode(status)))
@@ -177,9 +182,12 @@ class RollingArray:
                 if not self.lost(frame):
                     coordinator.on_frame(frame, self.now_s)
                 continue
-            for cell, speeds in zip(self.cells, self._told_um_s(), strict=True):
-                if cell.alive(self.now_s):
-                    self._queue(cell.on_frame(frame, tuple(speeds)), True)
+            told_um_s = self._told_um_s() if frame.can_id == cob.SYNC else None
+            for number, cell in enumerate(self.cells):
+                speeds_um_s = () if told_um_s is None else tuple(told_um_s[number])
+                # Frames without a node id are for all.
+                if frame.can_id & cob.NODE_MAX in (0, cell.node_id) and cell.alive(self.now_s):
+                    self._queue(cell.on_frame(frame, speeds_um_s), True)
 
     def _told_um_s(self) -> list[list[int]]:
         noise = self._random.normal(0.0, self._noise_m_s, self._speeds_m_s.shape)
