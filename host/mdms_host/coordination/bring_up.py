@@ -54,7 +54,8 @@ class BringUpCell(RemoteCell):
     lets it drive on alone. Only those of its place do not matter where it does not steer
     (`Configuration`), and those of `steering_settings` are set back where a run has left them
     behind. With `steers` the cell enables its drives by itself, and these settings are taken back
-    at the end. Raises `OutOfRangeError` for a place that does not fit the wire, where it steers.
+    at the end. `identification` is what it is. Raises `OutOfRangeError` for a place that does not
+    fit the wire, where it steers.
     """
 
     def __init__(
@@ -85,7 +86,7 @@ class BringUpCell(RemoteCell):
         spare = {} if steers else _spare(layout, number)
         self._configuration = Configuration(node_id, self._settings, spare)
         serial, asks_board = expected.serials.get(number), steers and expected.asks_boards
-        self._identification = Identification(node_id, axes, serial, asks_board=asks_board)
+        self.identification = Identification(node_id, axes, serial, asks_board=asks_board)
         self._set_up = SetUp(node_id, self._settings, self._configuration)
         self.restarted = False
         self._written = False
@@ -116,26 +117,6 @@ class BringUpCell(RemoteCell):
         return self._configuration.values[entry.index, 0] / steps_per_unit(entry.unit)
 
     @property
-    def other_protocol(self) -> str | None:
-        """The message about a cell of another protocol revision; None if the revision fits."""
-        return self._identification.other_protocol
-
-    @property
-    def other_board(self) -> str | None:
-        """The message about a cell with an unexpected serial number; None if the number fits."""
-        return self._identification.other_board
-
-    @property
-    def cannot_steer(self) -> str | None:
-        """Why its board cannot steer, if that was asked; None where it can."""
-        return self._identification.cannot_steer
-
-    @property
-    def refusal(self) -> str | None:
-        """Reason to refuse a cell that comes back: its identity or its errors; None to take it."""
-        return self._identification.refusal
-
-    @property
     def mismatch(self) -> str | None:
         """The unexpected stored settings, in words; None if there is none so far."""
         mismatch = self._set_up.mismatch
@@ -144,7 +125,7 @@ class BringUpCell(RemoteCell):
     def begin_again(self) -> None:
         """Come up anew, by reports that the cell sends from now on alone."""
         self.nmt_state, self.drive_states, self.restarted = None, None, False
-        self._identification.begin_again()
+        self.identification.begin_again()
         self._set_up = SetUp(self.node_id, self._settings, self._configuration)
 
     def on_heartbeat(self, data: bytes, now_s: float) -> None:
@@ -158,7 +139,7 @@ class BringUpCell(RemoteCell):
 
     def on_answer(self, data: bytes, now_s: float) -> None:
         """Take in an answer to a setting or to a read of the identity."""
-        self._identification.on_response(data)
+        self.identification.on_response(data)
         if self._ending:
             # Answers that the bring-up still waits for are of no interest any more.
             self._set_back.on_response(data)
@@ -171,7 +152,7 @@ class BringUpCell(RemoteCell):
             case Phase.WAITING:
                 return self.nmt_state == nmt.PRE_OPERATIONAL
             case Phase.IDENTIFYING:
-                return self._identification.done
+                return self.identification.done
             case Phase.CONFIGURING:
                 return self._set_up.verified or self.mismatch is not None
             case Phase.STARTING:
@@ -183,8 +164,8 @@ class BringUpCell(RemoteCell):
 
     def fault(self, phase: Phase) -> str | None:
         """The cell's fault in a phase; None if it has none."""
-        if self._identification.failure:
-            return f"{self.name} cannot be identified: {self._identification.failure}"
+        if self.identification.failure:
+            return f"{self.name} cannot be identified: {self.identification.failure}"
         if self._set_up.failure:
             return f"{self.name} cannot be set up: {self._set_up.failure}"
         if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
@@ -204,7 +185,7 @@ class BringUpCell(RemoteCell):
             # Left over from an earlier run: it begins anew, and reports its state again.
             yield nmt.command(nmt.ENTER_PRE_OPERATIONAL, self.node_id)
         elif phase == Phase.IDENTIFYING:
-            yield from self._identification.poll(now_s)
+            yield from self.identification.poll(now_s)
         elif phase == Phase.CONFIGURING:
             self._written = True
             yield from self._set_up.poll(now_s)

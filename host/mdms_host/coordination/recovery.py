@@ -119,7 +119,8 @@ class CellRecovery:
         self.phase, self._step_s = TRANSITIONS[reached, RunSignal.DONE], now_s
         if reached is Phase.WAITING:
             cell.restarted = False
-        reason = {Phase.IDENTIFYING: cell.refusal, Phase.CONFIGURING: cell.mismatch}.get(reached)
+        refusal, mismatch = cell.identification.refusal, cell.mismatch
+        reason = {Phase.IDENTIFYING: refusal, Phase.CONFIGURING: mismatch}.get(reached)
         if reason is not None:
             self._refuse(reason)
 

@@ -170,8 +170,8 @@ class Supervision:
         if phase is not Phase.IDENTIFYING:
             return None
         listed = (
-            *_listed({cell.name: cell.other_protocol for cell in taking_part}),
-            *_listed({cell.name: cell.cannot_steer for cell in taking_part}),
+            *_listed({cell.name: cell.identification.other_protocol for cell in taking_part}),
+            *_listed({cell.name: cell.identification.cannot_steer for cell in taking_part}),
         )
         return "; ".join((*listed, *_other_boards(taking_part))) or None
 
@@ -196,7 +196,8 @@ def _listed(reasons: Mapping[str, str | None]) -> Iterator[str]:
 
 def _other_boards(cells: Iterable[BringUpCell]) -> Iterator[str]:
     """Cells that are not the boards that they are to be, and what to do."""
-    found = [f"{cell.name} {cell.other_board}" for cell in cells if cell.other_board]
+    boards = ((cell.name, cell.identification.other_board) for cell in cells)
+    found = [f"{name} {other}" for name, other in boards if other]
     yield from found[:_MOST_NAMED]
     if len(found) > _MOST_NAMED:
         yield f"and {len(found) - _MOST_NAMED} more cells"
