@@ -36,9 +36,9 @@ from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 
 _SYNC = Frame(cob.SYNC, b"")
-#: A parcel may have moved by so much while cells were out, as a standard deviation: braked within
-#: 0.1 s from 0.1 m/s, and as far as reports of its edges have got lost.
-_UNSEEN_M = 0.008
+#: A parcel may have moved by so much while cells were out, as a standard deviation: as far as
+#: reports of its edges have got lost. Its way in a time without speeds is the estimator's.
+_UNSEEN_M = 0.003
 
 
 class Coordinator:
