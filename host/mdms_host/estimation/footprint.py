@@ -343,6 +343,8 @@ def edge_of(footprint: Footprint, point_m: Floats, pose: Floats) -> tuple[float,
     return off_m, np.array([*slope, -along * along, -across * across])
 
 
+#: Shares of a shift at which it is looked how near another parcel is.
+_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 #: Room that a parcel needs around it to turn on the spot [m].
 _NEAR_M = 0.015
 
@@ -355,11 +357,27 @@ def gap_m(one: Footprint, one_pose: Floats, other: Footprint, other_pose: Floats
 def has_room(
     name: str, move: Floats, places: Mapping[str, Floats], outlines: Mapping[str, Footprint]
 ) -> bool:
-    """Whether a parcel may turn, and move so, without coming near any other that has a place."""
+    """Whether a parcel may move so, turned anyhow, without coming near any other with a place.
+
+    Beside another it may be shifted so that it comes no nearer to that.
+    """
     mine = places[name]
     reach_m = outlines[name].reach_m + _NEAR_M + hypot(*move[:2].tolist())
-    return not any(
-        hypot(*(place - mine)[:2].tolist()) < reach_m + outlines[other].reach_m
+    near = [
+        other
         for other, place in places.items()
         if other != name
+        and hypot(*(place - mine)[:2].tolist()) < reach_m + outlines[other].reach_m
+    ]
+    if move[2]:
+        return not near
+    return all(
+        np.diff(
+            [
+                gap_m(outlines[name], mine + share * move, outlines[other], places[other])
+                for share in _SHARES
+            ]
+        ).min()
+        >= 0.0
+        for other in near
     )

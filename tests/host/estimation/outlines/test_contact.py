@@ -23,3 +23,18 @@ def test_a_parcel_has_room_to_turn_as_far_as_it_reaches() -> None:
     places["b"][0] = 0.38
     assert has_room("a", turn, places, {"a": BOX, "b": BOX})
     assert not has_room("a", move, places, {"a": BOX, "b": BOX})
+
+
+def test_a_parcel_beside_another_has_room_to_be_shifted_away_from_it() -> None:
+    places = {"a": np.zeros(3), "b": np.array([0.31, 0.05, 0.0])}
+    both = {"a": BOX, "b": BOX}
+    away, along, round_it = np.array([(-0.03, 0.0, 0.0), (0.0, 0.03, 0.0), (-0.3, 0.3, 0.0)])
+    assert has_room("a", away, places, both)
+    assert has_room("a", along, places, both)
+    assert not has_room("a", -away, places, both)
+    assert not has_room("a", away + (0.0, 0.0, 0.1), places, both)
+    # A third one beyond.
+    places["c"] = np.array([-0.32, 0.0, 0.0])
+    both["c"] = BOX
+    assert not has_room("a", away, places, both)
+    assert not has_room("a", round_it, places, both)
