@@ -12,15 +12,6 @@ from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation
 
 BY_CELLS = ("motion.field='program'", "motion.control='cells'", "motion.speed_m_s=0.4")
-ONE = (
-    *BY_CELLS,
-    "array.columns=4",
-    "parcel.0.length_m=0.30",
-    "parcel.0.width_m=0.28",
-    "parcel.0.x_m=-0.06",
-    "parcel.0.yaw_rad=0.0",
-    "task=[{do='transport', parcel='box', x_m=0.06, y_m=0.0, yaw_rad=0.1}]",
-)
 PLATE = "mass_kg=1.0, length_m=0.28, width_m=0.28, y_m=0.0"
 #: Each takes three columns of cells at its start and at its goal, and both need the fourth.
 TWO = (
@@ -30,16 +21,6 @@ TWO = (
     "task=[{do='transport', parcel='one', x_m=-0.13, y_m=0.0, yaw_rad=0.0}, "
     "{do='transport', parcel='two', x_m=0.25, y_m=0.0, yaw_rad=0.0, beside=true}]",
 )
-
-
-def test_a_parcel_under_way_arrives_without_the_host_if_it_is_to_go_on() -> None:
-    gone = ("motion.go_on=true", "fault=[{kind='host', start_s=1.1}]", "run.duration_s=3.4")
-    scenario = load_scenario("array18", [*ONE, *gone])
-    record = mdms.simulate(scenario).record
-    at_m = record.pose[:, 0, 0]
-    assert -0.05 < at_m[record.time_s >= 1.1][0] < 0.03
-    assert np.hypot(*(record.pose[-1, 0, :2] - (0.06, 0.0))) < 0.004
-    assert np.abs(record.speed_m_s[-1]).max() < 0.003
 
 
 def test_one_waits_until_the_other_has_left_a_cell_that_both_need() -> None:
@@ -68,13 +49,6 @@ def test_one_waits_until_the_other_has_left_a_cell_that_both_need() -> None:
     # The last column of the one and the first of the other are never the same.
     one_m, two_m = record.pose[:, :, 0].T
     assert ((one_m + 0.14 < -0.0635) | (two_m - 0.14 > 0.0635)).all()
-
-
-def test_a_program_goes_on_with_cells_after_the_host_was_cut_off() -> None:
-    cut = ("fault=[{kind='host', start_s=1.0, duration_s=0.3}]", "run.duration_s=6.0")
-    run = mdms.simulate(load_scenario("array18", [*ONE, *cut]))
-    assert run.parcels["box"].reached
-    assert (run.status, run.pauses) == ("reached", 1)
 
 
 def test_a_thing_whose_size_is_only_measured_is_no_parcel_of_cells_for_they_learn_none() -> None:

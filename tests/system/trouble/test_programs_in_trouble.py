@@ -220,6 +220,8 @@ def test_an_order_on_a_table_that_was_idle_waits_for_what_may_go_away():
         await table["box"].move(0.2, 0.0)
 
     run = mdms.simulate(scenario, program=main, limit_s=15.0)
-    assert "blocked by 'other'" in run.reason
+    assert "blocked by 'other' at its place" in run.reason
+    assert not run.violations
+    assert not [event for event in run.events if event.kind == "touch"]
     assert run.status == "stopped"
     assert 10.5 < run.duration_s < 13.0

@@ -32,6 +32,7 @@ def test_box_that_moved_when_the_host_was_cut_off_is_not_called_arrived_beside_i
     ended = run_row(replace(row, until_s=8.0), start_s=1.785)
     x_m, y_m, _ = ended.run.record.pose[-1, 0]
     assert "box has arrived" in ended.texts
+    assert (ended.run.status, ended.run.pauses) == ("reached", 1)
     assert hypot(x_m - GOAL[0], y_m - GOAL[1]) < 0.003
 
 
