@@ -366,8 +366,7 @@ def has_room(
     near = [
         other
         for other, place in places.items()
-        if other != name
-        and hypot(*(place - mine)[:2].tolist()) < reach_m + outlines[other].reach_m
+        if other != name and hypot(*(place - mine)[:2].tolist()) < reach_m + outlines[other].reach_m
     ]
     if move[2]:
         return not near

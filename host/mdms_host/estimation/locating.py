@@ -49,29 +49,6 @@ class Location:
     growths: Floats | None = None
 
 
-def locate(
-    footprint: Footprint,
-    sensors_m: Floats,
-    covered: Bools,
-    yaw_hint_rad: float = 0.0,
-    within_m: Floats | None = None,
-) -> Location | None:
-    """Mean and spread of the poses that agree with the sensors; None if no pose or none covered.
-
-    `sensors_m` has shape (S, 2), `covered` shape (S,). The parcel's centre lies within the
-    rectangle `within_m`, its least and its greatest corner, shape (2, 2), if there is one. A
-    rectangle looks the same after half a turn, a disc after any: the yaw is the one nearest to the
-    hint.
-    """
-    search = locate_in_steps(footprint, sensors_m, covered, yaw_hint_rad, within_m)
-    while True:
-        try:
-            next(search)
-        except StopIteration as end:
-            found: Location | None = end.value
-            return found
-
-
 def locate_in_steps(
     footprint: Footprint,
     sensors_m: Floats,
@@ -79,7 +56,13 @@ def locate_in_steps(
     yaw_hint_rad: float = 0.0,
     within_m: Floats | None = None,
 ) -> Generator[None, None, Location | None]:
-    """The same; yields whenever a step is over that takes some milliseconds."""
+    """Mean and spread of the poses that agree with the sensors; None if no pose or none covered.
+
+    `sensors_m` has shape (S, 2), `covered` shape (S,). The parcel's centre lies within the
+    rectangle `within_m`, its least and its greatest corner, shape (2, 2), if there is one. A
+    rectangle looks the same after half a turn, a disc after any: the yaw is the one nearest to the
+    hint. Yields whenever a step is over that takes some milliseconds.
+    """
     if not covered.any():
         return None
     found: list[tuple[Floats, Ints]] = []

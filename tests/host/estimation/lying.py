@@ -6,12 +6,23 @@ import numpy as np
 
 from mdms_host.estimation.belief import BeliefChange, BeliefEvent
 from mdms_host.estimation.footprint import Footprint
+from mdms_host.estimation.locating import Location, locate_in_steps
 from mdms_host.estimation.tracker import Parcel, Tracker
 from mdms_host.layout import Layout, WheelPlace
 from mdms_model.arrays import Bools, Floats
 
 STEP_S = 0.01
 WHEELS = (WheelPlace(0.0, (-0.03, 0.0)), WheelPlace(np.pi / 2, (0.03, 0.0)))
+
+
+def locate(*question: object, **more: object) -> Location | None:
+    """The result of `locate_in_steps`."""
+    search = locate_in_steps(*question, **more)
+    while True:
+        try:
+            next(search)
+        except StopIteration as end:
+            return end.value
 
 
 class Lying:

@@ -6,12 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.host.motion.believing import beliefs
-from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, traction_of
+from tests.host.motion.driving import BOX, STEP_S, Table, mass_of, straight, traction_of
 
 from mdms_host.estimation.belief import Belief, Standing
 from mdms_host.motion.goal import GoalController, GoalPose
 from mdms_host.motion.trajectory.follower import Carried, Follower
-from mdms_host.motion.trajectory.path import straight
 
 REACH_M = BOX.footprint.reach_m
 POSE = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.03, 0.03), st.floats(-3, 3)).map(np.array)

@@ -32,7 +32,7 @@ def test_a_parcel_beside_another_has_room_to_be_shifted_away_from_it() -> None:
     assert has_room("a", away, places, both)
     assert has_room("a", along, places, both)
     assert not has_room("a", -away, places, both)
-    assert not has_room("a", away + (0.0, 0.0, 0.1), places, both)
+    assert not has_room("a", np.array([-0.03, 0.0, 0.1]), places, both)
     # A third one beyond.
     places["c"] = np.array([-0.32, 0.0, 0.0])
     both["c"] = BOX

@@ -1,9 +1,9 @@
 import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from tests.host.estimation.lying import locate
 
 from mdms_host.estimation.footprint import Disc
-from mdms_host.estimation.locating import locate
 from mdms_host.estimation.pose.estimator import ParcelEstimator
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence import Surroundings

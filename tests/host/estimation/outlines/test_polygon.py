@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from tests.host.estimation.lying import locate
 
 from mdms_host.estimation.footprint import Polygon, Rectangle
-from mdms_host.estimation.locating import locate
 from mdms_host.layout import Layout
 
 SENSORS_M = Layout(6, 3).sensor_positions_m.reshape(-1, 2)

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from tests.host.estimation.lying import locate
 
 from mdms_host.estimation.belief import Standing
 from mdms_host.estimation.footprint import Rectangle
-from mdms_host.estimation.locating import Location, locate
+from mdms_host.estimation.locating import Location
 from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence import Surroundings

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from tests.host.estimation.lying import locate
 
 from mdms_host.estimation.footprint import Disc, Rectangle
-from mdms_host.estimation.locating import locate
 from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
