@@ -93,6 +93,8 @@ TRANSITIONS: dict[tuple[State, Command | Done], State] = {
 MOVING = (_S.EXECUTE, _S.COMPLETING)
 #: Commands after which parcels may move.
 MOVES = (_C.START, _C.UNHOLD, _C.UNSUSPEND)
+#: Commands by which parcels stand; they are never too late.
+STANDS = (_C.STOP, _C.ABORT, _C.HOLD, _C.SUSPEND)
 
 
 class CommandRefusedError(Exception):

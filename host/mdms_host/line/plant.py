@@ -13,7 +13,7 @@ from time import monotonic
 from typing import Any
 
 from mdms_host.line.order_book import OrderBook, OrderBookError
-from mdms_host.line.packml import Command, Mode, State
+from mdms_host.line.packml import STANDS, Command, Mode, State
 from mdms_host.programs.table_orders import LineOrder, OrderState
 
 #: The table carries out a request within this, or refuses it [s].
@@ -112,8 +112,11 @@ class Plant:
     # Requests of clients -------------------------------------------------------------------------
 
     async def command(self, command: Command, by: str) -> None:
-        """Give the machine a command. Raises `RequestRefusedError`."""
-        await self._ask("command", command=int(command), by=by)
+        """Give the machine a command. Raises `RequestRefusedError`.
+
+        One by which parcels stand is carried out however late the table takes it.
+        """
+        await self._ask("command", late=command in STANDS, command=int(command), by=by)
 
     async def change_mode(self, mode: int) -> None:
         """Change the machine's mode. Raises `RequestRefusedError`."""
@@ -310,12 +313,13 @@ class Plant:
         elif self._keeps and not kept_before:
             self._write({"note": "the order book is kept again"})
 
-    async def _ask(self, name: str, **values: Any) -> None:
+    async def _ask(self, name: str, *, late: bool = False, **values: Any) -> None:
         self._number += 1
         number, loop = self._number, asyncio.get_running_loop()
         answer = self._waiting[number] = loop.create_future()
-        # A request that is refused as late is not done later.
-        self._tell(name, id=number, until_s=monotonic() + _ANSWER_S, **values)
+        # A request that is refused as late is not done later, unless that is asked for.
+        until = {} if late else {"until_s": monotonic() + _ANSWER_S}
+        self._tell(name, id=number, **until, **values)
         try:
             error = await asyncio.wait_for(answer, _ANSWER_S + _DELIVERY_S)
         except TimeoutError:

@@ -11,7 +11,7 @@ from tests.host.line.played_table import PlayedTable, full_disk, plant_in
 
 from mdms_host.line import plant as plants
 from mdms_host.line.order_book import OrderBook
-from mdms_host.line.packml import Mode
+from mdms_host.line.packml import Command, Mode
 from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder
 
@@ -192,5 +192,16 @@ def test_a_kind_that_no_parcel_has_is_refused_and_the_kinds_are_named(tmp_path: 
         await plant.coming("P-1", "box")
         await plant.coming("P-2", "")
         assert [each["kind"] for each in table.named("coming")] == ["box", ""]
+
+    with_plant(tmp_path, talk)
+
+
+def test_a_stop_is_never_too_late_and_a_start_is(tmp_path: Path) -> None:
+    async def talk(plant: Plant, table: PlayedTable) -> None:
+        await plant.command(Command.STOP, "x")
+        await plant.command(Command.START, "x")
+        stop, start = table.named("command")
+        assert "until_s" not in stop
+        assert start["until_s"] > monotonic()
 
     with_plant(tmp_path, talk)
