@@ -2,7 +2,7 @@
 
 from layer_bench import IDENTITY, NODE, Middle, estimates
 
-from mdms_cell.perception.heard import NEVER
+from mdms_cell.perception.heard import NEVER, SPEEDS_AT
 from mdms_protocol.codecs import cob
 from mdms_protocol.neighbours import frames as wire
 from mdms_protocol.neighbours import lost
@@ -11,6 +11,8 @@ EAST_NODE, COLUMN, ROW = 6, 3, 2
 OWN_COLUMN = 2
 OTHER = 9
 LEASE_BEATS = 10
+#: By then its promise has run out.
+DIED_BEATS = 20
 
 
 class Beside(Middle):
@@ -20,7 +22,11 @@ class Beside(Middle):
         super().__init__(0)
         self.number = 0
         self.silent = EAST_NODE
-        self.hold = self.rest(silent_beats)
+        self.hold = self.rest(DIED_BEATS)
+        # It died so much longer ago.
+        heard, more_beats = self.cell._layer._heard, silent_beats - DIED_BEATS
+        for dates, place in ((heard.estimate_beat, 0), (heard.boxes.stamps, SPEEDS_AT)):
+            dates[place] = dates[place] - more_beats & NEVER - 1
 
     def rest(self, beats):
         """So many beats; returns the last `hold` that the cell has sent."""

@@ -75,7 +75,7 @@ def test_neighbour_is_suspected_in_whatever_direction_it_is():
             Faulty.direction, Faulty.blind, Faulty.silenced = direction, False, False
             cell = Faulty(0)
             cell.blind, cell.silenced = fault == PRESENCE, fault == SILENCE
-            assert cell.beats(90) == [(NEIGHBOURS[direction], fault)]
+            assert cell.beats(75) == [(NEIGHBOURS[direction], fault)]
 
 
 def test_suspect_that_agrees_for_as_long_is_one_no_more():
