@@ -68,15 +68,6 @@ class Bus:
             accept.on_change(self._reconsider)
         controller.segment.reconsider()
 
-    def set_listen_only(self, controller: Controller, listen_only: bool) -> None:
-        """Has the node receive without acknowledging or sending; its frames wait."""
-        if listen_only:
-            controller.segment.silence((controller,))
-        controller.listen_only = listen_only
-        if not listen_only and controller.live:
-            controller.request_again()
-        controller.segment.reconsider()
-
     @property
     def controllers(self) -> list[Controller]:
         """All that are attached, piece by piece."""

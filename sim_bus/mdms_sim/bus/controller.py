@@ -126,7 +126,6 @@ class Controller:
         "delay_ns",
         "delayed",
         "errors",
-        "listen_only",
         "live",
         "overruns",
         "queue",
@@ -143,7 +142,6 @@ class Controller:
         self.station = station
         self.accept = accept
         self.live = True
-        self.listen_only = False
         self.errors = Confinement()
         self.suspended_until_ns = 0
         self.delay_ns = 0
@@ -202,7 +200,7 @@ class Controller:
 
     def _load(self, frame: Frame) -> None:
         self._identifiers[frame.can_id] = frame
-        if self.live and not self.listen_only:
+        if self.live:
             self.segment.request(self, frame)
 
     def on_sent(self, frame: Frame) -> None:

@@ -137,8 +137,8 @@ Phase = Callable[[], Generator[int, int, "Phase"]]
 class Node:
     """A controller from the start of a frame on; with a `frame` it sends it, else it listens.
 
-    `errors` are its counters, which it moves; a `mute` node only listens, and drives nothing. It
-    asks for so many `overloads`. `drive` is its level for the next bit, `seen` all bits so far.
+    `errors` are its counters, which it moves; it asks for so many `overloads`. `drive` is its level
+    for the next bit, `seen` all bits so far.
     `sent_after` and `heard_after` count the bits to the end of a frame that was good for it, and
     `heard` is that frame; `idle_after` counts those until it would let a new frame begin. All are
     None before. `outvoted`: it has lost arbitration, `flagged`: it has
@@ -150,7 +150,6 @@ class Node:
         errors: Confinement,
         frame: Frame | None = None,
         *,
-        mute: bool = False,
         overloads: int = 0,
         seen: Iterable[int] = (),
     ) -> None:
@@ -163,7 +162,6 @@ class Node:
         self.idle_after: int | None = None
         self.outvoted = False
         self.flagged = False
-        self._mute = mute
         self._overloads = overloads
         self._transmits = False
         self._unacknowledged = False
@@ -241,10 +239,10 @@ class Node:
         if progress is FrameProgress.STUFF_ERROR or not (yield RECESSIVE):
             return self._error()
         good = reader.good
-        answer = DOMINANT if good and not self._mute else RECESSIVE
+        answer = DOMINANT if good else RECESSIVE
         if (yield answer) > answer:
             return self._error()
-        if good and not self._mute:
+        if good:
             self.errors.received()
         if not (yield RECESSIVE) or not good:
             return self._error()
@@ -268,7 +266,7 @@ class Node:
 
     def _error(self, *, counts: bool = True, unacknowledged: bool = False) -> Phase:
         """The node has found an error, and signals it from the next bit on."""
-        self._active = self.errors.state is ErrorState.ACTIVE and not self._mute
+        self._active = self.errors.state is ErrorState.ACTIVE
         self._unacknowledged = unacknowledged and not self._active
         if counts and not self._unacknowledged:
             self._count(self.errors.receive_error)
@@ -277,7 +275,7 @@ class Node:
     def _count(self, receive: Callable[[], None]) -> None:
         if self._transmits:
             self.errors.transmit_error()
-        elif not self._mute:
+        else:
             receive()
 
     def _flag(self) -> Generator[int, int, Phase]:
@@ -313,7 +311,7 @@ class Node:
 
     def _overload(self) -> Generator[int, int, Phase]:
         for _ in range(FLAG_BITS):
-            if (yield RECESSIVE if self._mute else DOMINANT) and not self._mute:
+            if (yield DOMINANT):
                 self._active = self.errors.state is ErrorState.ACTIVE
                 self._count(self.errors.receive_severe_error)
                 return self._flag

@@ -44,7 +44,6 @@ class Party:
     controllers: tuple[Controller, ...]
     errors: Confinement
     frame: Frame | None = None
-    mute: bool = False
     overloads: int = 0
     misled: bool = False
     seen: tuple[int, ...] = ()
@@ -54,7 +53,6 @@ class Party:
         return Node(
             self.errors.copy(),
             self.frame,
-            mute=self.mute,
             overloads=self.overloads,
             seen=self.seen,
         )
@@ -71,7 +69,7 @@ def parties(
     for listener in listeners:
         party = _party(listener, None, disturbance)
         errors = party.errors
-        key = errors.transmit, errors.receive, party.mute, party.overloads, party.misled
+        key = errors.transmit, errors.receive, party.overloads, party.misled
         groups.setdefault(key, []).append(party)
     for group in groups.values():
         controllers = tuple(each for party in group for each in party.controllers)
@@ -84,7 +82,6 @@ def _party(controller: Controller, frame: Frame | None, disturbance: Disturbance
         (controller,),
         controller.errors.copy(),
         frame,
-        mute=controller.listen_only,
         overloads=min(disturbance.overloads.get(controller, 0), MOST_OVERLOADS),
         misled=disturbance.reaches(controller),
     )

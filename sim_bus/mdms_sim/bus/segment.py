@@ -60,7 +60,7 @@ class Segment:
     def _take_in(self, controller: Controller) -> None:
         controller.segment = self
         self.controllers.append(controller)
-        if controller.live and not controller.listen_only:
+        if controller.live:
             controller.request_again()
         self.reconsider()
 
@@ -72,7 +72,7 @@ class Segment:
     def reconsider(self) -> None:
         """Works out anew who receives what and whether all is well; either may have changed."""
         self._traffic.receivers.clear()
-        listening = sum(1 for each in self.controllers if each.live and not each.listen_only)
+        listening = sum(1 for each in self.controllers if each.live)
         self._traffic.calm = (
             listening > 1
             and self.bus.disturbance is None

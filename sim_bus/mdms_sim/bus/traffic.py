@@ -95,7 +95,7 @@ class Exchange:
         plain = (
             self.flip is None
             and len(senders) == 1
-            and not all(party.mute for party in listeners)
+            and listeners
             and not any(party.overloads or party.seen for party in self._parties)
         )
         if not plain:
@@ -109,7 +109,7 @@ class Exchange:
             errors = party.errors.copy()
             if party.frame is not None:
                 errors.transmitted()
-            elif not party.mute:
+            else:
                 errors.received()
             outcome.errors += [(each, errors) for each in party.controllers]
         outcome.heard = [each for party in listeners for each in party.controllers]
@@ -136,14 +136,10 @@ class Exchange:
         return outcome
 
     def _free_bits(self) -> int:
-        speaking = [pair for pair in self._ready() if not pair[0].mute] or self._ready()
-        return min(bits for _, bits in speaking)
-
-    def _ready(self) -> list[tuple[Party, int]]:
-        return [
-            (party, (node.idle_after or 0) - len(party.seen))
+        return min(
+            (node.idle_after or 0) - len(party.seen)
             for party, node in zip(self._parties, self._nodes, strict=True)
-        ]
+        )
 
     @staticmethod
     def _tell(outcome: ExchangeOutcome, party: Party, node: Node) -> None:

@@ -58,7 +58,6 @@ LOOK_TICKS = 10
 BESIDE_M, OVER_M = 0.02, 0.015
 
 HOST_HEARTBEAT = cob.HEARTBEAT_BASE + cob.HOST_NODE
-ID_MASK = 0x780
 MILLI, MICRO = 1e-3, 1e-6
 NS_PER_S = 1_000_000_000
 #: A stopped wheel may turn by this anyhow.

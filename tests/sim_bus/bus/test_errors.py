@@ -92,32 +92,6 @@ def test_a_lone_sender_repeats_until_it_is_passive_but_never_goes_bus_off(bench_
     assert bench.nodes[0].errors.transmit == 127
 
 
-def test_a_node_that_only_listens_does_not_acknowledge(bench_of):
-    bench = bench_of(2)
-    bench.bus.set_listen_only(bench.nodes[1], True)
-    bench.nodes[0].send(FRAME)
-    bench.run_us(1000)
-    assert (bench.bus.frames, bench.nodes[0].sent) == (0, 0)
-    bench.bus.set_listen_only(bench.nodes[1], False)
-    bench.run_us(1200)
-    assert (bench.bus.frames, bench.nodes[0].sent) == (1, 1)
-
-
-def test_a_sniffer_hears_every_attempt_of_a_lone_sender_that_is_passive(bench_of):
-    bench = bench_of(2)
-    bench.bus.set_listen_only(bench.nodes[1], True)
-    bench.nodes[0].errors.transmit = 128
-    bench.nodes[0].send(FRAME)
-    # Its passive flag leaves delimiter and end of frame as they should be. It ends six bits after
-    # the acknowledge slot, then come delimiter, inter-frame space and the eight bits of patience.
-    attempt_us = LENGTH - 9 + 1 + FLAG + DELIMITER + GAP + 8
-    bench.run_us(3 * attempt_us)
-    ends = [LENGTH + number * attempt_us for number in range(3)]
-    assert bench.ears[1].heard == [(FRAME, end_us * 1000) for end_us in ends]
-    assert bench.nodes[0].sent == 0
-    assert bench.counters() == [(128, 0), (0, 0)]
-
-
 def test_a_sender_that_is_always_disturbed_goes_passive_then_bus_off_and_is_silent(bench_of):
     bench = bench_of(3)
     bench.bus.disturb(
