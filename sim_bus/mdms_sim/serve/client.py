@@ -100,35 +100,8 @@ class PacketCodec:
         return b""
 
 
-class SlcanCodec:
-    """The lines of a serial adapter."""
-
-    greeting = b""
-
-    def __init__(self, send: Callable[[Frame], bool]) -> None:
-        self._adapter = VirtualAdapter(send)
-
-    @property
-    def garbage(self) -> int:
-        """Lines refused so far."""
-        return self._adapter.garbage
-
-    @property
-    def sessions(self) -> int:
-        """See `Codec`."""
-        return self._adapter.sessions
-
-    def encode(self, frame: Frame, sim_ns: int) -> bytes:
-        """See `Codec`."""
-        return self._adapter.line(frame, sim_ns)
-
-    def feed(self, data: bytes) -> bytes:
-        """See `Codec`."""
-        return self._adapter.feed(data)
-
-
-class StrictSlcanCodec(SlcanCodec):
-    """The same over TCP, where there is no noise on a line: who sends anything else is no client.
+class StrictAdapter(VirtualAdapter):
+    """A serial adapter over TCP, without noise on the line: anything else comes from no client.
 
     Any web page may have a browser send here; nothing after its first line has an effect.
     """
@@ -138,7 +111,7 @@ class StrictSlcanCodec(SlcanCodec):
         answers = b""
         for piece in _LINES.findall(data):
             answers += super().feed(piece)
-            if not self._adapter.is_slcan:
+            if not self.is_slcan:
                 raise GoneError("its bytes are no SLCAN")
         return answers
 

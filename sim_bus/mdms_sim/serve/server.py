@@ -18,8 +18,7 @@ from mdms_sim.serve.client import (
     GoneError,
     PacketCodec,
     Packets,
-    SlcanCodec,
-    StrictSlcanCodec,
+    StrictAdapter,
 )
 from mdms_sim.serve.clock import Lateness, RealTime
 from mdms_sim.serve.endpoint import (
@@ -31,6 +30,7 @@ from mdms_sim.serve.endpoint import (
     listen_tcp,
     refuse_elsewhere,
 )
+from mdms_sim.serve.slcan import VirtualAdapter
 from mdms_sim.simulation import Simulation
 
 #: The simulation is not run further than this without looking after the clients.
@@ -123,7 +123,7 @@ class Server:
         if tcp_port is not None:
             tcp = opened.enter_context(listen_tcp(tcp_port))
             tcp_port = tcp.getsockname()[1]
-            self._listen(tcp, "SLCAN over TCP", bus, StrictSlcanCodec)
+            self._listen(tcp, "SLCAN over TCP", bus, StrictAdapter)
         unix = UnixListener(channel)
         opened.callback(unix.close)
         packets = Packets(self.time.epoch_s)
@@ -133,7 +133,7 @@ class Server:
 
     def _codec_now(self, send: Callable[[Frame], bool]) -> Codec:
         """Refuse lines with frames while time stands still: nobody sees a terminal's client go."""
-        return SlcanCodec(lambda frame: self.time.speed > 0 and send(frame))
+        return VirtualAdapter(lambda frame: self.time.speed > 0 and send(frame))
 
     def __enter__(self) -> Self:
         return self

@@ -34,11 +34,13 @@ class SlcanError(Exception):
 
 
 class VirtualAdapter:
-    """One adapter: `send(frame) -> bool` gets the frames that a client wants on the bus.
+    """One adapter, a `Codec`: `send(frame) -> bool` gets the frames that a client wants on the bus.
 
     `garbage` counts lines that were refused, `sessions` open channels that were closed or opened
     again. `is_slcan` is False once something has come that is no line of this protocol at all.
     """
+
+    greeting = b""
 
     def __init__(self, send: Callable[[Frame], bool]) -> None:
         self.is_open = False
@@ -85,7 +87,7 @@ class VirtualAdapter:
         if len(piece) > room:
             self._overlong, self.is_slcan = True, False
 
-    def line(self, frame: Frame, sim_ns: int) -> bytes:
+    def encode(self, frame: Frame, sim_ns: int) -> bytes:
         """A received frame as a line for the client; nothing while the channel is closed."""
         if not self.is_open or frame.can_id & ~(EXTENDED | REMOTE | EXTENDED_MASK):
             return b""
@@ -156,7 +158,7 @@ class VirtualAdapter:
 
 
 def _frame_of(line: bytes) -> Frame:
-    """The frame of a transmit command; raises LineError, or ValueError for missing digits."""
+    """The frame of a transmit command; raises SlcanError, or ValueError for missing digits."""
     _require_hex(line[1:])
     extended, remote = line[0] in b"TR", line[0] in b"rR"
     digits = 8 if extended else 3
@@ -172,6 +174,6 @@ def _frame_of(line: bytes) -> Frame:
 
 
 def _require_hex(digits: bytes) -> None:
-    """Raise LineError for anything else than hexadecimal digits."""
+    """Raise SlcanError for anything else than hexadecimal digits."""
     if not digits or not _HEX_DIGITS.issuperset(digits):
         raise SlcanError

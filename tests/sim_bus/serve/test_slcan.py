@@ -50,20 +50,20 @@ def test_session_as_python_can_has_it():
 
 def test_lines_for_the_client():
     slcan, _ = opened()
-    assert slcan.line(Frame(0x181, b"\x00\xff"), 0) == b"t181200FF\r"
-    assert slcan.line(Frame(0x181 | EXTENDED, b""), 0) == b"T000001810\r"
-    assert slcan.line(Frame(0x701 | REMOTE, bytes(1)), 0) == b"r7011\r"
+    assert slcan.encode(Frame(0x181, b"\x00\xff"), 0) == b"t181200FF\r"
+    assert slcan.encode(Frame(0x181 | EXTENDED, b""), 0) == b"T000001810\r"
+    assert slcan.encode(Frame(0x701 | REMOTE, bytes(1)), 0) == b"r7011\r"
 
 
 def test_closed_channel_is_silent():
     slcan, _ = adapter()
-    assert slcan.line(Frame(0x181, b""), 0) == b""
+    assert slcan.encode(Frame(0x181, b""), 0) == b""
 
 
 def test_time_stamps_count_milliseconds_of_a_minute():
     slcan, _ = adapter()
     slcan.feed(b"Z1\rO\r")
-    assert slcan.line(Frame(1, b""), 61_234_000_000) == b"t001004D2\r"
+    assert slcan.encode(Frame(1, b""), 61_234_000_000) == b"t001004D2\r"
 
 
 def test_garbage_is_answered_and_counted_and_nothing_is_sent():
@@ -103,7 +103,7 @@ def test_full_bus_is_told_by_the_error_byte():
 def test_one_adapter_understands_another(frame):
     teller, _ = opened()
     hearer, heard = opened()
-    hearer.feed(teller.line(frame, 0))
+    hearer.feed(teller.encode(frame, 0))
     assert heard == [frame]
 
 
