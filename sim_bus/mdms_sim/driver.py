@@ -7,6 +7,7 @@ from math import ceil, isinf
 from mdms_model.participant import BusesParticipant, Participant
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
+from mdms_sim.bus.controller import Listener
 from mdms_sim.kernel import Kernel
 
 NS_PER_S = 1_000_000_000
@@ -31,7 +32,9 @@ class ParticipantDriver:
             participant, buses = _OnFirstBus(participant), buses[:1]
         self._participant = participant
         self._buses = buses
-        self._mailboxes = [bus.attach(_Ear(self, number)) for number, bus in enumerate(buses)]
+        self._mailboxes = [
+            bus.attach(Listener(partial(self.on_frame, number))) for number, bus in enumerate(buses)
+        ]
         #: How often it has left each bus without coming back.
         self._left = [0] * len(buses)
         self._due_ns: int | None = None
@@ -90,13 +93,6 @@ class ParticipantDriver:
         self._due_ns = None
         self._earliest_ns = due_ns + POLL_NS
         self._schedule(self._participant.wake_s)
-
-
-class _Ear:
-    """A driver as one of its buses sees it."""
-
-    def __init__(self, driver: ParticipantDriver, bus: int) -> None:
-        self.on_frame = partial(driver.on_frame, bus)
 
 
 class _OnFirstBus:

@@ -28,6 +28,7 @@ from mdms_model.scenario.scenario import Scenario
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.entry import MICROVOLTS, steps_per_unit
 from mdms_sim.bus.bus import Bus
+from mdms_sim.bus.controller import Listener
 from mdms_sim.bus.log import BusLog
 from mdms_sim.driver import ParticipantDriver
 from mdms_sim.faults import Faults, NodeFaults, Ongoing, Places, WireFaults, WorldFaults
@@ -199,7 +200,7 @@ class Simulation:
         # A cell has two axes; the array may use only one.
         self._voltage_uv = np.zeros((self._cells, 2), np.int32)
         self._mailboxes = [
-            self.buses[bus].attach(_CellStation(self._deliver, cell), bank.accepts(cell))
+            self.buses[bus].attach(Listener(partial(self._deliver, cell)), bank.accepts(cell))
             for cell, bus in enumerate(addresses.buses)
         ]
         for cell, mailbox in enumerate(self._mailboxes):
@@ -424,10 +425,3 @@ def open_bank(
     if nodes == "micropython":
         return MicropythonBank(node_ids, flash)
     return PythonBank(node_ids, flash)
-
-
-class _CellStation:
-    """A cell as the bus sees it."""
-
-    def __init__(self, deliver: Callable[[int, Frame, int], None], cell: int) -> None:
-        self.on_frame = partial(deliver, cell)

@@ -110,6 +110,13 @@ class Station(Protocol):
         """A frame that passed the filter has ended at `now_ns`."""
 
 
+class Listener:
+    """A station that is one function."""
+
+    def __init__(self, on_frame: Callable[[Frame, int], object]) -> None:
+        self.on_frame = on_frame
+
+
 class Controller:
     """One node's way to the bus; made by `Bus.attach`.
 

@@ -10,7 +10,7 @@ from functools import partial
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.controller import Controller
+from mdms_sim.bus.controller import Controller, Listener
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.bank import BusOffWatch
 
@@ -89,7 +89,7 @@ class GatewayNode:
         check_tables(*tables)
         self._kernel = kernel
         self.ways = (GatewayDirection(tables[0]), GatewayDirection(tables[1]))
-        ears = [_Ear(partial(self._on_frame, side)) for side in range(2)]
+        ears = [Listener(partial(self._on_frame, side)) for side in range(2)]
         self.controllers: list[Controller] = [
             bus.attach(ear, frozenset(table))
             for bus, ear, table in zip(buses, ears, tables, strict=True)
@@ -123,13 +123,6 @@ class GatewayNode:
             way.drain(send, now_ms)
         if self.ways[0].waiting or self.ways[1].waiting:
             self._turn_soon()
-
-
-class _Ear:
-    """One side of a gateway as its bus sees it."""
-
-    def __init__(self, on_frame: partial[None]) -> None:
-        self.on_frame = on_frame
 
 
 def check_tables(there: Mapping[int, int], back: Mapping[int, int]) -> None:
