@@ -261,7 +261,8 @@ def stream_figures(scenario: Scenario, record: Record) -> dict[str, Any]:
     by_exit = dict.fromkeys((each.name for each in scenario.exit), 0)
     for event in left:
         by_exit[exit_of(event)] += 1
-    lasts_s = float(record.time_s[-1]) - min(stream.start_s for stream in scenario.stream)
+    begins_s = min(stream.start_s for stream in scenario.stream)
+    lasts_s = max(0.0, float(record.time_s[-1]) - begins_s)
     return {
         "came": sum(event.kind == "arrival" for event in record.events),
         "left": len(left),

@@ -461,6 +461,11 @@ def test_an_exit_asked_for_by_its_name_is_no_wrong_one():
     assert run.figures["stream"]["wrong"] == 0
 
 
+def test_a_run_that_ends_before_its_stream_begins_has_no_stream_yet():
+    stream = mdms.simulate("sort54", limit_s=0.1).figures["stream"]
+    assert (stream["came"], stream["lasts_s"], stream["parcels_per_hour"]) == (0, 0.0, 0.0)
+
+
 async def stops_and_leaves(table):
     parcel = await table.arrival()
     await parcel.move(-0.1, 0.0)
