@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 from math import inf
 
 from mdms_protocol import pdo
-from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs import cia402, cob, nmt, sdo
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import REVISION
 from mdms_protocol.emergencies import IN_ANOTHERS_PLACE, LOW_SUPPLY, SUSPICION
 
@@ -30,6 +31,15 @@ def other_protocol(revision: int) -> str | None:
         f"speaks revision {revision >> _MAJOR} of the protocol, this host {OURS}; "
         "flash the same version: mdms flash"
     )
+
+
+UPDATE_RUNS = "firmware comes into cells over the bus"
+
+
+def takes_firmware(frame: Frame) -> bool:
+    """Whether a frame is the answer of a cell to a block of its new firmware."""
+    is_answer = frame.can_id & ~cob.NODE_MAX == cob.SDO_RESPONSE_BASE and len(frame.data) == 8
+    return is_answer and frame.data[0] & sdo.SPECIFIER == sdo.BLOCK_DOWNLOAD_RESPONSE
 
 
 _DRIVING = frozenset((cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION))

@@ -13,7 +13,7 @@ import can
 import canopen
 
 from mdms_host.can_link.link import Link, hand_over
-from mdms_host.can_link.remote_cell import other_protocol
+from mdms_host.can_link.remote_cell import UPDATE_RUNS, other_protocol, takes_firmware
 from mdms_host.clock import Clock
 from mdms_host.commissioning.lss_master import LssMaster
 from mdms_model.participant import Participant
@@ -130,17 +130,8 @@ class SilentError(CommissioningError):
     """The cell did not answer."""
 
 
-UPDATE_RUNS = "firmware comes into cells over the bus"
-
-
 class UpdateRunsError(CommissioningError):
     """Firmware comes in over the bus, and a request to a cell would break that off."""
-
-
-def takes_firmware(frame: Frame) -> bool:
-    """Whether a frame is the answer of a cell to a block of its new firmware."""
-    is_answer = frame.can_id & ~cob.NODE_MAX == cob.SDO_RESPONSE_BASE and len(frame.data) == _WHOLE
-    return is_answer and frame.data[0] & sdo.SPECIFIER == sdo.BLOCK_DOWNLOAD_RESPONSE
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from mdms_host.can_link.remote_cell import RemoteCell
+from mdms_host.can_link.remote_cell import RemoteCell, takes_firmware
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.clock import Clock
 from mdms_host.commissioning.network import (
@@ -16,7 +16,6 @@ from mdms_host.commissioning.network import (
     Commissioning,
     CommissioningError,
     Identity,
-    takes_firmware,
 )
 from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, nmt

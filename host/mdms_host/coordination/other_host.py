@@ -1,9 +1,13 @@
-"""One host at a time: whether another one speaks on the bus, by its heartbeat."""
+"""One host at a time: whether another one speaks on the bus, by its heartbeat.
+
+A run breaks an update of cells off, too, so it does not begin while one goes on.
+"""
 
 from collections.abc import Iterable
 from math import inf
 
 from mdms_host.can_link.link import AnyLink, drive
+from mdms_host.can_link.remote_cell import UPDATE_RUNS, takes_firmware
 from mdms_host.clock import Clock
 from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_model.errors import Error
@@ -16,7 +20,7 @@ HEARTBEAT = cob.HEARTBEAT_BASE + cob.NODE_MAX
 
 
 class OtherHostError(Error):
-    """Another host runs on the bus."""
+    """Another host runs on the bus, or has cells take new firmware."""
 
 
 class OtherHost:
@@ -36,18 +40,21 @@ class OtherHost:
 
 
 class _Listening:
-    """A participant that sends nothing, and notes whether a host sends heartbeats."""
+    """A participant that sends nothing, and notes another host, or an update that goes on."""
 
     wake_s = inf
 
     def __init__(self) -> None:
         self._other = OtherHost()
-        self.found = False
+        self.found: str | None = None
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
-        """Note a host's heartbeat."""
+        """Note a host's heartbeat, and a cell that takes firmware."""
         self._other.on_frame(frame, now_s)
-        self.found = self.found or self._other.speaks(now_s)
+        if self._other.speaks(now_s):
+            self.found = OTHER_HOST
+        elif takes_firmware(frame):
+            self.found = f"{UPDATE_RUNS}; let mdms flash --bus come to its end first"
 
     def poll(self, now_s: float) -> Iterable[Frame]:
         """Nothing."""
@@ -61,6 +68,6 @@ class _Listening:
 def refuse_other_host(link: AnyLink, clock: Clock) -> None:
     """Listen for a while before anything is sent. Raises OtherHostError, DeviceGoneError."""
     listening, end_s = _Listening(), clock.now_s() + _LISTEN_S
-    drive(listening, link, clock, lambda: listening.found or clock.now_s() >= end_s)
+    drive(listening, link, clock, lambda: bool(listening.found) or clock.now_s() >= end_s)
     if listening.found:
-        raise OtherHostError(OTHER_HOST)
+        raise OtherHostError(listening.found)

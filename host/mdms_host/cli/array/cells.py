@@ -16,13 +16,14 @@ from rich.live import Live
 from mdms_array.bus_load import warn_of_load, wire_of
 from mdms_host.can_link.link import AnyLink, LinkError, drive, open_bus
 from mdms_host.can_link.links import OnEachBus, open_links
+from mdms_host.can_link.remote_cell import UPDATE_RUNS
 from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
 from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
-from mdms_host.commissioning.network import UPDATE_RUNS, counted, ranges
+from mdms_host.commissioning.network import counted, ranges
 from mdms_host.commissioning.status import (
     CellStatus,
     FoundNode,

@@ -266,3 +266,13 @@ def test_second_host_on_a_bus_notices_the_first_and_sends_nothing(
     assert heard <= {cob.HEARTBEAT_BASE + 1, cob.HEARTBEAT_BASE + 127}
     assert nodes.states[1] == nmt.OPERATIONAL
     assert capsys.readouterr().err.startswith("mdms: another host runs on this bus (a heartbeat")
+
+
+def test_no_run_begins_while_firmware_comes_in(channel, capsys):
+    block = can.Message(arbitration_id=0x581, data=b"\xa2\x3f\x3f\0\0\0\0\0", is_extended_id=False)
+    with Nodes(channel, {1: nmt.PRE_OPERATIONAL}), can.Bus(channel, interface="virtual") as cell:
+        cell.send_periodic(block, 0.05)
+        assert on(channel, "run", "array18") == ExitCode.FAILURE
+        heard = {message.arbitration_id for message in iter(lambda: cell.recv(0), None)}
+    assert heard == {cob.HEARTBEAT_BASE + 1}
+    assert capsys.readouterr().err.startswith("mdms: firmware comes into cells over the bus; let")
