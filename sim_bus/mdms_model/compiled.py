@@ -168,7 +168,7 @@ def _folder(module: str) -> Path:
     """The folder of a module's compiled functions, created, and without files that nobody needs."""
     digest = sha256()
     for name in sorted(closure(module)):
-        digest.update(f"{name}\n".encode() + Path(sys.modules[name].__file__ or "").read_bytes())
+        digest.update(f"{name}\n".encode() + _source(name).encode())
     base = cache_base()
     folder = base / f"{module}-{digest.hexdigest()[:16]}"
     if not folder.exists():
@@ -190,11 +190,19 @@ def _remove_unused(base: Path, module: str, now_s: float) -> None:
 
 
 @cache
+def _source(module: str) -> str:
+    """The source of a loaded module, read once: a file that changes later is not what was loaded.
+
+    Else code of the old source would be kept as that of the new one.
+    """
+    return Path(sys.modules[module].__file__ or "").read_text("utf-8")
+
+
+@cache
 def closure(module: str) -> frozenset[str]:
     """A module of ours and all that it imports of ours."""
-    text = Path(sys.modules[module].__file__ or "").read_text("utf-8")
     found = frozenset({module})
-    for package, names in OWN_IMPORT.findall(text):
+    for package, names in OWN_IMPORT.findall(_source(module)):
         named = {package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))}
         found = found.union(*map(closure, (named & sys.modules.keys()) - found))
     return found

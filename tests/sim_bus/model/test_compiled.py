@@ -113,6 +113,14 @@ def test_a_change_in_another_module_is_noticed_and_code_of_older_sources_goes(pr
     assert new != old
 
 
+@needs_numba
+def test_a_change_after_a_module_was_loaded_leaves_no_older_code_as_newer(probe, tmp_path):
+    inner = tmp_path / "mdms_probe_inner.py"
+    changed = f"open({str(inner)!r}, 'w').write({INNER.format(factor=50)!r})"
+    assert said(probe("1", code=f"import mdms_probe_inner; {changed}{MAIN}"))[0] == "[2]"
+    assert said(probe("1"))[0] == "[100]"
+
+
 LOADS = """
 import json
 import numpy as np
