@@ -1,6 +1,5 @@
 """The real command in a process of its own."""
 
-import gc
 import signal
 import subprocess
 import sys
@@ -51,9 +50,6 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         lost = [item.nodeid for item in grouped if "@" not in item.nodeid]
         if lost:
             raise pytest.UsageError(f"pytest-xdist does not keep the group of {lost[0]}")
-    # All that is collected and imported by now lives to the end. Python's garbage collection
-    # does not look through it again, which takes a twelfth less time.
-    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")
