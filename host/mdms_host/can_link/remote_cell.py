@@ -34,6 +34,8 @@ def other_protocol(revision: int) -> str | None:
 
 
 UPDATE_RUNS = "firmware comes into cells over the bus"
+#: Blocks of an update come so close after one another, though a cell erases its flash meanwhile.
+UPDATE_S = 2.0
 
 
 def takes_firmware(frame: Frame) -> bool:

@@ -8,7 +8,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from mdms_host.can_link.remote_cell import RemoteCell, takes_firmware
+from mdms_host.can_link.remote_cell import UPDATE_S, RemoteCell, takes_firmware
 from mdms_host.can_link.sdo_client import Read, SdoClient
 from mdms_host.clock import Clock
 from mdms_host.commissioning.network import (
@@ -124,8 +124,6 @@ _READ_KIND = tuple(Read(*place) for place in _KIND)
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
-#: Blocks of an update come so close after one another, though a cell erases its flash meanwhile.
-_UPDATE_S = 2.0
 _M_PER_UM = pdo.ACTUAL_VELOCITY.entries[0].unit.factor
 
 
@@ -197,7 +195,7 @@ class StatusModel:
     def on_frame(self, frame: Frame, now_s: float) -> None:
         """Take in a node's frame; a node appears with its first heartbeat."""
         if takes_firmware(frame):
-            self.update_ran, self._quiet_until_s = True, now_s + _UPDATE_S
+            self.update_ran, self._quiet_until_s = True, now_s + UPDATE_S
         node_id = frame.can_id & 0x7F
         base = frame.can_id - node_id
         is_node = base == cob.HEARTBEAT_BASE and cob.NODE_MIN <= node_id < cob.NODE_MAX

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from math import inf
 
 from mdms_host.can_link.link import AnyLink, drive
-from mdms_host.can_link.remote_cell import UPDATE_RUNS, takes_firmware
+from mdms_host.can_link.remote_cell import UPDATE_RUNS, UPDATE_S, takes_firmware
 from mdms_host.clock import Clock
 from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_model.errors import Error
@@ -24,23 +24,33 @@ class OtherHostError(Error):
 
 
 class OtherHost:
-    """Whether a host sends heartbeats, by frames that somebody else has sent."""
+    """Why no run may begin now, by frames that somebody else has sent."""
 
     def __init__(self) -> None:
-        self._last_s = -inf
+        self._last_s = self._updated_s = -inf
 
     def on_frame(self, frame: Frame, now_s: float) -> None:
-        """Note a host's heartbeat."""
+        """Note a host's heartbeat, and a cell that takes firmware."""
         if frame.can_id == HEARTBEAT and nmt.decode_heartbeat(frame.data) is not None:
             self._last_s = now_s
+        elif takes_firmware(frame):
+            self._updated_s = now_s
 
     def speaks(self, now_s: float) -> bool:
         """Whether a host is there; a host that has missed three heartbeats is gone."""
         return now_s - self._last_s < _LISTEN_S
 
+    def reason(self, now_s: float) -> str | None:
+        """Another host, or an update that goes on, in words; None without one."""
+        if self.speaks(now_s):
+            return OTHER_HOST
+        if now_s - self._updated_s < UPDATE_S:
+            return f"{UPDATE_RUNS}; let mdms flash --bus come to its end first"
+        return None
+
 
 class _Listening:
-    """A participant that sends nothing, and notes another host, or an update that goes on."""
+    """A participant that sends nothing, and notes why no run may begin."""
 
     wake_s = inf
 
@@ -49,12 +59,9 @@ class _Listening:
         self.found: str | None = None
 
     def on_frame(self, frame: Frame, now_s: float, bus: int = 0) -> None:
-        """Note a host's heartbeat, and a cell that takes firmware."""
+        """Note somebody else's frame."""
         self._other.on_frame(frame, now_s)
-        if self._other.speaks(now_s):
-            self.found = OTHER_HOST
-        elif takes_firmware(frame):
-            self.found = f"{UPDATE_RUNS}; let mdms flash --bus come to its end first"
+        self.found = self.found or self._other.reason(now_s)
 
     def poll(self, now_s: float) -> Iterable[Frame]:
         """Nothing."""

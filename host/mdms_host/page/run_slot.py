@@ -6,7 +6,6 @@ from math import inf
 from mdms_host.can_link.recent import Recent
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.other_host import OtherHost
-from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.cell_objects import ObjectReader
 from mdms_host.page.commands import PageRefusedError
@@ -92,12 +91,13 @@ class RunSlot:
         """Begin the program anew.
 
         Raises `PageRefusedError` while one runs, and while another host speaks: the two would stop
-        each other, and cells be switched off that the other one moves parcels with.
+        each other, and cells be switched off that the other one moves parcels with. So it does
+        while firmware comes into cells: a run would break that off.
         """
         if self.busy:
             raise PageRefusedError("the program runs already; stop it first")
-        if self.beside_other_host:
-            raise PageRefusedError(OTHER_HOST)
+        if reason := self._other_host.reason(self._looked_s):
+            raise PageRefusedError(reason)
         self.reader = None
         self.coordinator = self._make()
 

@@ -1,5 +1,6 @@
 """The wheels when a command comes late, twice, out of season, or beside another host."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from mdms_host.page.commands import PageRefusedError
 from mdms_host.page.description import PHASES
 from mdms_model.scenario.fault import Fault
 from mdms_model.scenario.file import load_scenario
+from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 
 
@@ -47,6 +49,32 @@ def test_program_does_not_start_beside_another_host_which_goes_on_undisturbed(mo
     desk.run(0.5)
     assert not (desk.shown["cell_state"] == CellState.RUNNING).any()
     assert fastest_m_s(desk) < 0.05
+    desk.table.do(commands.Start())
+    desk.run_until(lambda: phase(desk) == "running", 3.0)
+
+
+class Updating:
+    """A cell beside the table that acknowledges blocks of its firmware until `ends_s`."""
+
+    ends_s = 0.5
+
+    def __init__(self) -> None:
+        self.wake_s = 0.0
+
+    def on_frame(self, frame: Frame, now_s: float) -> None:
+        """Nothing."""
+
+    def poll(self, now_s: float) -> Iterator[Frame]:
+        self.wake_s = now_s + 0.05 if now_s < self.ends_s else np.inf
+        yield Frame(cob.SDO_RESPONSE_BASE + 100, b"\xa2\x3f\x3f" + bytes(5))
+
+
+def test_program_does_not_start_while_firmware_comes_in_and_does_so_afterwards(monkeypatch):
+    desk = Desk(monkeypatch, others=(Updating(),))
+    desk.run(0.3)
+    with pytest.raises(PageRefusedError, match="firmware comes into cells over the bus; let"):
+        desk.table.do(commands.Start())
+    desk.run(2.5)
     desk.table.do(commands.Start())
     desk.run_until(lambda: phase(desk) == "running", 3.0)
 
