@@ -64,7 +64,7 @@ $(VENV)/bin/python:
 
 # Each stamp names the set of packages that is in the environment; a larger set includes the smaller.
 $(VENV)/.run: requirements/run.txt pyproject.toml | $(VENV)/bin/python
-	$(PIP) install --quiet --require-hashes -r requirements/run.txt
+	$(PIP) install --quiet --no-compile --require-hashes -r requirements/run.txt
 	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 

@@ -4,6 +4,7 @@ A function is compiled once and kept on disk. It holds copies of the functions t
 folder that it is kept in is named after the sources of its module and of all that this imports.
 """
 
+import gc
 import os
 import re
 import shutil
@@ -76,8 +77,20 @@ def _compiled(function: Function, **more: bool) -> Function:
 
 
 def _compile_alone(compile_: Callable[[Any], Any], folder: Path, signature: Any) -> Any:
-    with _alone(folder):
+    with _alone(folder), _uncollected():
         return compile_(signature)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Look for no garbage meanwhile: a compiler makes much, and the search takes a tenth of it."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def borrowed(arrays: Any) -> Any:
