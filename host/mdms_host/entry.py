@@ -1,5 +1,6 @@
 """Where the command begins: Ctrl-C ends it in one line from here on, imports included."""
 
+import gc
 import os
 import signal
 import sys
@@ -14,6 +15,8 @@ def main() -> int:
     for name in _ALGEBRA:
         # Libraries read it when they are imported.
         os.environ.setdefault(name, "1")
+    # What is imported stays: to look for garbage in it took a third of a short command.
+    gc.disable()
     try:
         from mdms_host.cli import main as command  # noqa: PLC0415 - it may be interrupted
 

@@ -1,5 +1,6 @@
 """A command line of verbs whose modules are imported only when they are used."""
 
+import gc
 from argparse import Action, ArgumentParser, Namespace
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -91,7 +92,12 @@ def add_verbs(parser: ArgumentParser, verbs: Iterable[Verb], title: str, metavar
 def _run(verb: Verb, arguments: Namespace) -> int:
     if verb.extra is not None:
         require(verb.extra, f"mdms {verb.name}")
-    return int(_imported(verb.function)(arguments))
+    run = _imported(verb.function)
+    if not gc.isenabled():
+        # The process began with this command, and all that it has loaded stays.
+        gc.freeze()
+        gc.enable()
+    return int(run(arguments))
 
 
 def _imported(function: str) -> Callable[..., Any]:

@@ -161,6 +161,22 @@ def test_linear_algebra_starts_no_threads_beside_the_control_cycle():
     assert done.stdout.splitlines()[-1] == "1"
 
 
+#: Prints whether garbage is collected once a verb has begun.
+COLLECTING = """
+import gc, sys
+from mdms_host.entry import main
+sys.argv = ["mdms", "scenarios"]
+main()
+print(gc.isenabled())
+"""
+
+
+def test_garbage_is_collected_again_once_a_verb_begins():
+    process = [sys.executable, "-c", COLLECTING]
+    done = subprocess.run(process, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "True"
+
+
 def test_error_of_a_file_is_one_line(monkeypatch, capsys):
     def fail(_arguments):
         raise OSError(28, "No space left on device", "run/bus.log")
