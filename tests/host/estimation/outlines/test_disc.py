@@ -34,6 +34,12 @@ def test_slope_of_the_rim_agrees_with_differences(pose: np.ndarray, point_m: np.
     np.testing.assert_allclose(distance_m, DISC.distance_m(point_m, pose)[0], atol=1e-12)
 
 
+def test_a_disc_grows_by_the_mean_of_both_directions_on_either_side() -> None:
+    grown = Disc(0.20).grown(0.01, 0.03)
+    assert isinstance(grown, Disc)
+    assert abs(grown.diameter_m - 0.24) < 1e-12
+
+
 def test_a_sensor_right_under_the_centre_has_no_direction() -> None:
     distance_m, slope = DISC.edge(np.zeros(2), np.zeros(3))
     assert distance_m == -0.15

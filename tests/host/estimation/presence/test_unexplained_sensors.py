@@ -4,6 +4,7 @@ import numpy as np
 
 from mdms_host.estimation.parcel_search import Coverage, UnexplainedSensors
 from mdms_host.estimation.presence import Surroundings
+from mdms_host.estimation.unknowns import containing_outline_m
 from mdms_host.layout import Layout
 
 LAYOUT = Layout(9, 6)
@@ -50,3 +51,12 @@ def test_what_is_judged_at_once_is_judged_while_a_parcel_moves_beside_it() -> No
         groups = unexplained.groups(1.0, thing | moving, valid, coverage, np.zeros(SENSORS))
         still = unexplained.still(1.0, groups, changed_s, at_once=at_once)
         assert [group.tolist() for group in still] == [np.flatnonzero(thing).tolist()] * seen
+
+
+def test_free_sensors_beside_covered_ones_bound_what_may_lie_there() -> None:
+    """A convex outline that reached far behind a free sensor would cover it."""
+    covered_m, above_m = np.array([[-0.05, 0.0], [0.05, 0.0]]), np.array([[0.0, 0.06]])
+    alone_m = containing_outline_m(covered_m, np.empty((0, 2)), 0.3)
+    bounded_m = containing_outline_m(covered_m, above_m, 0.3)
+    assert bounded_m[:, 1].max() < alone_m[:, 1].max() - 0.03
+    assert bounded_m[:, 1].min() == alone_m[:, 1].min()
