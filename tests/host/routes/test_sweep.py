@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from mdms_host.estimation.footprint import Disc, Footprint, Polygon, Rectangle
+from mdms_host.layout import Layout
+from mdms_host.routes.grid import Tiles
 from mdms_host.routes.route import TrapezoidPace
 from mdms_host.routes.support import Shape
 from mdms_host.routes.sweep import PIECE_RAD, swept
@@ -67,6 +69,15 @@ def test_every_point_of_an_outline_is_over_a_tile_that_is_met_at_that_moment(nam
             pose = start + share * (end - start)
             near_m = footprint.distance_m(tile_m + np.array(tile) * SIDE_M, pose).min()
             assert near_m < 0.002 + 2 * body.bend_m * PIECE_RAD / 2
+
+
+def test_the_middles_of_a_cells_tiles_are_about_its_own() -> None:
+    layout = Layout(4, 3)
+    tiles = Tiles(layout)
+    for number, centre_m in enumerate(layout.cell_positions_m, 1):
+        middles_m = [tiles.centre_m(tile) for tile in tiles.of_cell(number).tolist()]
+        assert np.mean(middles_m, axis=0) == pytest.approx(centre_m)
+        assert {tiles.cell_of(tile) for tile in tiles.of_cell(number).tolist()} == {number}
 
 
 def test_a_short_move_speeds_up_over_half_its_way_and_brakes_over_the_other():

@@ -14,6 +14,8 @@ from mdms_host.programs.traffic.ride import Load
 from mdms_host.programs.traffic.world_state import Timetable, WorldState
 from mdms_host.routes.grid import Tiles
 from mdms_host.routes.planner import Planner
+from mdms_host.routes.planning_problem import RouteTask
+from mdms_host.routes.support import Shape
 
 #: Cells from south to north in the middle of 15 x 8, but for three.
 WALL = [row * 15 + 8 for row in (0, 1, 2, 6, 7)]
@@ -52,6 +54,14 @@ def test_a_parcel_stopped_before_a_gap_passes_it_before_another_comes_to_stay_th
     assert taken(dispatch) == {"far", "near"}
     dispatch.ask({"far": far}, {"near": 0.0}, 0.0)
     assert taken(dispatch) == {"far"}
+
+
+def test_a_parcel_that_stands_30_mm_from_its_planned_place_is_in_the_way():
+    timetable = Timetable()
+    start, goal = np.zeros(3), np.array([0.05, 0.0, 0.0])
+    timetable.begin(Planner(Tiles(Layout(6, 6))).plan([RouteTask("box", Shape(BOX), start, goal)]))
+    assert timetable.has_at("box", np.array([0.015, 0.02, 0.0]))
+    assert not timetable.has_at("box", np.array([0.025, 0.025, 0.0]))
 
 
 def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_beside_it():
