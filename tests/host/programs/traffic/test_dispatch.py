@@ -17,6 +17,7 @@ from mdms_host.routes.planner import Planner
 from mdms_host.routes.planning_problem import RouteTask
 from mdms_host.routes.support import Shape
 
+LOAD = Load(BOX, uniform_mass(BOX))
 #: Cells from south to north in the middle of 15 x 8, but for three.
 WALL = [row * 15 + 8 for row in (0, 1, 2, 6, 7)]
 
@@ -43,7 +44,7 @@ def test_newcomer_is_planned_with_its_own_shape_under_the_name_of_one_that_has_l
 
 def test_a_parcel_stopped_before_a_gap_passes_it_before_another_comes_to_stay_there():
     planner = Planner(Tiles(Layout(15, 8)))
-    loads = dict.fromkeys(("far", "near"), Load(BOX, uniform_mass(BOX)))
+    loads = dict.fromkeys(("far", "near"), LOAD)
     where, timetable = WorldState(loads, planner.stand), Timetable()
     where.places = {"far": np.array([-0.7, -0.3, 0.0]), "near": np.array([-0.5, 0.35, 0.0])}
     rules = WayRules(over_lost=False)
@@ -64,9 +65,22 @@ def test_a_parcel_that_stands_30_mm_from_its_planned_place_is_in_the_way():
     assert not timetable.has_at("box", np.array([0.025, 0.025, 0.0]))
 
 
+def test_a_parcel_goes_up_to_a_thing_on_its_way_and_not_onto_a_tile_of_it():
+    planner = Planner(Tiles(Layout(9, 6)))
+    shape, start, goal = Shape(BOX), np.array([-0.35, 0.0, 0.0]), np.array([0.35, 0.0, 0.0])
+    route = planner.plan([RouteTask("box", shape, start, goal)]).routes["box"]
+    where = WorldState(dict.fromkeys(("box", "thing"), LOAD), planner.stand)
+    where.places = {"box": start, "thing": np.array([0.2, 0.02, 0.3])}
+    where.find_obstacles(lambda name, place: name == "box")
+    free_m = where.free_m("box", route, 0.0)
+    thing = set(planner.stand(shape, where.places["thing"]).tolist())
+    assert thing.isdisjoint(planner.stand(shape, route.pose_at(free_m)).tolist())
+    assert not thing.isdisjoint(planner.stand(shape, route.pose_at(free_m + 0.02)).tolist())
+
+
 def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_beside_it():
     planner = Planner(Tiles(Layout(15, 8)))
-    loads = dict.fromkeys(("out", "beside"), Load(BOX, uniform_mass(BOX)))
+    loads = dict.fromkeys(("out", "beside"), LOAD)
     where = WorldState(loads, planner.stand)
     north = Gate("north", (1, 1), 0.4445, -0.6, 0.6)
     where.places = {"out": np.array([0.0, 0.445, 0.0]), "beside": np.array([0.0, 0.157, 0.0])}
@@ -78,7 +92,7 @@ def test_one_on_the_edge_of_its_exit_goes_on_outward_and_not_back_towards_one_be
 @pytest.mark.parametrize(("columns", "blocked"), [((8,), False), ((7, 8, 9, 10), True)])
 def test_a_way_leads_over_lost_cells_only_where_enough_others_brake(columns, blocked):
     planner = Planner(Tiles(Layout(15, 4)))
-    loads = {"box": Load(BOX, uniform_mass(BOX))}
+    loads = {"box": LOAD}
     where = WorldState(loads, planner.stand)
     where.places = {"box": np.array([-0.6, 0.0, 0.0])}
     dispatch = Dispatch(planner, VirtualExecutor(), where, Timetable(), WayRules())
@@ -92,7 +106,7 @@ def test_a_way_leads_over_lost_cells_only_where_enough_others_brake(columns, blo
 
 def test_a_parcel_on_lost_cells_is_led_off_them():
     planner = Planner(Tiles(Layout(15, 4)))
-    loads = {"box": Load(BOX, uniform_mass(BOX))}
+    loads = {"box": LOAD}
     where = WorldState(loads, planner.stand)
     where.places = {"box": np.array([0.0, 0.0, 0.0])}
     dispatch = Dispatch(planner, VirtualExecutor(), where, Timetable(), WayRules())
