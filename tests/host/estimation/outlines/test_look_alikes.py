@@ -32,3 +32,20 @@ def test_a_hexagon_is_found_turned_as_was_told_within_half_a_side(seed) -> None:
         table.run(0.5)
         found = table.tracker.estimate("hexagon", table.now_s)
         assert abs(degrees(found.yaw_rad - yaw_rad)) < 30.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_box_that_lies_a_quarter_turn_from_the_told_way_is_believed_there(seed) -> None:
+    """Its sides differ by less than their spread, and edges show which is the longer one."""
+    x_m, y_m = np.random.default_rng(seed).uniform(-0.05, 0.05, 2)
+    told = Parcel("box", 0.30, 0.265, yaw_hint_rad=0.0, spread_m=0.015)
+    table = Lying(Layout(9, 6, wheels=WHEELS), (told,))
+    table.put("box", told.footprint, x_m, y_m, pi / 2)
+    table.run(0.4)
+    for twist in ((0.04, 0.0, 0.0), (0.0, 0.04, 0.0)):
+        table.run(1.5, {"box": twist})
+    found = table.tracker.estimate("box", table.now_s)
+    assert abs(degrees(found.yaw_rad) % 180.0 - 90.0) < 1.0
+    size = table.tracker.size("box")
+    assert size is not None
+    assert (size.length_m, size.width_m) == pytest.approx((0.30, 0.265), abs=0.002)
