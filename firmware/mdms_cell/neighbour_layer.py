@@ -293,7 +293,8 @@ class Layer:
         # Lead the wheels, and say so at the next SYNC.
         outdated = verdict == OUTDATED
         self._lead(None if outdated and not self._consumer.host_lost else program, step_ms)
-        self._announce(None if self._pages.asked or outdated else program, step_ms)
+        ahead_ms = max(step_ms // (self._skipped_beats + 1), 1)
+        self._announce(None if self._pages.asked or outdated else program, ahead_ms)
         if sent and self._tracking.under and program is not None and not verdict:
             self._pages.hand_on(program, sent, self._skipped_beats)
         self._skipped_beats = 0
@@ -381,7 +382,7 @@ class Layer:
         leading.step(program, allowed and not held, step_ms)
 
     @micropython.native
-    def _announce(self, program, step_ms):
+    def _announce(self, program, ahead_ms):
         """Write the estimate that the next SYNC is to send; the program may be lacked or None."""
         flags = wire.CONTRADICTED if self._suspect >= 0 else 0
         if self._leading.steering.has_arrived():
@@ -390,7 +391,7 @@ class Layer:
             flags |= wire.LACKING
         self._estimate[wire.SEQUENCE] = 0 if program is None else program.sequence
         self._estimate[wire.FLAGS] = flags
-        self._write_estimate(step_ms)
+        self._write_estimate(ahead_ms)
 
     @micropython.native
     def _write_estimate(self, ahead_ms):

@@ -1,6 +1,7 @@
 """A cell whose updates take long, as interrupts and background of a slow board come to it."""
 
-from layer_bench import BEAT_MS, IDENTITY, NODE, Middle, estimate_of
+from layer_bench import BEAT_MS, IDENTITY, NODE, Middle, estimate_of, estimates
+from layer_bench import run as layer_run
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.queues import Inbox
@@ -156,6 +157,26 @@ def test_update_of_two_beats_takes_place_in_every_third():
         machine = run(update_ms)
         assert set(machine.gaps()) == {3}, (update_ms, machine.gaps())
         check_goes_on(machine)
+
+
+def test_estimates_have_the_place_at_each_sync_whether_updates_were_skipped_or_not():
+    step_um = SPEED_UM_S * BEAT_MS // 1000
+    for update_ms in (3, 9, 20):
+        places = [fields[wire.X] for _, fields, _ in run(update_ms, beats=30).estimates()]
+        steps = [later - earlier for earlier, later in zip(places, places[1:])]  # noqa: B905
+        assert set(steps) == {step_um // wire.STEP_UM, step_um // wire.STEP_UM + 1}, places
+
+
+def test_update_after_any_number_of_skipped_beats_sends_an_estimate_again():
+    for skipped in (1, 10, 60):
+        middle = Middle(SPEED_UM_S)
+        for _ in range(skipped):
+            middle.now_ms += BEAT_MS
+            middle.cell.waited_ms = BEAT_MS // 2
+            middle.cell.on_frame(cob.SYNC, b"", middle.now_ms)
+        middle.cell.waited_ms = 0
+        layer_run(middle, 2, moving=False)
+        assert estimates(middle)[-1][wire.IDENTITY] == IDENTITY
 
 
 def test_pause_of_the_background_holds_no_parcel():
