@@ -11,6 +11,8 @@ from mdms_protocol.codecs import sdo
 _SEGMENT = 7
 #: A transfer in which the client is silent for so long is aborted.
 TIMEOUT_MS = 1000
+#: A block download that is ended amid a block, as by a reset: its segments may come for so long.
+STRAY_MS = 500
 
 
 def _begin_upload(objects, data, index, sub):
@@ -330,6 +332,10 @@ _OPENINGS = {
 }
 
 
+#: Codes by which a block download ends while its client sends on.
+_AMID_A_BLOCK = (sdo.WRONG_STATE, sdo.TIMED_OUT, sdo.INVALID_SEQUENCE)
+
+
 class SdoServer:
     """Answers requests through `respond(data)`, which returns False when there is no room."""
 
@@ -338,6 +344,9 @@ class SdoServer:
         self._respond = respond
         self._transfer = None
         self._received_ms = 0
+        #: Whether segments of a block download may still come that was ended then.
+        self._strays = False
+        self._ended_ms = 0
         self.now_ms = 0
 
     @property
@@ -354,6 +363,7 @@ class SdoServer:
     def poll(self, now_ms):
         """Go on sending a block, and give up on a silent client."""
         self.now_ms = now_ms
+        self._strays = self._strays and ticks.diff(now_ms, self._ended_ms) < STRAY_MS
         transfer = self._transfer
         if transfer is None:
             return
@@ -392,10 +402,18 @@ class SdoServer:
         begin = _OPENINGS.get(data[0] & sdo.SPECIFIER)
         if begin is None:
             raise sdo.AbortError(sdo.UNKNOWN_COMMAND)
+        if self._may_be_stray(data[0]):
+            raise sdo.AbortError(sdo.WRONG_STATE)
         self._close()
         transfer, response = begin(self._objects, data, data[1] | data[2] << 8, data[3])
         self._transfer = transfer
         self._respond(response)
+
+    def _may_be_stray(self, command):
+        """Whether a request may be a segment of a block that was ended; any write may be."""
+        if not (self._strays and 1 <= command & sdo.BLOCK_SEQUENCE <= sdo.BLOCK_SEGMENTS):
+            return False
+        return ticks.diff(self.now_ms, self._ended_ms) < STRAY_MS
 
     def _refuse(self, data, code):
         if self._transfer is not None:
@@ -404,6 +422,8 @@ class SdoServer:
             self._abort(data[1] | data[2] << 8, data[3], code)
 
     def _abort(self, index, sub, code):
+        if code in _AMID_A_BLOCK and isinstance(self._transfer, BlockDownload):
+            self._strays, self._ended_ms = True, self.now_ms
         self._close()
         self._respond(sdo.abort(index, sub, code))
 

@@ -1,7 +1,7 @@
 """The SDO server: transcripts of every kind of transfer, and the abort code of every error."""
 
 from mdms_cell.canopen.objects import Objects
-from mdms_cell.canopen.sdo_server import TIMEOUT_MS, SdoServer
+from mdms_cell.canopen.sdo_server import STRAY_MS, TIMEOUT_MS, SdoServer
 from mdms_protocol import record
 from mdms_protocol.codecs import sdo
 
@@ -351,6 +351,34 @@ def test_transfer_that_is_given_up_is_aborted_with_the_entry_and_undone():
     assert client.take() == [sdo.abort(0x5000, 1, sdo.WRONG_STATE)]
     assert client.sink.cancelled
     assert not client.server.busy
+
+
+def ended_amid_a_block(end):
+    """A client whose block download has ended after 34 segments; its others are on their way."""
+    client = Client()
+    client.ask(b"\xc6\x00\x50\x01\xb9\x01\0\0")
+    for sequence in range(1, 35):
+        assert client.ask(bytes((sequence,)) + bytes(7)) == []
+    end(client)
+    assert len(client.take()) == 1
+    return client
+
+
+def test_segments_of_a_block_that_was_ended_write_nothing_else():
+    segment = b"\x2b\x00\x30\x00\x4d\x00\0\0"  # the 43rd, or a write of 0x3000
+    for end in (
+        lambda client: client.server.give_up(),
+        lambda client: client.server.poll(TIMEOUT_MS),
+        lambda client: client.server.on_request(sdo.read_request(0x1000, 0)),
+    ):
+        client = ended_amid_a_block(end)
+        assert client.ask(segment) == [refusal(segment, sdo.WRONG_STATE)]
+        assert client.objects.number(0x3000) == 50
+        assert client.ask(sdo.read_request(0x3000, 0)) == [b"\x4b\x00\x30\x00\x32\0\0\0"]
+        client.server.poll(TIMEOUT_MS + STRAY_MS)
+        # The clock comes round.
+        client.server.poll(1 << 30)
+        assert client.ask(segment) == [b"\x60\x00\x30\x00\0\0\0\0"]
 
 
 def uploading():
