@@ -48,7 +48,7 @@ _WATCHED = (
 _BEFORE = const(1 << 29)
 _WRAP = const((1 << 30) - 1)
 _DEFAULT_SUPPLY_UV = 24_000_000
-#: In place of a size that is not known.
+#: In place of a size that is not known, and the last count before 0 comes again.
 _UNKNOWN = 0xFFFFFFFF
 
 
@@ -155,17 +155,17 @@ class Cell:
         objects.watch(self._on_lease, indices.LEASE)
 
     def _read_received(self):
-        return self.received
+        return self.received & _UNKNOWN
 
     def _read_dropped(self):
-        return self.dropped + self._layer.nonsense
+        return self.dropped + self._layer.nonsense & _UNKNOWN
 
     def _read_not_sent(self):
-        return self.not_sent
+        return self.not_sent & _UNKNOWN
 
     def _read_overruns(self):
         inbox = getattr(self._board, "inbox", None)
-        return 0 if inbox is None else inbox.lost
+        return 0 if inbox is None else inbox.lost & _UNKNOWN
 
     def _at_rest(self, read):
         """Return a reader that is slow, and so refuses while a wheel is on."""

@@ -278,6 +278,17 @@ def test_full_transmit_queue_is_counted():
     assert cell.not_sent == 1
 
 
+def test_counts_of_frames_begin_again_after_32_bits():
+    cell, board = booted()
+    cell.received = cell.dropped = cell.not_sent = 0xFFFFFFFF
+    for sub, count in ((1, 0), (2, 0xFFFFFFFF), (3, 0xFFFFFFFF)):
+        cell.on_frame(0x605, sdo.read_request(indices.TRAFFIC, sub), 60)
+        assert board.take()[-1][1][4:] == count.to_bytes(4, "little")
+    cell.on_frame(0x605, b"", 60)
+    cell.on_frame(0x605, sdo.read_request(indices.TRAFFIC, 2), 60)
+    assert board.take()[-1][1][4:] == bytes(4)
+
+
 def test_change_of_state_aborts_a_transfer_with_a_code():
     aborted = (0x585, sdo.abort(0x1009, 0, sdo.WRONG_STATE))
     for command in nmt.TRANSITIONS:
