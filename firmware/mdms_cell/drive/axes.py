@@ -467,9 +467,14 @@ class Axes:
         self._emcy = emcy
 
     def be_led(self, led):
-        """Whether the neighbour layer sets the targets; those from the bus are not taken then."""
+        """Whether the neighbour layer sets the targets; those from the bus are not taken then.
+
+        A target of before the change ends with it.
+        """
         for drive in self._drives:
-            drive.led = led
+            if drive.led != led:
+                drive.led = led
+                self.rest()
 
     @micropython.native
     def lead(self, targets_um_s):

@@ -19,7 +19,7 @@ from layer_bench import (
 
 from mdms_cell.drive import speed_loop
 from mdms_cell.neighbour_layer import UPDATE_MS
-from mdms_protocol import indices
+from mdms_protocol import indices, pdo
 from mdms_protocol.codecs import cia402, cob, sdo
 from mdms_protocol.neighbours import frames as wire
 
@@ -494,6 +494,22 @@ def test_cell_whose_setting_is_written_while_it_is_operational_rests_and_begins_
     middle._pages()
     run(middle, 130, moving=False)
     assert targets_um_s(middle)[0] > 90_000
+
+
+def test_wheel_that_the_host_turns_rests_when_it_is_handed_over_to_the_layer_or_back():
+    for before, after in ((0, 1), (1, 0)):
+        middle = Middle()
+        middle._write(indices.CONTROL, 0, 1, before)
+        run(middle, 1, moving=False)
+        cell = middle.cell
+        cell.on_frame(cob.RPDO_BASES[1] + NODE, pdo.CONTROLWORD.encode((15, 15)), middle.now_ms)
+        cell.on_frame(cob.RPDO_BASES[0] + NODE, 2 * (60_000).to_bytes(4, "little"), middle.now_ms)
+        cell.on_frame(cob.SYNC, b"", middle.now_ms)
+        assert state(middle) == cia402.OPERATION_ENABLED
+        assert targets_um_s(middle) == ((0, 0) if before else (60_000, 60_000))
+        middle._write(indices.CONTROL, 0, 1, after)
+        assert state(middle) == cia402.SWITCHED_ON
+        assert targets_um_s(middle) == (0, 0)
 
 
 def test_cell_that_is_moved_while_it_is_operational_rests_and_begins_anew():
