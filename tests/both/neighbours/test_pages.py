@@ -219,6 +219,16 @@ def test_newcomer_without_a_goal_is_given_it():
     assert table.goals() == [1] * CELLS
 
 
+def test_newcomer_without_anything_is_handed_the_goal_and_then_the_parcel():
+    cell = settled().cells[0]
+    kinds = []
+    for _ in range(8):
+        page = cell.hear([(1, (PARCEL, 0, wire.LACKING))])
+        if page is not None:
+            kinds.append(page[0] >> 6)
+    assert kinds == [wire.GOAL, wire.PARCEL]
+
+
 def test_cell_that_has_heard_nobody_meanwhile_makes_nobody_take_its_old_goal():
     table = settled()
     silent = table.cells[3]

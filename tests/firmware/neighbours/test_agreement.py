@@ -71,6 +71,17 @@ def test_wheels_that_turn_under_a_parcel_at_rest_count_against_their_cell(tracki
     assert evidence(tracking) == 1
 
 
+@pytest.mark.parametrize(("parcel_um_s", "most_um_s"), [(0, 12_000), (40_000, 62_000)])
+def test_wheels_count_that_are_off_by_more_than_12_mm_s_and_a_quarter(
+    tracking, parcel_um_s, most_um_s
+) -> None:
+    tracking.belief.twist.speeds[0] = parcel_um_s
+    for speed_um_s, counts in ((most_um_s, 0), (most_um_s + 1, 1)):
+        at = LENGTH * SPEEDS_AT
+        pack_into("<ii", tracking._heard.boxes.frames, at, speed_um_s, 0)
+        assert evidence(tracking) == counts
+
+
 def test_wheels_under_another_parcel_count_against_nobody(tracking) -> None:
     tracking.others = 1 << 0
     assert evidence(tracking) == 0
