@@ -254,6 +254,9 @@ class Layer:
         """Update when it is time; return in how many milliseconds the next update is due."""
         if not self.active:
             return IDLE_MS
+        if self._consumer.host_lost and self._axes.failed():
+            # A fault that somebody resets without the host ends the way of before.
+            self._pages.programs.outdate(0)
         heard = self._heard
         if presence | SEEN != heard.presence[OWN]:
             heard.take_presence(OWN, presence, now_ms)
@@ -334,8 +337,7 @@ class Layer:
         identity, pages = self._tracking.identity, self._pages
         if self._consumer.host_lost:
             self._silent_ms = min(self._silent_ms + self._step_ms, _GONE_MS)
-            # A fault that somebody resets without the host ends the way of before.
-            pages.programs.outdate(0 if self._axes.failed() else identity)
+            pages.programs.outdate(identity)
         elif self._silent_ms:
             if self._silent_ms == _GONE_MS:
                 pages.on_host_back(identity if self._rights.state == UNDER else 0)

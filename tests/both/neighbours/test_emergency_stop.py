@@ -287,29 +287,54 @@ def test_wheels_that_come_back_begin_as_slowly_as_under_any_parcel_that_stands()
         assert before_um_s > 10 * STEP_UM_S
 
 
+def driven_without_the_host():
+    """The host is watched, and is gone from now on."""
+    middle = Powered(SPEED_UM_S)
+    middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
+    middle.sequence = middle.its_sequence = 2
+    middle.program_flags = wire.GO_ON
+    middle._pages()
+    middle.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", middle.now_ms)
+    middle.beats(20, moving=True)
+    assert middle.driven
+    return middle
+
+
+def lose_supply(middle):
+    middle.supply_uv = 0
+    middle.beats(20, moving=False)
+
+
+def miss_supply(middle):
+    """Its measurement is stuck for a while: neighbours have forgotten the goal, it has not."""
+    middle.unsupplied = NEIGHBOURS
+    middle.beats(20, moving=False)
+
+
+def miss_sync(middle):
+    """Nobody gives the beat, so there is no update while there is a fault."""
+    middle._pass(500)
+
+
+def go_off_the_bus(middle):
+    """The same, after which the bus is back."""
+    middle.cell.fail(0x8140)
+    middle._pass(200)
+    middle.cell.recover()
+
+
 def test_reset_of_the_fault_without_the_host_moves_nothing_until_there_is_a_new_goal():
-    for missed in (False, True):
-        middle = Powered(SPEED_UM_S)
-        middle._write(indices.CONSUMER_TIMES, 1, 4, (cob.HOST_NODE << 16) | 75)
-        middle.sequence = middle.its_sequence = 2
-        middle.program_flags = wire.GO_ON
-        middle._pages()
-        middle.cell.on_frame(cob.HEARTBEAT_BASE + cob.HOST_NODE, b"\x05", middle.now_ms)
-        middle.beats(20, moving=True)
-        assert middle.driven
-        middle.supply_uv = 0
-        if missed:
-            # Its measurement is stuck for a while: neighbours have forgotten the goal, it has not.
-            middle.supply_uv = SUPPLY_UV
-            middle.unsupplied = NEIGHBOURS
-        middle.beats(20, moving=False)
+    for fail in (lose_supply, miss_supply, miss_sync, go_off_the_bus):
+        middle = driven_without_the_host()
+        fail(middle)
         middle.supply_uv, middle.unsupplied = SUPPLY_UV, ()
         middle.its_sequence, middle.its_flags = 0, wire.LACKING
-        middle.driven = False
         middle.control(cia402.DISABLE_VOLTAGE, cia402.FAULT_RESET)
+        middle.driven = False
         middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON)
+        middle._pass(100)
         middle.beats(40, moving=False)
-        assert not middle.driven
+        assert not middle.driven, fail
         middle.sequence = middle.its_sequence = 3
         middle.its_flags = 0
         middle._pages()
