@@ -298,7 +298,9 @@ class Layer:
         self._lead(None if outdated and not self._consumer.host_lost else program, step_ms)
         ahead_ms = max(step_ms // (self._skipped_beats + 1), 1)
         self._announce(None if self._pages.asked or outdated else program, ahead_ms)
-        if sent and self._tracking.under and program is not None and not verdict:
+        # A goal whose time is over would be driven to by a cell alone that lost it by a fault.
+        counts = not (program is None or verdict or self._leading.had_its_time(program.identity))
+        if sent and self._tracking.under and counts:
             self._pages.hand_on(program, sent, self._skipped_beats)
         self._skipped_beats = 0
 

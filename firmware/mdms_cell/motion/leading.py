@@ -172,6 +172,10 @@ class Leading:
             self._begin_times()
             self.next_leg()
 
+    def had_its_time(self, identity):
+        """Whether the time of this parcel without a host is over: it needs a new program."""
+        return self._ended and identity == self._identity
+
     def next_leg(self):
         """The next leg of the same way begins: time for it was planned, and goes on."""
         self._held_beats = 0

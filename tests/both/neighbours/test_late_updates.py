@@ -163,7 +163,7 @@ def test_estimates_have_the_place_at_each_sync_whether_updates_were_skipped_or_n
     step_um = SPEED_UM_S * BEAT_MS // 1000
     for update_ms in (3, 9, 20):
         places = [fields[wire.X] for _, fields, _ in run(update_ms, beats=30).estimates()]
-        steps = [later - earlier for earlier, later in zip(places, places[1:])]  # noqa: B905
+        steps = [places[place + 1] - places[place] for place in range(len(places) - 1)]
         assert set(steps) == {step_um // wire.STEP_UM, step_um // wire.STEP_UM + 1}, places
 
 

@@ -117,6 +117,17 @@ def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
     assert targets_um_s(middle)[0] > 90_000
 
 
+def test_goal_of_a_parcel_that_had_its_time_is_handed_to_nobody():
+    """A cell that has lost the goal by a fault would drive by it alone."""
+    for over in (False, True):
+        middle = ended() if over else watched(Middle(0), wire.GO_ON)
+        middle.board.take()
+        middle.its_sequence, middle.its_flags = 0, wire.LACKING
+        run(middle, 20)
+        handed_on = [can_id for can_id, _ in middle.board.take()].count(cob.PROGRAM_BASE + NODE)
+        assert (handed_on == 0) == over
+
+
 def fastest_while_it_rolls_over(middle, sequence):
     """The same identity begins anew out of the cell's reach, and comes over it later."""
     middle.x_um, middle.speed_um_s = -450_000, SPEED_UM_S
