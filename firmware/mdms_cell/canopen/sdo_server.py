@@ -1,8 +1,4 @@
-"""The SDO server of a cell (CiA 301, 7.2.4): one client reads and writes the object dictionary.
-
-A transfer of more than four bytes is an object of its own, segmented or in blocks. Its
-`on_request(data)` returns the response or None. It also has `done`, and `pump(send)`.
-"""
+"""The SDO server of a cell (CiA 301, 7.2.4): one client reads and writes the object dictionary."""
 
 from mdms_cell import ticks
 from mdms_cell.canopen.objects import find
@@ -56,20 +52,37 @@ def _head(command, data):
     return bytes((command,)) + data[1:4]
 
 
-class SegmentedUpload:
-    """A value on its way to the client."""
+class _Transfer:
+    """A transfer of more than four bytes, segmented or in blocks.
 
-    def __init__(self, index, sub, value):
+    `on_request(data)` returns the response or None. `takes(command)` is whether a request belongs
+    to this transfer rather than opens another.
+    """
+
+    def __init__(self, index, sub):
         self.index = index
         self.sub = sub
         self.done = False
+
+    def takes(self, command):
+        """Segments belong to a segmented transfer."""
+        return command & sdo.SPECIFIER in (sdo.UPLOAD_SEGMENT, sdo.DOWNLOAD_SEGMENT)
+
+    def pump(self, _send):
+        """Nothing is sent unasked."""
+
+    def cancel(self):
+        """Nothing is to be undone."""
+
+
+class SegmentedUpload(_Transfer):
+    """A value on its way to the client."""
+
+    def __init__(self, index, sub, value):
+        super().__init__(index, sub)
         self._value = value
         self._sent = 0
         self._toggle = 0
-
-    def takes(self, command):
-        """Whether a request belongs to this transfer rather than opens another."""
-        return command & sdo.SPECIFIER in (sdo.UPLOAD_SEGMENT, sdo.DOWNLOAD_SEGMENT)
 
     def on_request(self, data):
         """The next segment; raises AbortError."""
@@ -81,28 +94,16 @@ class SegmentedUpload:
         command = sdo.UPLOAD_SEGMENT_RESPONSE | data[0] & sdo.TOGGLE | unused << 1
         return bytes((command | (sdo.LAST_SEGMENT if self.done else 0),)) + piece + bytes(unused)
 
-    def pump(self, _send):
-        """Nothing is sent unasked."""
 
-    def cancel(self):
-        """Nothing is to be undone."""
-
-
-class SegmentedDownload:
+class SegmentedDownload(_Transfer):
     """A value on its way from the client into `sink`; `size` is as announced, or None."""
 
     def __init__(self, index, sub, sink, size):
-        self.index = index
-        self.sub = sub
-        self.done = False
+        super().__init__(index, sub)
         self._sink = sink
         self._size = size
         self._received = 0
         self._toggle = 0
-
-    def takes(self, command):
-        """Whether a request belongs to this transfer rather than opens another."""
-        return command & sdo.SPECIFIER in (sdo.UPLOAD_SEGMENT, sdo.DOWNLOAD_SEGMENT)
 
     def on_request(self, data):
         """Take the next segment; raises AbortError."""
@@ -117,9 +118,6 @@ class SegmentedDownload:
             self._sink.finish()
             self.done = True
         return bytes((sdo.DOWNLOAD_SEGMENT_RESPONSE | command & sdo.TOGGLE,)) + bytes(7)
-
-    def pump(self, _send):
-        """Nothing is sent unasked."""
 
     def cancel(self):
         """Discard the received bytes."""
@@ -169,7 +167,7 @@ def _begin_block_download(objects, data, index, sub):
     return transfer, _head(transfer.command, data) + bytes((sdo.BLOCK_SEGMENTS, 0, 0, 0))
 
 
-class BlockDownload:
+class BlockDownload(_Transfer):
     """A value on its way from the client into `sink`; `size` is the announced size, or None.
 
     The sink takes a block before the client gets the acknowledgement. So the client sends nothing
@@ -178,9 +176,7 @@ class BlockDownload:
     """
 
     def __init__(self, index, sub, sink, command, size):
-        self.index = index
-        self.sub = sub
-        self.done = False
+        super().__init__(index, sub)
         self.command = sdo.BLOCK_DOWNLOAD_RESPONSE | sdo.BLOCK_CRC
         self._check_crc = command & sdo.BLOCK_CRC
         self._sink = sink
@@ -192,7 +188,7 @@ class BlockDownload:
         self._complete = False
 
     def takes(self, command):
-        """Whether a request belongs to this transfer; in a block, all but an abort do."""
+        """All but an abort belong to a block."""
         return command != sdo.ABORT
 
     def on_request(self, data):
@@ -242,21 +238,16 @@ class BlockDownload:
         self._crc = sdo.crc16(piece, self._crc)
         self._sink.write(piece)
 
-    def pump(self, _send):
-        """Nothing is sent unasked."""
-
     def cancel(self):
         """Discard the received bytes."""
         self._sink.cancel()
 
 
-class BlockUpload:
+class BlockUpload(_Transfer):
     """A value on its way to the client in blocks of at most `block_size` segments."""
 
     def __init__(self, index, sub, value, command, block_size):
-        self.index = index
-        self.sub = sub
-        self.done = False
+        super().__init__(index, sub)
         self.size = len(value)
         self.command = sdo.BLOCK_UPLOAD_RESPONSE | sdo.BLOCK_CRC | sdo.BLOCK_SIZE_TOLD
         self._with_crc = command & sdo.BLOCK_CRC
@@ -268,11 +259,9 @@ class BlockUpload:
         self._set_block_size(block_size)
 
     def takes(self, command):
-        """Whether a request belongs to this transfer rather than opens another."""
-        return (
-            command & sdo.SPECIFIER == sdo.BLOCK_UPLOAD
-            and command & sdo.BLOCK_SUBCOMMAND != sdo.BLOCK_INITIATE
-        )
+        """All of block upload but another beginning."""
+        initiates = command & sdo.BLOCK_SUBCOMMAND == sdo.BLOCK_INITIATE
+        return command & sdo.SPECIFIER == sdo.BLOCK_UPLOAD and not initiates
 
     def on_request(self, data):
         """Begin, go on after an acknowledgement, or end; raises AbortError."""
@@ -318,9 +307,6 @@ class BlockUpload:
             if not send(bytes((command,)) + piece + bytes(_SEGMENT - len(piece))):
                 return
             self._sequence += 1
-
-    def cancel(self):
-        """Nothing is to be undone."""
 
 
 #: Functions that open a transfer, by the command specifier of the request.
