@@ -15,7 +15,7 @@ UNDERVOLTAGE = 0x3220
 #: The program allows 0.44 m/s2: so much faster in each beat [um/s].
 STEP_UM_S = 4_400
 #: How long the button stays pressed [beats]: less than a rest, and more.
-PRESSED_BEATS = (20, 100)
+PRESSED_BEATS = (10, 60)
 
 
 class Powered(Middle):
@@ -25,6 +25,8 @@ class Powered(Middle):
     travel_nm = 0
     #: Whether any wheel has had a voltage since this was set to False.
     driven = False
+    #: Its tick does not run until it is set up.
+    ticks = False
     #: The nodes whose statuswords say that their supply is gone, and those whose states get lost.
     unsupplied = losing_of = ()
 
@@ -32,8 +34,12 @@ class Powered(Middle):
         #: The codes of the emergencies that it has sent since this was emptied.
         self.codes = set()
         super().__init__(speed_um_s)
+        self.ticks = True
 
     def _pass(self, time_ms):
+        if not self.ticks:
+            super()._pass(time_ms)
+            return
         registers = self.cell._registers
         for _ in range(time_ms):
             registers[speed_loop.SUPPLY] = self.supply_uv
@@ -138,12 +144,12 @@ def test_releasing_the_emergency_stop_turns_no_wheel_whatever_the_cell_did():
             # The button is released, and the promise comes.
             middle.supply_uv = SUPPLY_UV
             middle.silent = None
-            middle.beats(40, moving=False)
+            middle.beats(20, moving=False)
             assert not middle.driven, begin
             assert UNDERVOLTAGE in emergencies(middle)
             # Nor by what would enable a drive that has no fault.
             middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
-            middle.beats(20, moving=False)
+            middle.beats(10, moving=False)
             assert not middle.driven, begin
 
 

@@ -480,7 +480,7 @@ def test_parcel_page_with_a_larger_size_has_the_cell_ask_for_the_cells_under_tha
 
 def test_cell_whose_setting_is_written_while_it_is_operational_rests_and_begins_anew():
     middle = Middle()
-    run(middle, 40)
+    run(middle, 15)
     assert targets_um_s(middle)[0] > 90_000
     middle.board.take()
     middle.cell.on_frame(
@@ -492,7 +492,7 @@ def test_cell_whose_setting_is_written_while_it_is_operational_rests_and_begins_
     run(middle, 20, moving=False)
     assert estimates(middle)
     middle._pages()
-    run(middle, 130, moving=False)
+    run(middle, 70, moving=False)
     assert targets_um_s(middle)[0] > 90_000
 
 
@@ -521,7 +521,7 @@ def test_cell_that_is_moved_while_it_is_operational_rests_and_begins_anew():
         (indices.SENSOR_OFFSETS, 1, 4, 10_000),
     ):
         middle = Middle()
-        run(middle, 40)
+        run(middle, 15)
         assert targets_um_s(middle)[0] > 90_000
         middle.board.take()
         middle._write(index, sub, size, number)
@@ -536,5 +536,5 @@ def test_direction_that_is_written_before_the_start_counts_from_then_on():
     middle.board.take()
     middle._write(indices.DIRECTION, 0, 4, 3_141_593)
     middle._start()
-    run(middle, 130, moving=False)
+    run(middle, 70, moving=False)
     assert targets_um_s(middle)[0] < -90_000

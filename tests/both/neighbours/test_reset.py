@@ -121,35 +121,6 @@ class Lived(Middle):
         return [each for each in self.board.take() if each[0] in SENT], targets
 
 
-def started_after(seed):
-    """A cell that starts after a life, and one that starts for the first time."""
-    random = Random(seed)
-    lived = Lived()
-    lived.live(random, 20 + random.below(120))
-    lived.stop()
-    fresh = Lived()
-    # Its neighbours are as those of the other one, from now on.
-    again = Lived()
-    again.cell, again.board, again.now_ms = lived.cell, lived.board, lived.now_ms
-    now_ms, beat = lived.now_ms + 1, lived.cell._layer._heard.beat
-    again.begin(now_ms, beat)
-    fresh.begin(now_ms, beat)
-    return again, fresh
-
-
-def test_nothing_before_a_stop_counts_after_it():
-    for seed in SEEDS:
-        kinds, drove = set(), False
-        lived, fresh = started_after(seed)
-        for beat in range(FOLLOWING_BEATS):
-            shown = lived.shown(beat)
-            assert shown == fresh.shown(beat), (seed, beat)
-            kinds.update(can_id for can_id, _ in shown[0])
-            drove = drove or shown[1][0] != 0
-        assert drove
-        assert kinds == set(SENT)
-
-
 #: These may stay: clocks, scratch, data that a known shape or a number of edges makes valid, and
 #: words of a neighbour that count for no more beats.
 STAYS = {"_came_ms", "_updated_ms", "_step_ms", "_period_ms", "_there", "_outline"}
@@ -176,14 +147,38 @@ def state(layer):
     return fields
 
 
-def test_nothing_stays_in_any_part_of_a_stopped_cell_but_clocks():
+def started_after(seed):
+    """A cell that starts after a life, and one that starts for the first time.
+
+    Nothing has stayed in any part of the stopped one but clocks.
+    """
+    random = Random(seed)
+    lived = Lived()
+    lived.live(random, 20 + random.below(120))
+    before = state(lived.cell._layer)
+    lived.stop()
+    fresh = Lived()
+    after, never = state(lived.cell._layer), state(fresh.cell._layer)
+    assert before != never
+    for name, value in never.items():
+        assert after[name] == value, (seed, name)
+    # Its neighbours are as those of the other one, from now on.
+    again = Lived()
+    again.cell, again.board, again.now_ms = lived.cell, lived.board, lived.now_ms
+    now_ms, beat = lived.now_ms + 1, lived.cell._layer._heard.beat
+    again.begin(now_ms, beat)
+    fresh.begin(now_ms, beat)
+    return again, fresh
+
+
+def test_nothing_before_a_stop_counts_after_it():
     for seed in SEEDS:
-        random = Random(seed)
-        lived, fresh = Lived(), Lived()
-        lived.live(random, 20 + random.below(120))
-        before = state(lived.cell._layer)
-        lived.stop()
-        after, never = state(lived.cell._layer), state(fresh.cell._layer)
-        assert before != never
-        for name, value in never.items():
-            assert after[name] == value, (seed, name)
+        kinds, drove = set(), False
+        lived, fresh = started_after(seed)
+        for beat in range(FOLLOWING_BEATS):
+            shown = lived.shown(beat)
+            assert shown == fresh.shown(beat), (seed, beat)
+            kinds.update(can_id for can_id, _ in shown[0])
+            drove = drove or shown[1][0] != 0
+        assert drove
+        assert kinds == set(SENT)
