@@ -1,4 +1,4 @@
-"""Everything in tests/both runs on MicroPython too, at 64 bits and at 32."""
+"""Everything in tests/both runs on MicroPython too, at 64 bits and, with fewer cases, at 32."""
 
 from pathlib import Path
 

@@ -1,6 +1,6 @@
 """The motors' supply goes while cells steer, and comes back: wheels wait for a command."""
 
-from layer_bench import NEIGHBOURS, NODE, Middle, targets_um_s
+from layer_bench import NEIGHBOURS, NODE, Middle, some_of, targets_um_s
 
 from mdms_cell.drive import speed_loop
 from mdms_protocol import indices, pdo
@@ -132,25 +132,25 @@ def emergencies(middle):
 
 
 def test_releasing_the_emergency_stop_turns_no_wheel_whatever_the_cell_did():
-    for begin in (waiting, moving, ramped_down, held, braking):
-        for pressed_beats in PRESSED_BEATS:
-            middle = begin()
-            emergencies(middle)
-            middle.supply_uv = 0
-            middle._pass(6)
-            assert middle.states() == [cia402.FAULT] * 2, begin
-            middle.driven = False
-            middle.beats(pressed_beats, moving=False)
-            # The button is released, and the promise comes.
-            middle.supply_uv = SUPPLY_UV
-            middle.silent = None
-            middle.beats(20, moving=False)
-            assert not middle.driven, begin
-            assert UNDERVOLTAGE in emergencies(middle)
-            # Nor by what would enable a drive that has no fault.
-            middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
-            middle.beats(10, moving=False)
-            assert not middle.driven, begin
+    begins = (waiting, moving, ramped_down, held, braking)
+    for begin, pressed_beats in some_of([(each, n) for each in begins for n in PRESSED_BEATS]):
+        middle = begin()
+        emergencies(middle)
+        middle.supply_uv = 0
+        middle._pass(6)
+        assert middle.states() == [cia402.FAULT] * 2, begin
+        middle.driven = False
+        middle.beats(pressed_beats, moving=False)
+        # The button is released, and the promise comes.
+        middle.supply_uv = SUPPLY_UV
+        middle.silent = None
+        middle.beats(20, moving=False)
+        assert not middle.driven, begin
+        assert UNDERVOLTAGE in emergencies(middle)
+        # Nor by what would enable a drive that has no fault.
+        middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON, cia402.ENABLE_OPERATION)
+        middle.beats(10, moving=False)
+        assert not middle.driven, begin
 
 
 def test_wheels_turn_again_once_another_node_has_reset_the_fault_and_switched_them_on():
@@ -257,9 +257,9 @@ def pressed():
     """The button was pressed under way, and is released."""
     middle = moving()
     middle.supply_uv = 0
-    middle.beats(100, moving=False)
-    middle.supply_uv = SUPPLY_UV
     middle.beats(20, moving=False)
+    middle.supply_uv = SUPPLY_UV
+    middle.beats(10, moving=False)
     return middle
 
 
@@ -281,11 +281,11 @@ def test_wheels_that_come_back_begin_as_slowly_as_under_any_parcel_that_stands()
         (lambda: commanded(cia402.SWITCH_ON | cia402.CONTROL_HALT), enabled[1:]),
     ):
         middle = stop()
-        middle.beats(100, moving=False)
+        middle.beats(60, moving=False)
         assert targets_um_s(middle) == (0, 0)
         middle.control(*words)
         before_um_s = 0
-        for _ in range(60):
+        for _ in range(30):
             middle.beat(moving=False)
             target_um_s = targets_um_s(middle)[0]
             assert target_um_s <= before_um_s + 2 * STEP_UM_S, words
@@ -339,7 +339,7 @@ def test_reset_of_the_fault_without_the_host_moves_nothing_until_there_is_a_new_
         middle.driven = False
         middle.control(cia402.SHUTDOWN, cia402.SWITCH_ON)
         middle._pass(100)
-        middle.beats(40, moving=False)
+        middle.beats(20, moving=False)
         assert not middle.driven, fail
         middle.sequence = middle.its_sequence = 3
         middle.its_flags = 0

@@ -6,7 +6,7 @@ which one it is, for sequence numbers come round again after three.
 
 from array import array
 
-from layer_bench import page_frame
+from layer_bench import page_frame, some_of
 
 from mdms_cell.canopen.objects import Objects, find
 from mdms_cell.motion.pages import OUTDATED, Pages, ProgramComparison
@@ -179,7 +179,7 @@ PATTERNS = [one | two << CELLS | three << 2 * CELLS for one in FEW for two in FE
 
 
 def test_all_come_to_the_newest_goal_and_no_older_one_replaces_it_whatever_is_missed():
-    for pattern in PATTERNS[::7]:
+    for pattern in some_of(PATTERNS[::7]):
         check(pattern)
 
 

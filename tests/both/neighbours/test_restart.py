@@ -9,6 +9,7 @@ from layer_bench import (
     Middle,
     estimates,
     page_frame,
+    some_of,
 )
 
 from mdms_cell.rights.right_of_way import DEAD_BEATS
@@ -144,15 +145,15 @@ def waits(identity, side):
 
 
 def test_square_belongs_to_the_parcel_that_lies_over_it_though_another_asks():
-    for side in (EAST, WEST):
-        for lying, waiting in ((LYING, WAITING), (WAITING, LYING)):
-            reports = {side: overhangs(lying, side), side ^ 4: waits(waiting, side ^ 4)}
-            middle = Restarted(reports)
-            assert middle.promised(PLENTY) == lying
-            assert middle.promises() == {lying}
-            # Once it has left, the other may come.
-            middle.reports = {side ^ 4: waits(waiting, side ^ 4)}
-            assert middle.promised(PLENTY) == waiting
+    parcels = ((LYING, WAITING), (WAITING, LYING))
+    for side, (lying, waiting) in some_of([(s, each) for s in (EAST, WEST) for each in parcels]):
+        reports = {side: overhangs(lying, side), side ^ 4: waits(waiting, side ^ 4)}
+        middle = Restarted(reports)
+        assert middle.promised(PLENTY) == lying
+        assert middle.promises() == {lying}
+        # Once it has left, the other may come.
+        middle.reports = {side ^ 4: waits(waiting, side ^ 4)}
+        assert middle.promised(PLENTY) == waiting
 
 
 def test_square_that_two_parcels_lie_over_is_promised_to_none():
@@ -173,7 +174,7 @@ def test_free_square_is_promised_to_the_one_that_asks():
 
 
 def test_nothing_is_promised_before_every_living_neighbour_is_heard():
-    for silent in range(8):
+    for silent in some_of(range(8)):
         alive = [each for each in range(8) if each != silent]
         asks_from = WEST if silent != WEST else EAST
         middle = Restarted({asks_from: waits(WAITING, asks_from)}, alive=alive)

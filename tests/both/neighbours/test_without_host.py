@@ -60,14 +60,18 @@ def test_twice_the_planned_time_of_the_slowest_longest_way_is_over_some_time():
 
 
 def held(waited_ms):
-    """A parcel that goes on without its host, and stands for 6 s more for want of a promise."""
+    """A parcel that goes on without its host, and stands for 2.7 s more for want of a promise.
+
+    Its way is planned to take a second.
+    """
     middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
     run(middle, 20)
     middle.silent = NEIGHBOURS[0]
     run(middle, 10)
     middle.speed_um_s = 0
-    middle.cell._layer._leading._waited_ms = waited_ms
-    for _ in range(60):
+    leading = middle.cell._layer._leading
+    leading._waited_ms, leading._planned_ms = waited_ms, 1_000
+    for _ in range(27):
         run(middle, 10)
         middle.board.take()
     assert targets_um_s(middle) == (0, 0)
@@ -82,19 +86,21 @@ def test_parcel_that_stood_without_its_host_while_others_had_the_right_of_way_go
 
 
 def test_parcel_that_others_held_for_too_long_without_its_host_moves_no_more():
-    middle = held(28_000)
+    middle = held(29_500)
     run(middle, 100)
     assert targets_um_s(middle) == (0, 0)
     assert state(middle) != cia402.OPERATION_ENABLED
 
 
-def ended():
-    """A parcel whose time without its host is over; it has left the cell since."""
+def ended(at_once=True):
+    """A parcel whose time without its host is over, at once or in time."""
     middle = watched(Middle(SPEED_UM_S), wire.GO_ON)
     middle.speed_um_s = 0
     run(middle, 20)
     assert targets_um_s(middle)[0] > 90_000
-    for _ in range(40):
+    if at_once:
+        middle.cell._layer._leading.alone_ms = 1 << 20
+    for _ in range(6 if at_once else 40):
         run(middle, 10)
         middle.board.take()
     assert targets_um_s(middle) == (0, 0)
@@ -102,7 +108,7 @@ def ended():
 
 
 def test_host_that_is_back_after_the_time_to_go_on_is_over_moves_nothing():
-    middle = ended()
+    middle = ended(at_once=False)
     # Nor is the goal handed to a cell that has lost it by a fault: it would drive by it alone.
     middle.its_sequence, middle.its_flags = 0, wire.LACKING
     run(middle, 20)

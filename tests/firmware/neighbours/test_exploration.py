@@ -13,7 +13,7 @@ from mdms_cell.rights import declarations, right_of_way
 
 ALONE = Table(2, 1, ((0,),), Rules(lease=3, late=1))
 LONG_PARCEL = Table(4, 1, ((0, 1),), Rules(lease=3, late=1, disturbed=1), crash=False)
-PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=2, late=0, disturbed=1))
+PAIR = Table(3, 1, ((0,), (2,)), Rules(lease=1, late=0, disturbed=0))
 
 OVERHANG = Table(3, 1, ((0, 1), (2,)), Rules(lease=1, late=0))
 #: The same, and no report tells whether the parcel reaches the square.
