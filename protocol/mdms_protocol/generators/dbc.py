@@ -8,7 +8,6 @@ from collections import namedtuple
 
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, lss, nmt, sdo
-from mdms_protocol.neighbours import frames
 from mdms_protocol.neighbours import frames as n
 
 NOBODY = "Vector__XXX"
@@ -309,7 +308,7 @@ def _network(database: Database) -> None:
     add_choices(database, cob.LSS_REQUEST, LSS_REQUEST)
     database.message(cob.LSS_RESPONSE, "LSS_response", 8)
     add_choices(database, cob.LSS_RESPONSE, LSS_RESPONSE)
-    database.message(cob.PROGRAM, "Program", frames.LENGTH, _HOST)
+    database.message(cob.PROGRAM, "Program", n.LENGTH, _HOST)
     add_program(database, cob.PROGRAM)
     _heartbeat(database, cob.NODE_MAX, _HOST)
 
@@ -324,9 +323,9 @@ def _node(database: Database, node: int) -> None:
     _pdo(database, node, pdo.ACTUAL_VELOCITY, "actual_velocity", sender=cell)
     _pdo(database, node, pdo.STATUS, "status", sender=cell)
     estimate, program = cob.ESTIMATE_BASE + node, cob.PROGRAM_BASE + node
-    database.message(estimate, f"{cell}_estimate", frames.LENGTH, cell)
+    database.message(estimate, f"{cell}_estimate", n.LENGTH, cell)
     add_estimate(database, estimate)
-    database.message(program, f"{cell}_program", frames.LENGTH, cell)
+    database.message(program, f"{cell}_program", n.LENGTH, cell)
     add_program(database, program)
     database.message(cob.EMCY_BASE + node, f"{cell}_emergency", 8, cell)
     database.signal("error_code", 0, 16)
