@@ -34,13 +34,21 @@ def silence(middle, beats):
             middle._pass(1)
 
 
-def test_cell_leads_its_wheels_towards_the_goal():
+def test_cell_leads_its_wheels_towards_the_goal_and_says_where_the_parcel_is():
     middle = Middle(SPEED_UM_S)
-    run(middle, 40)
+    run(middle, 20)
     along, across = targets_um_s(middle)
     assert 95_000 < along < 105_000
     assert abs(across) < 6_000
     assert state(middle) == cia402.OPERATION_ENABLED
+    last = estimates(middle)[-1]
+    # It was sent at the SYNC of the last beat.
+    sent_um = middle.x_um - SPEED_UM_S * 10 // 1000
+    assert abs(last[wire.X] * wire.STEP_UM - sent_um) < 3_000
+    assert abs(last[wire.Y] * wire.STEP_UM) < 3_000
+    assert (last[wire.IDENTITY], last[wire.STATE], last[wire.SEQUENCE]) == (IDENTITY, wire.UNDER, 1)
+    assert last[wire.HOLD] == wire.HOLD_NONE
+    assert last[wire.WANTS] == 0xFF
 
 
 def test_wheel_turns_a_parcel_by_its_own_place_under_it():
@@ -56,19 +64,6 @@ def test_wheel_turns_a_parcel_by_its_own_place_under_it():
         assert abs(along) <= abs(before[0]) + 12_000
         assert 25_000 < abs(across) < 40_000
         assert (across > 0) == (turn > 0)
-
-
-def test_estimate_says_where_the_parcel_is_and_whose_the_cell_is():
-    middle = Middle(SPEED_UM_S)
-    run(middle, 40)
-    last = estimates(middle)[-1]
-    # It was sent at the SYNC of the last beat.
-    sent_um = middle.x_um - SPEED_UM_S * 10 // 1000
-    assert abs(last[wire.X] * wire.STEP_UM - sent_um) < 3_000
-    assert abs(last[wire.Y] * wire.STEP_UM) < 3_000
-    assert (last[wire.IDENTITY], last[wire.STATE], last[wire.SEQUENCE]) == (IDENTITY, wire.UNDER, 1)
-    assert last[wire.HOLD] == wire.HOLD_NONE
-    assert last[wire.WANTS] == 0xFF
 
 
 def test_targets_from_the_bus_move_no_wheel_that_the_layer_leads():
@@ -271,7 +266,7 @@ class Unconfirmed(Middle):
 def test_cell_whose_belief_no_neighbour_confirms_rests_and_says_where_the_parcel_is():
     """It may stand in another cell's place, under another parcel."""
     middle = Unconfirmed(SPEED_UM_S)
-    run(middle, 40)
+    run(middle, 15)
     middle.unsure = True
     run(middle, 15)
     assert targets_um_s(middle)[0] > 0
@@ -286,7 +281,7 @@ def test_cell_whose_belief_no_neighbour_confirms_rests_and_says_where_the_parcel
 
 def test_parcel_page_without_a_speed_or_an_acceleration_leaves_every_stop_as_it_was():
     middle = Middle(SPEED_UM_S)
-    run(middle, 40)
+    run(middle, 15)
     dropped = middle.cell.dropped
     for limits in ((0, 20), (44, 0), (0, 0)):
         middle._page(
