@@ -17,7 +17,7 @@ from mdms_array.figures import believed_run
 from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.operation import check_array
 from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
-from mdms_array.source import Source, check_path, open_source
+from mdms_array.source import Source, open_source
 from mdms_array.table import BlockingTable, wait_for_ever
 from mdms_host.can_link.link import AnyLink
 from mdms_host.can_link.links import open_links
@@ -30,7 +30,7 @@ from mdms_host.programs.program import TableProgram
 from mdms_host.programs.script import ScriptTask
 from mdms_host.programs.table import Table
 from mdms_host.programs.traffic.dispatch import ThreadExecutor
-from mdms_model.errors import InputError
+from mdms_model.errors import InputError, check_path
 
 Result = TypeVar("Result")
 #: Bring-up, and finding the parcels, take no longer, or something is wrong [s].

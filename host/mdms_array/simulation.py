@@ -32,7 +32,6 @@ from mdms_array.source import (
     LONGEST_S,
     SHORTEST_S,
     Source,
-    check_path,
     check_time,
     open_source,
 )
@@ -45,7 +44,7 @@ from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.table import Table
 from mdms_host.routes.planner import planner_compiled_beside
 from mdms_model.compiled import WAITING
-from mdms_model.errors import InputError
+from mdms_model.errors import InputError, check_path
 from mdms_model.log import LOG
 from mdms_model.run.folder import BUS_LOG, check_other_run, fresh_folder
 from mdms_model.run.record import MOST_SAMPLES, Record, exit_of, leaving

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import nan
 from numbers import Real
-from os import PathLike
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
@@ -110,13 +109,6 @@ def check_time(name: str, time_s: object, least_s: float = 0.0) -> float:
     if not least_s <= number <= LONGEST_S:
         raise InputError(f"{name} is {time_s!r}, but must be {least_s:g} to {LONGEST_S:g} seconds")
     return number
-
-
-def check_path(name: str, path: object) -> Path:
-    """A path that a caller gives. Raises `InputError` for anything else."""
-    if not isinstance(path, str | PathLike):
-        raise InputError(f"{name} is {path!r:.60}, but must be a path, as text or a Path")
-    return Path(path)
 
 
 def _programmed(scenario: Scenario) -> Scenario:

@@ -50,7 +50,6 @@ from mdms_array.extras import SWEEP, require
 from mdms_array.revision import code_revision, git_revision
 from mdms_array.source import (
     Source,
-    check_path,
     check_program,
     is_python,
     read_program,
@@ -58,7 +57,7 @@ from mdms_array.source import (
 )
 from mdms_host.clock import MonotonicClock
 from mdms_host.programs.program import Main
-from mdms_model.errors import Error, InputError
+from mdms_model.errors import Error, InputError, check_path
 from mdms_model.run.folder import RunFolderError, check_other_run
 from mdms_model.scenario.file import scenario_from
 from mdms_model.scenario.scenario import Scenario, ScenarioError

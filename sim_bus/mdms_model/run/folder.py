@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from mdms_model.array import build_wheels
-from mdms_model.errors import Error, InputError
+from mdms_model.errors import Error, InputError, check_path
 from mdms_model.run.derived import slip_m_s
 from mdms_model.run.mcap_lichtblick import layout_of
 from mdms_model.run.mcap_messages import POSE, TWIST
@@ -283,7 +283,7 @@ def write_run(
     A picture is drawn of any run, an animation where cells steered, or the host several parcels;
     `save_picture` goes by the name of its file.
     """
-    folder = Path(folder)
+    folder = check_path("folder", folder)
     folder.mkdir(parents=True, exist_ok=True)
     _record_file().write_record(folder / RECORD, scenario, record)
     layout = json.dumps(layout_of(scenario, record), indent=1, ensure_ascii=False)
@@ -323,8 +323,8 @@ def _is_lively(record: Record) -> bool:
 
 
 def read_run(folder: str | Path) -> StoredRun:
-    """Read a run back. Raises `RunFolderError` when the folder holds none."""
-    folder = Path(folder)
+    """Read a run back. Raises `RunFolderError` when the folder holds none, and InputError."""
+    folder = check_path("folder", folder)
     if not folder.exists():
         raise RunFolderError(f"{folder}: no such run folder")
     meta = _read_meta(folder)

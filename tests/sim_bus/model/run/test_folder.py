@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from mdms_model.errors import InputError
 from mdms_model.run.folder import (
     RunFolderError,
     check_target,
@@ -287,6 +288,13 @@ def test_a_run_that_tells_nothing_of_itself_has_no_figures(tmp_path):
     assert told_of_run(tmp_path) == ({}, {})
     with pytest.raises(ScenarioError, match="holds no scenario"):
         load_scenario(tmp_path)
+
+
+def test_a_folder_that_is_no_path_is_refused(plane, plane_record):
+    with pytest.raises(InputError, match="folder is 3, but must be a path"):
+        read_run(3)
+    with pytest.raises(InputError, match="folder is 3, but must be a path"):
+        write_run(3, plane, plane_record, {})
 
 
 def test_missing_folder_is_refused(tmp_path):
