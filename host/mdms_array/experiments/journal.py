@@ -64,12 +64,12 @@ class Journal:
             if found not in (0, FORMAT_VERSION):
                 raise InputError(
                     f"{path}: a journal in format {found}, but this version reads "
-                    f"{FORMAT_VERSION}; give another folder with --out"
+                    f"{FORMAT_VERSION}; give another folder"
                 )
             self._file.executescript(f"{_TABLES}PRAGMA user_version={FORMAT_VERSION};")
         except sqlite3.Error as error:
             raise InputError(
-                f"{path}: cannot be used as a journal: {error}; give another folder with --out"
+                f"{path}: cannot be used as a journal: {error}; give another folder"
             ) from None
 
     def add(
@@ -111,7 +111,7 @@ class Journal:
                     found.setdefault(work, {})[revision] = json.loads(columns)
         except (sqlite3.Error, ValueError) as error:
             raise InputError(
-                f"{self._path}: the journal is damaged: {error}; give another folder with --out"
+                f"{self._path}: the journal is damaged: {error}; give another folder"
             ) from None
         return found
 
@@ -143,7 +143,7 @@ def open_folder(folder: Path) -> Path:
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
     if strange:
-        raise InputError(f"{folder}: holds files but no {JOURNAL}; give a new folder with --out")
+        raise InputError(f"{folder}: holds files but no {JOURNAL}; give a new folder")
     return journal
 
 

@@ -209,14 +209,14 @@ def check_target(folder: Path) -> None:
     """Raise `RunFolderError` unless a run may be written there: nothing foreign is touched."""
     if folder.resolve().is_mount():
         # A run takes its place by renaming, which no such folder allows.
-        raise RunFolderError(f"{folder}: is a mount point; give a folder within it with --out")
+        raise RunFolderError(f"{folder}: is a mount point; give a folder within it")
     if folder.is_dir():
         if any(folder.iterdir()) and not _is_run(folder):
             raise RunFolderError(
-                f"{folder}: holds files that are no run; give a new or empty folder with --out"
+                f"{folder}: holds files that are no run; give a new or empty folder"
             )
     elif folder.exists() or folder.is_symlink():
-        raise RunFolderError(f"{folder}: is not a folder; give another name with --out")
+        raise RunFolderError(f"{folder}: is not a folder; give another name")
 
 
 def check_other_run(
