@@ -40,7 +40,8 @@ from mdms_sim.plots.squeeze_plan import draw_squeeze_plan
 
 def draw_map(arguments: Namespace) -> ExitCode:
     """Draw the map and print its equilibria and the path of the picture."""
-    scenario = _with_field(load_scenario(arguments.scenario, arguments.overrides))
+    given = load_scenario(arguments.scenario, arguments.overrides)
+    scenario = _with_field(given)
     parcel = chosen_parcel(scenario, arguments.parcel)
     path = arguments.out or Path(f"{Path(arguments.scenario).stem}-map.png")
     form_of(path)
@@ -49,6 +50,11 @@ def draw_map(arguments: Namespace) -> ExitCode:
         field = map_field(scenario, parcel, reference_m_s, Law[arguments.law.upper()])
     with replacing(path, MARK.encode(), arguments.force) as partial:
         save(draw_field_map(scenario, parcel, field, reference_m_s), partial)
+    if scenario is not given:
+        say(
+            f"mdms: motion.field is {given.motion.field!r}, which is no field to draw; {STAND_IN!r}"
+            f" is drawn, and --set motion.field=NAME draws another: {', '.join(FIELDS)}"
+        )
     figures = _map_figures(scenario, parcel, field)
     if arguments.json:
         print(json.dumps(figures | {"picture": str(path)}))
@@ -62,15 +68,10 @@ STAND_IN = "inward"
 
 
 def _with_field(scenario: Scenario) -> Scenario:
-    """The scenario, with a field in place of goals or a program, and a word about that."""
-    steered = scenario.motion.field
-    if steered not in ("goal", "program"):
+    """The scenario, with a field in place of goals or a program."""
+    if scenario.motion.field not in ("goal", "program"):
         return scenario
     motion = replace(scenario.motion, field=STAND_IN, control="host", go_on=False)
-    say(
-        f"mdms: motion.field is {steered!r}, which is no field to draw; {STAND_IN!r} is drawn, and "
-        f"--set motion.field=NAME draws another: {', '.join(FIELDS)}"
-    )
     return replace(scenario, motion=motion)
 
 

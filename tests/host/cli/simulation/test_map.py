@@ -52,6 +52,8 @@ def test_unknown_parcel_is_refused_with_the_known_ones(capsys, picture):
     assert capsys.readouterr().err == "mdms: --parcel ball: no such parcel; there are box\n"
 
 
-def test_map_into_nowhere_is_refused(capsys, tmp_path):
-    assert main(["map", "paper-fig8", "--out", str(tmp_path / "none" / "map.png")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+def test_map_into_nowhere_is_refused_in_one_line(capsys, tmp_path):
+    picture = tmp_path / "none" / "map.png"
+    assert main(["map", "array18", "--out", str(picture)]) == 2
+    told = f"mdms: {picture}: cannot be written: No such file or directory\n"
+    assert capsys.readouterr().err == told
