@@ -4,14 +4,17 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from time import monotonic
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from tests.host.line.played_table import PlayedTable, full_disk, plant_in
+from tests.host.line.virtual_line import VirtualLine
 
+from mdms_host.line import attached
 from mdms_host.line import plant as plants
 from mdms_host.line.order_book import OrderBook
-from mdms_host.line.packml import Command, Mode
+from mdms_host.line.packml import Command, Mode, State
 from mdms_host.line.plant import Plant, RequestRefusedError
 from mdms_host.programs.table_orders import LineOrder
 
@@ -196,12 +199,65 @@ def test_a_kind_that_no_parcel_has_is_refused_and_the_kinds_are_named(tmp_path: 
     with_plant(tmp_path, talk)
 
 
-def test_a_stop_is_never_too_late_and_a_start_is(tmp_path: Path) -> None:
-    async def talk(plant: Plant, table: PlayedTable) -> None:
-        await plant.command(Command.STOP, "x")
-        await plant.command(Command.START, "x")
-        stop, start = table.named("command")
-        assert "until_s" not in stop
-        assert start["until_s"] > monotonic()
+class WaitingServers:
+    """Servers whose messages reach the table when a test hands them over."""
 
-    with_plant(tmp_path, talk)
+    def __init__(self, _settings: dict[str, Any]) -> None:
+        self.waiting: list[dict[str, Any]] = [{"open": []}]
+        self.answers: list[Any] = []
+
+    def receive(self) -> list[dict[str, Any]]:
+        messages, self.waiting = self.waiting, []
+        return messages
+
+    def send(self, message: dict[str, Any]) -> None:
+        if "id" in message:
+            self.answers.append(message["error"])
+
+    def flushed(self) -> bool:
+        return True
+
+
+@pytest.mark.slow
+def test_wheels_stop_by_a_stop_that_has_waited_and_do_not_start_by_a_start(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    def told(command: Command) -> dict[str, Any]:
+        """The message by which the servers pass a command on."""
+        messages: list[dict[str, Any]] = []
+
+        async def talk(plant: Plant, table: PlayedTable) -> None:
+            await plant.command(command, "plc")
+            messages.extend(table.named("command"))
+
+        with_plant(tmp_path, talk)
+        (message,) = messages
+        return message
+
+    with VirtualLine() as line:
+        page = SimpleNamespace(note=lambda *_: None, show_line=lambda _: None)
+        monkeypatch.setattr(attached, "ServersProcess", WaitingServers)
+        monkeypatch.setattr(attached, "MonotonicClock", lambda: SimpleNamespace(now_s=line.now_s))
+        for module in (attached, plants):
+            monkeypatch.setattr(module, "monotonic", line.now_s)
+        whole = attached.Line(line.slot, line.machine.exits, {}, line.recipes, page)
+        servers, line.machine = whole._servers, whole.machine
+
+        def late(command: Command) -> None:
+            message = told(command)
+            line.pass_s(6.0)
+            servers.waiting.append(message)
+            whole.attend()
+
+        line.command(Command.RESET)
+        line.until_state(State.IDLE)
+        late(Command.START)
+        line.pass_s(1.0)
+        assert (line.state, line.moving()) == (State.IDLE, False)
+        line.command(Command.START)
+        line.until(line.moving, 10.0)
+        late(Command.STOP)
+        line.until_state(State.STOPPED)
+        line.pass_s(2.0)
+        assert not line.moving()
+        assert servers.answers == ["the request came too late", None]
