@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.benchmarks.__main__ import available
+from tests.host.experiments.one_process import run_here
 from tests.system.document import REASONS, blocks_of, inline_commands, words_of
 from tests.system.flashing.small_firmware import NEW, OLD
 from tests.system.flashing.unix_board import boards_in
@@ -69,6 +70,8 @@ class Reader:
         self._lifted = None
         # Documents are not about how long the animation of several parcels is.
         monkeypatch.setattr("mdms_sim.plots.animation.MOST_FRAMES", 5)
+        # Nor about the processes of a sweep.
+        run_here(monkeypatch)
         monkeypatch.chdir(folder)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(folder))
         monkeypatch.setattr("mdms_array.operation.open_links", self._open_links)

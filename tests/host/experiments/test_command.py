@@ -10,6 +10,7 @@ import time
 import pandas
 import pytest
 from tests.conftest import MDMS
+from tests.host.experiments.one_process import run_here
 
 from mdms_array import Progress
 from mdms_host.cli import main
@@ -39,6 +40,7 @@ over = ["cell.friction"]
 @pytest.fixture
 def file(tmp_path, monkeypatch):
     """A sweep file with a measure of its own beside it."""
+    run_here(monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text("def end_m(run): return run.parcels['box'].true_pose[0]\n")
     path = tmp_path / "fig8.toml"

@@ -1,7 +1,6 @@
 """The examples of sweeps, in small: they agree with the paper, and draw their pictures."""
 
 import runpy
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -11,13 +10,6 @@ from mdms_array.experiments.files import read_tuning
 from mdms_array.experiments.sweep import design_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
-
-
-@pytest.fixture
-def executor():
-    """One thread of this process."""
-    with ThreadPoolExecutor(1) as pool:
-        yield pool
 
 
 def names_of(example, **changed):

@@ -25,13 +25,6 @@ ROW["cell"] = ROW.get("cell", {}) | {"motor_spread": 0.01}
 OVER = {"cell.friction": [0.2, 0.3], "motion.speed_m_s": [0.02, 0.04]}
 
 
-@pytest.fixture
-def executor():
-    """One thread of this process."""
-    with ThreadPoolExecutor(1) as pool:
-        yield pool
-
-
 def end_m(run):
     return run.parcels["box"].true_pose[0]
 

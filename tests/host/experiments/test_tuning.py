@@ -6,6 +6,7 @@ from contextlib import closing
 
 import pandas
 import pytest
+from tests.host.experiments.one_process import run_here
 
 from mdms_array.experiments.files import read_tuning
 from mdms_array.experiments.sweep import run_design
@@ -40,6 +41,7 @@ def raises(run): raise ValueError("no value")
 @pytest.fixture
 def file(tmp_path, monkeypatch):
     """A file of tuning with measures of its own beside it."""
+    run_here(monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").write_text(OWN)
     path = tmp_path / "grip.toml"
