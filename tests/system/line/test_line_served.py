@@ -118,8 +118,12 @@ def test_a_command_that_was_refused_as_late_is_not_done_later(shared: Table) -> 
     assert controller.read(1) == (STOPPED,)
 
 
-def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -> None:
+def test_orders_and_the_recipe_survive_a_kill_and_nothing_is_repeated(table: Table) -> None:
     controller = table.controller()
+
+    def choice_is_refused(recipe: int) -> bool:
+        return controller.ask(bytes([6, 0, 107, 0, recipe])) == bytes([0x86, 3])
+
     for number in range(200):
         assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (0, 1)
     assert controller.order(2, "Box", "P-0")[0] == 2
@@ -127,11 +131,21 @@ def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -
     assert controller.order(4, "", "P-0")[0] == 0
     assert controller.order(4, "", "P-0")[0] == 2
     assert controller.order(2, "", "P-0")[0] == 0
-    controller.bring_to_execute()
+    controller.until(lambda: controller.read(9) == (1,))
+    assert choice_is_refused(2)
+    assert controller.command(1)
+    controller.until_state(IDLE)
+    controller.write(107, 2)
+    controller.until(lambda: controller.read(9) == (2,))
+    assert controller.command(2)
+    controller.until_state(EXECUTE)
+    assert choice_is_refused(1)
     controller.until(lambda: controller.order(3, "k0") == (0, 2))
     table.kill()
     table.start()
     controller = table.controller()
+    controller.until(lambda: controller.read(9) == (2,))
+    assert choice_is_refused(3)
     assert controller.read(1) == (STOPPED,)
     assert controller.order(3, "k0") == (0, 7)
     assert controller.read(7, 2) == (199, 1)
@@ -143,30 +157,9 @@ def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -
     controller.bring_to_execute()
     controller.until(lambda: controller.read(12, 2)[1] >= 1)
     assert controller.order(3, "k0") == (0, 6)
-    assert controller.command(3)
-    controller.until_state(STOPPED)
-
-
-def test_a_recipe_is_chosen_in_idle_alone_and_survives_a_kill(table: Table) -> None:
-    controller = table.controller()
-    controller.until(lambda: controller.read(9) == (1,))
-    assert controller.ask(bytes([6, 0, 107, 0, 2])) == bytes([0x86, 3])
-    assert controller.command(1)
-    controller.until_state(IDLE)
-    controller.write(107, 2)
-    controller.until(lambda: controller.read(9) == (2,))
-    assert controller.command(2)
-    controller.until_state(EXECUTE)
-    assert controller.ask(bytes([6, 0, 107, 0, 1])) == bytes([0x86, 3])
     report = table.folder / "report"
     table.report(report)
     assert load_scenario(str(report)).motion.speed_m_s == 0.25
-    table.kill()
-    table.start()
-    controller = table.controller()
-    controller.until(lambda: controller.read(9) == (2,))
-    assert controller.ask(bytes([6, 0, 107, 0, 3])) == bytes([0x86, 3])
-    controller.bring_to_execute()
     assert controller.command(3)
     controller.until_state(STOPPED)
 
