@@ -19,9 +19,9 @@ from mdms_protocol.codecs import cia402, cob
 
 PROGRAM = 'SCENARIO = "array18"\nasync def main(table):\n    {does}\n'
 TO_AND_FRO = "for x_m in (0.1, -0.1): await table['box'].move(x_m, 0.0)"
-LIMIT_S = 4.0
+LIMIT_S = 2.4
 #: When somebody takes the run over: its cells are up.
-HAND_S = 2.0
+HAND_S = 1.2
 
 
 class Hand:
@@ -93,7 +93,7 @@ def test_a_goal_that_is_missed_with_a_page_is_told(capsys):
 
 @pytest.mark.parametrize("page", [(), ("--page", "0")])
 def test_a_parcel_that_is_lost_is_told_though_its_job_has_no_end(tmp_path, capsys, hand, page):
-    hand.settings = ["fault=[{kind='lift', parcel='box', start_s=1.5}]"]
+    hand.settings = ["fault=[{kind='lift', parcel='box', start_s=0.9}]"]
     program = tmp_path / "program.py"
     program.write_text(PROGRAM.format(does="await table.signal('button')"))
     assert run(program, *page) == ExitCode.FAILURE
