@@ -1,5 +1,6 @@
 """A recorded run shows, at any time, the state of that time."""
 
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
@@ -37,12 +38,23 @@ def run(tmp_path_factory):
     return read_run(folder)
 
 
+@pytest.fixture(scope="module")
+def read(run):
+    """Its table, which has read the bus log."""
+    return table_of(run)
+
+
 @pytest.fixture
-def table(run):
-    table = table_of(run)
+def table(read):
+    table = copy(read)
     table.advance(0.0)
     table.do(commands.Pause())
     return table
+
+
+def changed(run, **record):
+    """The table of a run with another record, and without its long bus log."""
+    return table_of(replace(run, folder=run.folder / "none", record=replace(run.record, **record)))
 
 
 def shown(table, time_s=None):
@@ -89,8 +101,8 @@ def test_a_cell_with_fewer_wheels_shows_its_own_wheels_alone(tmp_path):
 def test_a_damaged_bus_log_is_refused(run, tmp_path, line):
     folder = tmp_path / "run"
     copytree(run.folder, folder)
-    with (folder / BUS_LOG).open("a") as log:
-        log.write(f"{line}\n")
+    log = folder / BUS_LOG
+    log.write_text(f"{line}\n{log.read_text()}")
     with pytest.raises(InputError, match="not a candump log"):
         table_of(read_run(folder))
 
@@ -157,7 +169,7 @@ def test_plan_in_force_is_shown_at_its_time_and_sent_when_it_changes(run):
     ways = [{"box": np.array([[0.0, 0.0, 0.0], [x_m, 0.0, 0.0]])} for x_m in (0.1, 0.2)]
     tiles = (Tile(0.1, 0.0, 0.06, ("box",)),)
     plans = [Plan(1.0, ways[0], tiles), Plan(2.0, ways[1])]
-    table = table_of(replace(run, record=replace(run.record, plans=plans)))
+    table = changed(run, plans=plans)
     table.advance(0.0)
     table.do(commands.Pause())
     assert table.take_messages() == []
@@ -174,8 +186,7 @@ def test_goal_and_arrival_are_those_of_the_time_that_is_shown(run):
     goals = [{"box": np.array(pose)} for pose in ((0.1, 0.0, 0.5), (-0.1, 0.05, np.nan))]
     plans = [Plan(1.0, {}, goals=goals[0]), Plan(2.0, {}, goals=goals[1])]
     events = [Event(time_s, "coordinator", "box has arrived") for time_s in (1.5, 2.5)]
-    record = replace(run.record, plans=plans, events=events)
-    table = table_of(replace(run, record=record))
+    table = changed(run, plans=plans, events=events)
     assert np.isnan(shown(table, 0.9)["parcel_goal"]).all()
     seen = {}
     for time_s in (2.7, 2.2, 1.7, 1.2):
@@ -187,7 +198,7 @@ def test_goal_and_arrival_are_those_of_the_time_that_is_shown(run):
 
 
 def test_run_without_plans_has_the_goals_of_its_scenario(run):
-    table = table_of(replace(run, record=replace(run.record, plans=[])))
+    table = changed(run, plans=[])
     assert shown(table, 1.0)["parcel_goal"][0] == pytest.approx([0.1, 0.0, 0.5236], abs=1e-4)
 
 
