@@ -161,13 +161,14 @@ def test_a_table_that_was_interrupted_within_a_step_does_not_go_on(monkeypatch):
 
 
 def test_a_call_that_takes_too_long_is_given_up_and_the_table_goes_on():
-    with mdms.virtual("array18") as table:
+    with mdms.virtual("array18", signals={"scanner": [(1.0, "A")]}) as table:
         with pytest.raises(mdms.TimeLimitError, match=r"not done within 0.2 s: it waits in signal"):
             table.signal("never", limit_s=0.2)
         with pytest.raises(mdms.TimeLimitError):
             table["box"].move(0.10, 0.0, limit_s=0.05)
         table["box"].move(-0.05, 0.0)
         assert table["box"].pose[:2] == pytest.approx((-0.05, 0.0), abs=3e-3)
+        assert table.signal("scanner", limit_s=1.0) == "A"
 
 
 async def fails_beside(table):
