@@ -56,7 +56,7 @@ def test_a_policy_that_sees_sensors_earns_more_than_a_field(example):
 
 def test_training_test_and_picture_go_on_to_the_end(example, tmp_path):
     small = example["main"].__globals__
-    small.update(POPULATION=4, CASES=2, TRIALS=2, TESTS=2)
+    small.update(POPULATION=4, CASES=2, TRIALS=2, TESTS=2, DURATION_S=1.0)
     example["main"](tmp_path, 2)
     assert (tmp_path / "squaring.png").stat().st_size > 10_000
     assert "results" in (tmp_path / "squaring.json").read_text()
