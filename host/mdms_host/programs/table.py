@@ -187,7 +187,8 @@ class Table:
     async def sleep(self, seconds: float) -> None:
         """Let so much time of the array pass, a cycle at least. Raises ProgramError for no time."""
         if seconds != inf:
-            seconds = number_of(seconds, "the time to sleep [s]")
+            what = "the time to sleep [s]"
+            seconds = number_of(seconds, what, "at least 0", lambda number: number >= 0.0)
         begun_s = self.now_s
         # Cycles add up to a time by rounding only.
         await until(lambda: self.now_s > begun_s and self.now_s >= begun_s + seconds - 1e-9)

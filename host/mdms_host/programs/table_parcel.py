@@ -83,7 +83,12 @@ class TableParcel:
         self._belief = belief
 
 
-def number_of(value: object, what: str, wanted: str = "a number") -> float:
+def number_of(
+    value: object,
+    what: str,
+    wanted: str = "a number",
+    fits: Callable[[float], bool] = isfinite,
+) -> float:
     """A finite number as a float; a cycle that reckons with anything else would break.
 
     Raises ProgramError.
@@ -92,7 +97,7 @@ def number_of(value: object, what: str, wanted: str = "a number") -> float:
         number = float(value) if isinstance(value, Real) else nan
     except OverflowError:
         number = inf
-    if not isfinite(number):
+    if not (isfinite(number) and fits(number)):
         raise ProgramError(f"{what} is {value!r:.40}, but must be {wanted}")
     return number
 
@@ -115,12 +120,10 @@ class Newcomer:
     def __post_init__(self) -> None:
         for key in ("length_m", "width_m", "mass_kg"):
             value = getattr(self, key)
-            if value is None:
-                continue
-            number = number_of(value, f"{key} of {self.name}", "above 0")
-            if number <= 0.0:
-                raise ProgramError(f"{key} of {self.name} is {value!r}, but must be above 0")
-            object.__setattr__(self, key, number)
+            if value is not None:
+                what = f"{key} of {self.name}"
+                number = number_of(value, what, "above 0", lambda number: number > 0.0)
+                object.__setattr__(self, key, number)
         least_kg, most_kg = MASS["at_least"], MASS["at_most"]
         if self.mass_kg is not None and not least_kg <= self.mass_kg <= most_kg:
             raise ProgramError(

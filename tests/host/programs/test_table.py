@@ -157,6 +157,15 @@ def test_a_place_that_is_no_number_is_refused_before_the_cycle_reckons_with_it(p
     assert refused[0].endswith("must be a number")
 
 
+def test_a_time_to_sleep_that_is_negative_is_refused():
+    async def main(table):
+        await table.sleep(-1)
+
+    stage = Stage(main)
+    stage.run(0.3)
+    assert "the time to sleep [s] is -1, but must be at least 0" in stage.program.stuck
+
+
 def test_a_number_of_any_type_is_a_float_in_the_cycle():
     async def main(table):
         await table["box 1"].move(Fraction(1, 10), np.float32(0.5), Fraction(1, 4))
