@@ -65,14 +65,16 @@ class Outside:
         return self._condition()
 
 
-class _Done:
-    """The condition that a task is done."""
+class Done:
+    """The condition that a task is done, or that another event has come before."""
 
-    def __init__(self, task: "ScriptTask[Any]") -> None:
+    def __init__(self, task: "ScriptTask[Any]", before: Condition = lambda: False) -> None:
         self.task = task
+        self._before = before
 
     def __call__(self) -> bool:
-        return self.task.done
+        """Whether it is done, or the other event has come."""
+        return self.task.done or self._before()
 
 
 class ScriptTask(Generic[Result]):
@@ -91,13 +93,13 @@ class ScriptTask(Generic[Result]):
     def __await__(self) -> Generator[Condition, None, Result]:
         self.heed()
         while not self.done:
-            yield _Done(self)
+            yield Done(self)
         return self.result()
 
     @property
     def waits_for_outside(self) -> bool:
         """Whether it waits for an event from outside, or for a task that does."""
-        if isinstance(self._condition, _Done):
+        if isinstance(self._condition, Done):
             return self._condition.task.waits_for_outside
         return isinstance(self._condition, Outside) and not self.done
 

@@ -1,7 +1,7 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
 from collections import Counter, deque
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from math import inf
 from typing import Any, Protocol, TypeVar
@@ -12,7 +12,7 @@ from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.order import Gate, Order
-from mdms_host.programs.script import Condition, Outside, Script, ScriptTask, until
+from mdms_host.programs.script import Condition, Done, Outside, Script, ScriptTask, until
 from mdms_host.programs.table_orders import TableOrders
 from mdms_host.programs.table_parcel import (
     Newcomer,
@@ -203,19 +203,23 @@ class Table:
     async def together(self, *routines: Coroutine[Any, Any, Any]) -> None:
         """Have all of these go on beside each other; returns when the last is done.
 
-        Then it raises the error of the first of them that failed.
+        Then it raises the ProgramError of the first of them that failed. Raises any other error at
+        once.
         """
         tasks = [self.start(routine) for routine in routines]
         for task in tasks:
             task.heed()
-        errors = []
+
+        def failed() -> Iterator[BaseException]:
+            errors = (task.error for task in tasks if task.error is not None)
+            return (error for error in errors if not isinstance(error, ProgramError))
+
         for task in tasks:
-            try:
-                await task
-            except ProgramError as error:
-                errors.append(error)
-        if errors:
-            raise errors[0]
+            await until(Done(task, lambda: any(failed())))
+        for error in failed():
+            raise error
+        for task in tasks:
+            task.result()
 
     async def signal(self, name: str) -> Any:
         """The next value that has been sent under a name, in the order of sending.

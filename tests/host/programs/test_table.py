@@ -195,6 +195,19 @@ def test_an_error_of_the_programs_own_ends_it_and_is_named_with_its_place():
     assert not stage.program.finished
 
 
+def test_an_error_of_the_programs_own_ends_what_goes_on_together_with_it_at_once():
+    async def fails(table):
+        await table.sleep(0.05)
+        table.parcels[7]
+
+    async def main(table):
+        await table.together(table["box 1"].move(0.1, 0.0), fails(table))
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run(0.5)
+    assert "the program failed: IndexError" in (stage.program.stuck or "")
+
+
 async def awaits_in_finally(table):
     try:
         await table.sleep(100.0)
