@@ -93,8 +93,8 @@ async def singulate(
 class Buffer:
     """Places at which parcels wait until they are asked for; first in, first out.
 
-    A parcel that has left otherwise, or was found by mistake, frees its place. Raises ProgramError
-    for no places, or one that is given twice.
+    A parcel that has left otherwise, was found by mistake, or was refused its way to its place
+    frees the place. Raises ProgramError for no places, or one that is given twice.
     """
 
     def __init__(self, table: Table, places: Sequence[Place]) -> None:
@@ -119,25 +119,41 @@ class Buffer:
         return not self._free
 
     async def put(self, parcel: TableParcel) -> None:
-        """Bring a parcel to a free place, as soon as there is one; returns when it is there."""
+        """Bring a parcel to a free place, as soon as there is one; returns when it is there.
+
+        Raises ProgramError when it cannot come there.
+        """
         await until(lambda: parcel.has_left or not self.is_full)
         if parcel.has_left:
             return
         place = self._free.popleft()
         self._waiting[parcel.name] = parcel, place
-        await parcel.move(*place)
+        try:
+            await parcel.move(*place)
+        except ProgramError:
+            if self._waiting.get(parcel.name) == (parcel, place):
+                del self._waiting[parcel.name]
+                self._free.append(place)
+            raise
 
     async def take(self, exit: str | None = None, name: str | None = None) -> TableParcel:
         """Have the first parcel leave, or that of a name or kind, once it is in the buffer.
 
-        Returns it when it has left; its place is free as soon as it sets out.
+        Returns it when it has left; its place is free as soon as it sets out. Raises ProgramError
+        when it cannot leave. It is the first in its place then, if that has not been given away.
         """
         await until(Outside(lambda: self._wanted(name) is not None))
         wanted = self._wanted(name)
         assert wanted is not None
         _, place = self._waiting.pop(wanted.name)
         self._free.append(place)
-        await wanted.leave(exit)
+        try:
+            await wanted.leave(exit)
+        except ProgramError:
+            if place in self._free:
+                self._free.remove(place)
+                self._waiting = {wanted.name: (wanted, place), **self._waiting}
+            raise
         return wanted
 
     def _forget_left(self) -> None:

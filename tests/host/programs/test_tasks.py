@@ -5,6 +5,7 @@ from tests.host.programs.hands import Stage
 
 from mdms_host.programs import tasks
 from mdms_host.programs.order import Gate
+from mdms_host.programs.table import ProgramError
 from mdms_host.programs.table_orders import LineOrder
 from mdms_host.programs.tasks import main_of
 from mdms_model.scenario.scenario import Task
@@ -108,6 +109,42 @@ def test_a_parcel_waits_where_it_came_until_a_place_in_the_buffer_is_free():
     assert stage.log == [("box 1", 0.0)]
     stage.run(0.6)
     assert stage.log == [("box 1", "east"), ("box 2", 0.0)]
+
+
+def test_a_parcel_that_is_refused_its_way_out_of_a_buffer_keeps_its_place():
+    async def main(table):
+        store = tasks.Buffer(table, PLACES)
+        first, second = table["box 1"], table["box 2"]
+        await store.put(first)
+        await store.put(second)
+        with pytest.raises(ProgramError):
+            await store.take("east")
+        assert store.parcels == (first, second)
+        assert store.is_full
+        await store.take("north")
+
+    stage = Stage(main, lying=["box 1", "box 2"])
+    stage.run()
+    stage.arrive("box 1")
+    stage.arrive("box 2")
+    stage.refuse("box 1", "box 1 has no way to east")
+    assert stage.log[-2:] == [("box 1", "east"), ("box 1", "north")]
+
+
+def test_a_parcel_that_is_refused_its_way_into_a_buffer_has_no_place_there():
+    async def main(table):
+        store = tasks.Buffer(table, PLACES)
+        with pytest.raises(ProgramError):
+            await store.put(table["box 1"])
+        assert store.parcels == ()
+        await store.put(table["box 1"])
+        assert not store.is_full
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run()
+    stage.refuse("box 1", "box 1 has no way")
+    stage.arrive("box 1")
+    assert stage.program.finished
 
 
 def test_tasks_follow_one_another_unless_they_are_beside():
