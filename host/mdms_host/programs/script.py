@@ -99,9 +99,12 @@ class ScriptTask(Generic[Result]):
     @property
     def waits_for_outside(self) -> bool:
         """Whether it waits for an event from outside, or for a task that does."""
-        if isinstance(self._condition, Done):
-            return self._condition.task.waits_for_outside
-        return isinstance(self._condition, Outside) and not self.done
+        task: ScriptTask[Any] = self
+        passed = set()
+        while isinstance(task._condition, Done) and task not in passed:
+            passed.add(task)
+            task = task._condition.task
+        return isinstance(task._condition, Outside) and not task.done
 
     @property
     def where(self) -> str:

@@ -66,6 +66,21 @@ def test_a_job_is_endless_by_what_it_waits_for_and_not_by_what_waits_beside_it()
         assert not stage.program.finished
 
 
+def test_tasks_that_await_each_other_wait_for_nothing_outside():
+    async def main(table):
+        tasks = {}
+
+        async def awaits(name):
+            await tasks[name]
+
+        tasks["a"], tasks["b"] = table.start(awaits("b")), table.start(awaits("a"))
+        await tasks["a"]
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run(0.1)
+    assert not stage.program.endless
+
+
 def test_time_is_the_cycles_own():
     times = []
 
