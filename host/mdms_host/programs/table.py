@@ -291,10 +291,7 @@ class Table:
 
     async def _leave(self, parcel: TableParcel, exit: str | None) -> None:
         name = self.exit_for(parcel) if exit is None else exit
-        if name not in self.gates:
-            there = ", ".join(self.gates) or "none"
-            raise ProgramError(f"no exit {name!r}; there are: {there}")
-        gate = self.gates[name]
+        gate = gate_of(self.gates, name)
         if exit is not None:
             self.asked_exits.add((parcel.kind, exit))
         order = await self.orders.leave(parcel, gate, lambda goal: self._give(parcel, goal))
@@ -417,6 +414,13 @@ class TableDriver:
 
 def _place_of(name: str, x_m: object, y_m: object) -> tuple[float, float]:
     return number_of(x_m, f"x_m of {name}"), number_of(y_m, f"y_m of {name}")
+
+
+def gate_of(gates: Mapping[str, Gate], name: str) -> Gate:
+    """The exit of that name. Raises ProgramError without one."""
+    if name not in gates:
+        raise ProgramError(f"no exit {name!r}; there are: {', '.join(gates) or 'none'}")
+    return gates[name]
 
 
 def _check_done(order: Order) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from mdms_host.programs.program import Main
 from mdms_host.programs.script import Outside, ScriptTask, until
-from mdms_host.programs.table import Newcomer, ProgramError, Table, TableParcel
+from mdms_host.programs.table import Newcomer, ProgramError, Table, TableParcel, gate_of
 from mdms_model.scenario.scenario import Task
 
 __all__ = ["Buffer", "buffer", "merge", "name", "singulate", "sort", "swap", "transport"]
@@ -73,7 +73,7 @@ async def singulate(
     Those that lie on the table go first, the nearest to the exit before all others, then those that
     come. `count` counts both; a parcel sets out `period_s` after the one before or later.
     """
-    gate = table.gates[exit]
+    gate = gate_of(table.gates, exit)
     lying = sorted(
         (parcel for parcel in table.parcels if parcel.found),
         key=lambda parcel: -gate.out_m(*parcel.pose[:2]),

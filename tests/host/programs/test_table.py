@@ -8,6 +8,7 @@ from tests.host.programs.hands import Stage
 
 from mdms_host.motion.goal import GoalPose
 from mdms_host.programs.table import ProgramError
+from mdms_host.programs.tasks import singulate
 
 
 def test_a_program_begins_when_its_parcels_are_found_and_ends_when_they_are_there():
@@ -133,6 +134,7 @@ def test_a_refusal_can_be_caught_or_ends_the_program_in_order():
     [
         (lambda table: table["box 9"].move(0.0, 0.0), "no parcel 'box 9'.* are: box 1"),
         (lambda table: table["box 1"].leave("west"), "no exit 'west'; there are: east, no"),
+        (lambda table: singulate(table, "west"), "no exit 'west'; there are: east, no"),
         (lambda table: table["can 1"].leave(), "no exit is for parcels of the kind 'can'"),
     ],
 )
