@@ -166,7 +166,8 @@ class Watch:
     """Watches the wheels of `axes` axes a cell, and the parcels that are steered, by name.
 
     `arrived_s` is when each parcel came to its goal, of those that are there [s]. `unsure` has the
-    parcels that may be beside the goals that they have come to, and says how far.
+    parcels that may be beside the goals that they have come to, and says how far. `following` knows
+    the wheels that stand, `missing` the parcels that are not found.
     """
 
     def __init__(
@@ -177,17 +178,12 @@ class Watch:
         self._cells = cells
         self._axes = axes
         self._controllers = controllers
-        self._following = Following(axes * len(cells))
-        self._missing = MissingParcels()
-
-    @property
-    def standing(self) -> Bools:
-        """Wheels that do not follow their references, shape (W,)."""
-        return self._following.standing
+        self.following = Following(axes * len(cells))
+        self.missing = MissingParcels()
 
     def wheels(self, commanded_m_s: Floats, speed_m_s: Floats, step_s: float) -> Iterator[str]:
         """Troubles of wheels, given the speeds commanded in the last cycle, and those reported."""
-        for wheel in self._following.step(commanded_m_s, speed_m_s, step_s):
+        for wheel in self.following.step(commanded_m_s, speed_m_s, step_s):
             cell, axis = divmod(wheel, self._axes)
             yield (
                 f"{self._cells[cell].name} axis {axis + 1} does not follow: it stands, "
@@ -226,12 +222,6 @@ class Watch:
         if doubt:
             yield f"{name} {doubt}", False
         yield f"{name} has arrived", False
-
-    def parcels(
-        self, awaited: Collection[str], found: Collection[str], step_s: float
-    ) -> Iterator[str]:
-        """Troubles of parcels, given those that the program awaits, and those that are found."""
-        yield from self._missing.step(awaited, found, step_s)
 
 
 def _doubt(belief: Belief, *, turned: bool) -> str | None:
@@ -315,7 +305,7 @@ class ControlCycle:
         if program.controllers:
             # A wheel that stands is dragged along: one whose encoder is stuck would push with all
             # that its motor has. Once it turns with its parcel it is driven again.
-            still = still | self.watch.standing
+            still = still | self.watch.following.standing
         return np.where(still, 0.0, references_m_s)
 
     def _steered_m_s(self, program: Program, now_s: float, sync_s: float) -> Floats:
@@ -387,7 +377,7 @@ class ControlCycle:
         for text in self.watch.wheels(commanded_m_s, speeds.speed_m_s, self._step_s):
             self._journal.warn(now_s, text)
         # A wheel that does not follow its reference, or has none, shows nothing of its parcel.
-        known = speeds.known & ~self.watch.standing & ~self._roster.wheels_out
+        known = speeds.known & ~self.watch.following.standing & ~self._roster.wheels_out
         self._tracker.on_speeds(speeds.time_s, speeds.speed_m_s, known, speeds.standing)
         self._report_standings(speeds.time_s, now_s)
 
@@ -399,7 +389,7 @@ class ControlCycle:
             self._journal.warn(now_s, text)
         for text, is_trouble in self.watch.arrivals(found, now_s):
             (self._journal.warn if is_trouble else self._journal.note)(now_s, text)
-        for text in self.watch.parcels(self._program.awaits, found, self._step_s):
+        for text in self.watch.missing.step(self._program.awaits, found, self._step_s):
             self._journal.warn(now_s, text)
 
     def _report_standings(self, time_s: float, now_s: float) -> None:

@@ -282,7 +282,7 @@ class Coordinator:
             frames.append((None, self._alive))
         frames += self._commands.due(now_s)
         if self._schedule.take("sync", now_s, sync_period_s):
-            self._odometry.on_sync(now_s)
+            self._odometry.reports.on_sync(now_s)
             frames.append((None, _SYNC))
         if self._schedule.take("setpoint", now_s, sync_period_s):
             next_s = self._schedule.next_s("sync")

@@ -134,8 +134,9 @@ class Commands:
                 yield None, frame
 
     def _phase_of(self, cell: BringUpCell) -> Phase:
-        """The phase that a cell is in; an end is that of all."""
-        return self._roster.phase_of(cell, self._phase) if self._phase in UP else self._phase
+        """The phase that a cell is in: its own while it is out; an end is that of all."""
+        way = self._roster.out.get(cell) if self._phase in UP else None
+        return self._phase if way is None else way.phase
 
     def _repeat_as_needed(self, now_s: float) -> None:
         """While all cells run, and when all are off, none needs anything again."""

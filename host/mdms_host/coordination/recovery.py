@@ -158,11 +158,6 @@ class Roster:
         """The ways back of the cells that the run waits for."""
         return [way for cell, way in self.out.items() if cell not in self.given_up]
 
-    def phase_of(self, cell: BringUpCell, phase: Phase) -> Phase:
-        """The phase of a cell in that of the run: its own while it is out."""
-        way = self.out.get(cell)
-        return phase if way is None else way.phase
-
     def lose(self, cell: BringUpCell, text: str, now_s: float) -> None:
         """A cell is out of action, for a reason in words; its way back begins."""
         self.out[cell] = CellRecovery(cell, text, now_s)

@@ -158,9 +158,9 @@ class SyncedSpeeds:
 
 
 class Odometry:
-    """Takes in SYNCs, speed frames and references, and hands out each SYNC's speeds once.
+    """Takes in speed frames and references, and hands out each SYNC's speeds once.
 
-    `silent` is whether no cell has answered for the time limit.
+    `reports` takes in each SYNC. `silent` is whether no cell has answered for the time limit.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class Odometry:
         self._axes = axes
         self._velocities = velocities
         self._timing = timing
-        self._reports = SpeedReports(len(cells))
+        self.reports = SpeedReports(len(cells))
         self._held_syncs = np.zeros(axes * len(cells), dtype=np.int64)
         self._known: Bools = np.zeros(axes * len(cells), dtype=bool)
         self._mute: frozenset[RemoteCell] = frozenset()
@@ -180,16 +180,12 @@ class Odometry:
         """Whether no cell has answered SYNC for the time limit."""
         return len(self._missing(self._timing.speeds_limit_s)) == len(self._cells)
 
-    def on_sync(self, now_s: float) -> None:
-        """A SYNC is sent."""
-        self._reports.on_sync(now_s)
-
     def on_speeds(self, cell: RemoteCell, data: bytes, now_s: float) -> None:
         """A speed frame of a cell has arrived; one of another length is counted and dropped."""
         garbage = cell.garbage
         cell.on_speeds(data, now_s)
         if cell.garbage == garbage:
-            self._reports.on_speeds(cell.number - 1, data, now_s)
+            self.reports.on_speeds(cell.number - 1, data, now_s)
 
     def on_references(self, references_m_s: Floats) -> None:
         """References of shape (W,) are sent for the next SYNC."""
@@ -197,7 +193,7 @@ class Odometry:
 
     def take(self) -> SyncedSpeeds | None:
         """The newest speeds that can be used, each SYNC's once; None if there are none."""
-        sync = self._reports.take()
+        sync = self.reports.take()
         if sync is None:
             return None
         numbers = range(len(self._cells))
@@ -210,7 +206,7 @@ class Odometry:
 
     def answers(self, cell: RemoteCell) -> bool:
         """Whether a cell answers SYNC."""
-        return cell.number - 1 not in self._reports.missing(MISSED_SYNCS)
+        return cell.number - 1 not in self.reports.missing(MISSED_SYNCS)
 
     def fallen_mute(self) -> list[RemoteCell]:
         """Cells that have left three SYNCs in a row unanswered, each once until it answers."""
@@ -235,5 +231,5 @@ class Odometry:
 
     def _without_answer(self, syncs: int) -> list[RemoteCell]:
         """Cells that have left so many SYNCs in a row unanswered."""
-        numbers = self._reports.missing(syncs)
+        numbers = self.reports.missing(syncs)
         return [cell for cell in self._cells if cell.number - 1 in numbers] if numbers else []

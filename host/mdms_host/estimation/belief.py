@@ -38,9 +38,10 @@ class Confirmation:
         self.standing = Standing.LOST
         self._shown_s = -inf
 
-    def find(self, now_s: float) -> None:
+    def find(self, now_s: float) -> Standing:
         """A search has found the parcel."""
         self.standing, self._shown_s = Standing.FOUND, now_s
+        return self.standing
 
     def step(self, now_s: float, shown: bool) -> Standing:
         """Take in whether the sensors show it now.

@@ -180,7 +180,9 @@ class UnexplainedSensors:
 class ParcelSearch:
     """Finds parcels over covered sensors that nothing explains; one search a step.
 
-    A search takes long. `settled` is whether everything has been tried.
+    A search takes long. `settled` is whether everything has been tried. `faulty` are the cells
+    (from 1) with sensors (from 0) without which parcels were found in the last step, `misfits` the
+    things that were named as parcels, and turned out not to have their outlines.
     """
 
     def __init__(
@@ -195,24 +197,14 @@ class ParcelSearch:
         self._unexplained = unexplained
         self._unknowns = unknowns
         self._roll_call = RollCall(layout, surroundings)
-        self._faulty: list[tuple[int, list[int]]] = []
-        self._misfits: list[BeliefChange] = []
+        self.faulty: list[tuple[int, list[int]]] = []
+        self.misfits: list[BeliefChange] = []
         self.settled = True
 
     @property
     def heaps(self) -> set[bytes]:
         """Groups of covered sensors that are several parcels, as bytes."""
         return self._roll_call.heaps
-
-    def take_faulty(self) -> list[tuple[int, list[int]]]:
-        """Cells (from 1) with sensors (from 0) without which parcels were found."""
-        faulty, self._faulty = self._faulty, []
-        return faulty
-
-    def take_misfits(self) -> list[BeliefChange]:
-        """Things that were named as parcels, and do not have their outlines."""
-        misfits, self._misfits = self._misfits, []
-        return misfits
 
     def step(
         self,
@@ -227,6 +219,7 @@ class ParcelSearch:
         The search begins once all cells have reported. None is found over sensors (S,) that are
         `taken` by found parcels.
         """
+        self.faulty, self.misfits = [], []
         missing = [each for each in known.values() if each.standing is not Standing.FOUND]
         if not any(each.estimator.rests for each in missing) or not self._presence.complete:
             self.settled = not missing
@@ -314,7 +307,7 @@ class ParcelSearch:
         mine[found.group] = True
         wrong = estimator.contradicting(covered, mine) | found.left_out
         known.disbelieved = wrong
-        self._faulty += self._presence.disbelieve(wrong)
+        self.faulty += self._presence.disbelieve(wrong)
         inside = self._around(now_s, known, estimator.unsure_m)
         self._unexplained.foreign &= ~inside
         self._unknowns.explain(known.parcel.name, inside)
@@ -331,7 +324,7 @@ class ParcelSearch:
             if each.standing is Standing.DOUBTFUL:
                 self._stay(now_s, valid, each, shown)
             elif each.unknown is not None and each.unknown in self._unknowns.all:
-                self._misfits.append(
+                self.misfits.append(
                     self._unknowns.all[each.unknown].change(BeliefEvent.MISFIT, name)
                 )
                 del known[name]

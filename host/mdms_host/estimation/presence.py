@@ -218,18 +218,15 @@ class PresenceMap:
             broken = wrong.sum(axis=1) * 2 > self._sensors
             whole = np.repeat(broken, self._sensors)
             sensors = sorted({*sensors, *self._worth.disbelieve(whole & self._worth.believed)})
-        return self._by_cell(sensors)
-
-    def believe(self, sensors: Bools) -> None:
-        """Believe these sensors (S,) again: the parcel that they contradicted was not there."""
-        self._worth.believe(sensors)
-
-    def _by_cell(self, sensors: list[int]) -> list[tuple[int, list[int]]]:
         cells: dict[int, list[int]] = {}
         for sensor in sensors:
             cell, place = divmod(sensor, self._sensors)
             cells.setdefault(cell + 1, []).append(place)
         return list(cells.items())
+
+    def believe(self, sensors: Bools) -> None:
+        """Believe these sensors (S,) again: the parcel that they contradicted was not there."""
+        self._worth.believe(sensors)
 
 
 #: So many are kept; parcels come through few cells at a time.

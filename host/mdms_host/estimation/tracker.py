@@ -200,20 +200,17 @@ class Tracker:
         for standing_there in self._unexplained.left_standing(now_s, covered, changed_s):
             self._unknowns.expect(standing_there)
         valid = self._presence.valid(now_s)
-        views = self._views(now_s)
-        coverage = self._coverage(views)
-        groups = self._groups(now_s, valid, coverage)
+        views, coverage, groups = self._look(now_s, valid)
         sought = [name for name, each in self._known.items() if each.elsewhere is None]
         found = self._parcel_search.step(now_s, valid, self._known, groups, coverage.taken)
+        self._faulty += self._parcel_search.faulty
         for name in found:
             self._note_coming(now_s, name)
         self._note_guesses(valid, [name for name in found if name in sought])
         if found:
             # Sensors that contradict them are not believed any more.
             valid = self._presence.valid(now_s)
-            views = self._views(now_s)
-            coverage = self._coverage(views)
-            groups = self._groups(now_s, valid, coverage)
+            views, coverage, groups = self._look(now_s, valid)
             self._expect_obstacles(groups, coverage)
         self._agree(now_s, valid, views, coverage)
         self._watch_unknown(now_s, valid, coverage, groups)
@@ -226,8 +223,7 @@ class Tracker:
                 self._leave(name)
             elif each.was_none(now_s) or self._is_misjudged(now_s, name, views, coverage):
                 self._withdraw(name)
-        misfits = self._parcel_search.take_misfits()
-        self._changes += misfits
+        self._changes += self._parcel_search.misfits
         return found
 
     def on_loss(self, now_s: float) -> None:
@@ -244,8 +240,7 @@ class Tracker:
 
     def take_faulty(self) -> list[tuple[int, list[int]]]:
         """Cells (from 1) with sensors (from 0) that contradict all others, since the last call."""
-        faulty = self._faulty + self._parcel_search.take_faulty()
-        self._faulty = []
+        faulty, self._faulty = self._faulty, []
         return faulty
 
     def take_changes(self) -> list[BeliefChange]:
@@ -365,17 +360,19 @@ class Tracker:
                 change = BeliefChange(name, BeliefEvent.GUESSED, one.place, other=other)
                 self._changes.append(change)
 
-    def _views(self, now_s: float) -> dict[str, View]:
-        """The sensors around each parcel that has a pose, by its name."""
+    def _look(
+        self, now_s: float, valid: Bools
+    ) -> tuple[dict[str, View], Coverage, tuple[Ints, ...]]:
+        """The sensors around each parcel that has a pose, by its name; all, by parcels.
+
+        Groups of those that no parcel explains besides.
+        """
         seen = ((name, each.estimator.view(now_s)) for name, each in self._known.items())
-        return {name: view for name, view in seen if view is not None}
-
-    def _coverage(self, views: Mapping[str, View]) -> Coverage:
-        return Coverage(len(self._sensors_m), self._known, views)
-
-    def _groups(self, now_s: float, valid: Bools, coverage: Coverage) -> tuple[Ints, ...]:
+        views = {name: view for name, view in seen if view is not None}
+        coverage = Coverage(len(self._sensors_m), self._known, views)
         covered, silent_s = self._presence.covered, self._presence.silent_s(now_s)
-        return self._unexplained.groups(now_s, covered, valid, coverage, silent_s)
+        groups = self._unexplained.groups(now_s, covered, valid, coverage, silent_s)
+        return views, coverage, groups
 
     def _agree(
         self, now_s: float, valid: Bools, views: Mapping[str, View], coverage: Coverage

@@ -131,8 +131,8 @@ class GoalController:
             return 0.0
         if self._follower.off_path:
             return 0.0
-        if self._still or not self._follower.finished:
-            return self._follower.speed_m_s
+        if self._still or not self._follower.reference.finished:
+            return self._follower.reference.speed_m_s
         return STIFFNESS_PER_S * min(self._left_m, _CREEP_M)
 
     @property
@@ -162,15 +162,15 @@ class GoalController:
     def _left_along_m(self, off: Floats, belief: Belief) -> float:
         """The way left straight to the target, or on a way with corners along that."""
         follower = self._follower
-        if follower is None or follower.finished or len(follower.path.pieces) < 2:
+        if follower is None or follower.reference.finished or len(follower.profile.path.pieces) < 2:
             return hypot(off[0], off[1], off[2] * belief.outline.reach_m)
-        path, s_m = follower.path, follower.s_m
+        path, s_m = follower.profile.path, follower.reference.s_m
         return path.length_m - s_m + path.distance_m(path.off(belief.pose, s_m))
 
     def _following(self, belief: Belief) -> Follower | None:
         """The follower of the way to the present target; None where the parcel is to stand."""
         follower = self._follower
-        if follower is not None and not follower.at_rest:
+        if follower is not None and not follower.reference.at_rest:
             return follower
         if self._still:
             self._follower = None
@@ -192,8 +192,8 @@ class GoalController:
         """Whether a way does not end where the parcel is to be now, or with the wheels of now."""
         if follower.out_of_date:
             return True
-        off = follower.path.off(self._target(pose), follower.path.length_m)
-        return follower.path.distance_m(off) > _SAME_M
+        off = follower.profile.path.off(self._target(pose), follower.profile.path.length_m)
+        return follower.profile.path.distance_m(off) > _SAME_M
 
     def _target(self, pose: Floats) -> Floats:
         """The pose to be at, in the turn nearest to a pose, shape (3,)."""
@@ -203,7 +203,7 @@ class GoalController:
         if wanted_rad is None:
             # However the parcel is turned when it sets out.
             follower = self._follower
-            turned_rad = yaw_rad if follower is None else float(follower.path.end[2])
+            turned_rad = yaw_rad if follower is None else float(follower.profile.path.end[2])
         else:
             turned_rad = yaw_rad + shorter_turn_rad(yaw_rad, wanted_rad)
         return np.array([self.goal.x_m, self.goal.y_m, turned_rad])

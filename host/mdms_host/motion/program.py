@@ -5,6 +5,7 @@ by the cells: pages out, estimates in.
 """
 
 from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -107,7 +108,18 @@ class Program(AnyProgram, Protocol):
 
 
 class FieldProgram:
-    """An open-loop field: the same references until it is given others."""
+    """An open-loop field: the same references until it is given others.
+
+    It goes on for as long as it may, needs no parcel, and steers none to a goal.
+    """
+
+    stuck: str | None = None
+    finished = False
+    endless = True
+    awaits: Collection[str] = ()
+    near: Collection[str] = ()
+    controllers: Mapping[str, Steered] = MappingProxyType({})
+    gains: Mapping[str, Gain] = MappingProxyType({})
 
     def __init__(self, references_m_s: Floats) -> None:
         self._references_m_s = np.asarray(references_m_s, dtype=np.float64)
@@ -115,36 +127,6 @@ class FieldProgram:
     def drive(self, references_m_s: Floats) -> None:
         """Have the wheels run by these references (W,) from the next setpoints on."""
         self._references_m_s = np.array(references_m_s, dtype=np.float64)
-
-    @property
-    def stuck(self) -> str | None:
-        """A field goes on."""
-        return None
-
-    @property
-    def finished(self) -> bool:
-        """A field is never done."""
-        return False
-
-    @property
-    def endless(self) -> bool:
-        """A field goes on for as long as it may."""
-        return True
-
-    @property
-    def awaits(self) -> Collection[str]:
-        """None: a field needs no parcel."""
-        return ()
-
-    @property
-    def near(self) -> Collection[str]:
-        """None: a field has no goals."""
-        return ()
-
-    @property
-    def controllers(self) -> Mapping[str, Steered]:
-        """A field steers no parcel to a goal."""
-        return {}
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """The field's references, shape (W,)."""
@@ -154,11 +136,6 @@ class FieldProgram:
     def speeds_m_s(self) -> Floats:
         """A wheel runs near its reference."""
         return self._references_m_s
-
-    @property
-    def gains(self) -> Mapping[str, Gain]:
-        """Nothing: a field carries no parcel."""
-        return {}
 
     def set_goal(self, name: str, goal: GoalPose) -> None:
         """Raises ValueError: a field has no goals."""

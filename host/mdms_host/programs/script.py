@@ -81,7 +81,7 @@ class ScriptTask(Generic[Result]):
     """A coroutine that goes on by itself; its `await` returns its result or raises its error."""
 
     def __init__(self, routine: Coroutine[Any, Any, Result]) -> None:
-        self._routine = routine
+        self._routine = cast("CoroutineType[Any, Any, Result]", routine)
         self._condition: Condition = lambda: True
         self._result: Result | None = None
         self.error: BaseException | None = None
@@ -109,23 +109,19 @@ class ScriptTask(Generic[Result]):
     @property
     def where(self) -> str:
         """Which coroutine it is, and at which line it has come to wait."""
-        code = self._native.cr_code
+        code = self._routine.cr_code
         return place(code.co_name, code.co_filename, self.line or code.co_firstlineno)
 
     @property
     def line(self) -> int | None:
         """The line at which it waits; None once it is done."""
-        frame = self._native.cr_frame
+        frame = self._routine.cr_frame
         return None if frame is None else frame.f_lineno
 
     @property
     def file(self) -> str:
         """The name of the file that it is in."""
-        return Path(self._native.cr_code.co_filename).name
-
-    @property
-    def _native(self) -> "CoroutineType[Any, Any, Result]":
-        return cast("CoroutineType[Any, Any, Result]", self._routine)
+        return Path(self._routine.cr_code.co_filename).name
 
     def result(self) -> Result:
         """Its result, once it is done. Raises its error."""

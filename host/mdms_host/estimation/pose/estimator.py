@@ -113,6 +113,7 @@ class ParcelEstimator:
     `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost.
     `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
     sensor that is believed. `unseen` is whether no speeds came for a while before the last ones.
+    `standing` is that of the belief.
     `footprint` is as large as edges show it, and `spread_m` how exact its drawing is. A twist
     divided by `corner_m` has a corner's speed instead of the rate.
     """
@@ -138,6 +139,7 @@ class ParcelEstimator:
         # All poses that the sensors allow, as long as these are far apart.
         self._cloud: PoseCloud | None = None
         self._confirmation = Confirmation()
+        self.standing = self._confirmation.standing
         self.footprint = footprint
         self.twist: Floats = np.zeros(3)
         self._sliding = Sliding(self.corner_m)
@@ -153,11 +155,6 @@ class ParcelEstimator:
         self._under: tuple[Footprint, list[float], Under] | None = None
         #: Sensors that have not told of an edge that most others have told of, by their places.
         self._untold_m: set[tuple[float, ...]] = set()
-
-    @property
-    def standing(self) -> Standing:
-        """The standing of the belief."""
-        return self._confirmation.standing
 
     @property
     def pose(self) -> Floats | None:
@@ -182,7 +179,7 @@ class ParcelEstimator:
             self._cloud = PoseCloud(
                 footprint, found.poses, found.weights, found.grid, found.growths
             )
-        self._confirmation.find(now_s)
+        self.standing = self._confirmation.find(now_s)
         self.twist = np.zeros(3)
         self._at_s = now_s
         self._way.clear()
@@ -208,7 +205,7 @@ class ParcelEstimator:
     def resume(self, now_s: float) -> None:
         """The doubtful parcel is where it was after all: another thing contradicts it."""
         if self._filter is not None:
-            self._confirmation.find(now_s)
+            self.standing = self._confirmation.find(now_s)
 
     def near(self, pose: Floats) -> Near:
         """Sensors and wheels that may have to do with the parcel at a pose."""
@@ -253,7 +250,7 @@ class ParcelEstimator:
         away_m = hypot(*(point_m - pose[:2]).tolist())
         if away_m > self.footprint.reach_m + BESIDE_M:
             return None
-        off_m, slope = self._off(pose, point_m)
+        off_m, slope = edge_of(self.footprint, point_m, pose)
         variance_m2 = float(slope @ self._filter.covariance @ slope) + _LIKELY_M**2
         if off_m > BESIDE_M or off_m**2 > max(_GATE**2 * variance_m2, BESIDE_M**2):
             return None
@@ -264,7 +261,7 @@ class ParcelEstimator:
         pose = self.pose_at(now_s)
         if self._filter is None or pose is None or self.twist.any():
             return False
-        off_m, slope = self._off(pose, point_m)
+        off_m, slope = edge_of(self.footprint, point_m, pose)
         deviation_m = sqrt(float(slope @ self._filter.covariance @ slope))
         return off_m > max(_AT_REST_M, _AT_REST_DEVIATIONS * deviation_m)
 
@@ -375,7 +372,7 @@ class ParcelEstimator:
         pose = self.pose_at(now_s - _LATENCY_S)
         if self._filter is None or pose is None or self.standing is not Standing.FOUND:
             return
-        off_m, slope = self._off(pose, point_m)
+        off_m, slope = edge_of(self.footprint, point_m, pose)
         rate_m_s = float(slope[:3] @ self.twist)
         if abs(rate_m_s) > _RESTING_M_S and covered != (rate_m_s < 0):
             return
@@ -435,7 +432,8 @@ class ParcelEstimator:
     def _confirm(self, now_s: float, shown: bool) -> None:
         """Take in whether the parcel is shown where it is believed to be."""
         before = self.standing
-        if self._confirmation.step(now_s, shown) is Standing.LOST:
+        self.standing = self._confirmation.step(now_s, shown)
+        if self.standing is Standing.LOST:
             self._lose()
         elif self.standing is not before:
             self._grow(self._kept_growths[1])
@@ -504,7 +502,7 @@ class ParcelEstimator:
         far = [
             cell
             for cell, point_m in zip(seen.cell[wrong], view.near.sensors_m[wrong], strict=True)
-            if not self._filter.admits(*self._off(pose, point_m))
+            if not self._filter.admits(*edge_of(self.footprint, point_m, pose))
         ]
         if len(far) >= _ALONE and len({*far}) == 1:
             broken = wrong & (seen.cell == far[0])
@@ -542,16 +540,12 @@ class ParcelEstimator:
         pose = self.pose_at(now_s)
         if self._filter is None or pose is None:
             return True
-        off_m, slope = self._off(pose, point_m)
+        off_m, slope = edge_of(self.footprint, point_m, pose)
         late_m = 2 * _LATENCY_S * float(slope[:3] @ self.twist)
         believed = self._filter.on_bound(off_m, slope, (_EDGE_M**2 + late_m**2) ** 0.5)
         if believed:
             self._corrected()
         return believed
-
-    def _off(self, pose: Floats, point_m: Floats) -> tuple[float, Floats]:
-        """Distance of a sensor from the edge [m], and its derivative by pose and growth, (5,)."""
-        return edge_of(self.footprint, point_m, pose)
 
     def _settle(self, cloud: PoseCloud) -> None:
         """Take the place over from the poses that the sensors allow."""

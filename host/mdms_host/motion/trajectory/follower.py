@@ -21,7 +21,6 @@ from math import exp, inf
 import numpy as np
 
 from mdms_host.estimation.belief import Belief, Gain
-from mdms_host.motion.trajectory.path import Path
 from mdms_host.motion.trajectory.speed_profile import Reference, SpeedProfile
 from mdms_host.motion.trajectory.traction import Traction
 from mdms_model.arrays import Floats, Ints
@@ -168,6 +167,7 @@ class Carried:
 class Follower:
     """Follows one profile with one parcel; `step` once a cycle.
 
+    `reference` is where the parcel is to be on its path, and how fast, a corner's way included.
     `paused` brings it to rest on its path, for as long as it is set. `off_path` is whether the
     parcel has left its path by so much that it is brought to rest, for the caller to plan anew.
     `grip` is the estimate of slip, and may be that of an earlier follower of the parcel. `gain` is
@@ -182,7 +182,7 @@ class Follower:
         self.off_path = False
         self._traction = traction
         self._made = traction.changes
-        self._reference = Reference(profile)
+        self.reference = Reference(profile)
         self._pose: Floats | None = None
         self._twist: Floats | None = None
         self._rate: Floats = np.zeros(3)
@@ -191,34 +191,9 @@ class Follower:
         self._going: Given | None = None
 
     @property
-    def path(self) -> Path:
-        """What is followed."""
-        return self.profile.path
-
-    @property
     def out_of_date(self) -> bool:
         """Whether other wheels push now than when the profile was made."""
         return self._made != self._traction.changes
-
-    @property
-    def s_m(self) -> float:
-        """How far along its path the parcel is to be [m]."""
-        return self._reference.s_m
-
-    @property
-    def speed_m_s(self) -> float:
-        """How fast it is to go there, a corner's way included [m/s]."""
-        return self._reference.speed_m_s
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether the parcel is to stand."""
-        return self._reference.at_rest
-
-    @property
-    def finished(self) -> bool:
-        """Whether the parcel is to stand at the end of its path."""
-        return self._reference.finished
 
     def step(self, belief: Belief, step_s: float, authority_s_m: float = inf) -> Carried:
         """Motion of the wheels in the step that begins at the belief's time.
@@ -227,7 +202,7 @@ class Follower:
         """
         self._check_grip(belief, step_s)
         self._rejoin(belief)
-        reference = self._reference
+        reference = self.reference
         before_s_m, before_m_s = reference.s_m, reference.speed_m_s
         if self.paused or self.off_path:
             reference.brake(step_s)
@@ -248,38 +223,37 @@ class Follower:
         if ended is None or before is None or last is None:
             return
         jumped = belief.pose - last - twist * step_s
-        if self.path.distance_m(jumped) > _SET_RIGHT_M or self.paused or belief.unseen:
+        if self.profile.path.distance_m(jumped) > _SET_RIGHT_M or self.paused or belief.unseen:
             self.grip.begin_again()
             return
-        gained_m_s2 = self._along(ended, twist - before) / step_s
+        # A twist and the direction of the path have their product in metres of a corner's way.
+        metric = (1.0, 1.0, self.profile.path.reach_m**2)
+        gained_m_s2 = float(((twist - before) * metric) @ ended.along) / step_s
         pushed_m_s2 = ended.acceleration_m_s2((twist + before) / 2, gained_m_s2)
         pushed_m_s2 -= ended.taken_m_s2(gained_m_s2)
         missing_m_s2 = gained_m_s2 - pushed_m_s2
         self.gain = Gain(gained_m_s2 * ended.along, missing_m_s2 * ended.along)
-        planned_m_s2 = self.profile.acceleration_at(self.s_m)
+        planned_m_s2 = self.profile.acceleration_at(self.reference.s_m)
         self.grip.step(gained_m_s2, pushed_m_s2, planned_m_s2, step_s)
-        self._reference.share = self.grip.share
-
-    def _along(self, given: Given, twist: Floats) -> float:
-        return float((twist * (1.0, 1.0, self.path.reach_m**2)) @ given.along)
+        self.reference.share = self.grip.share
 
     def _rejoin(self, belief: Belief) -> None:
         """Find a parcel that is far from its reference again on its path, or off it."""
-        path, s_m = self.path, self.s_m
+        path, s_m = self.profile.path, self.reference.s_m
         if path.distance_m(path.off(belief.pose, s_m)) <= _REJOIN_M:
             return
-        ends_m = max(0.0, s_m - _SEARCH_M), min(s_m + _SEARCH_M, self._reference.stop_at())
+        ends_m = max(0.0, s_m - _SEARCH_M), min(s_m + _SEARCH_M, self.reference.stop_at())
         nearest_m = path.nearest_m(belief.pose, *ends_m)
         if abs(nearest_m - s_m) > _REJOIN_M:
-            self._reference.join(nearest_m, path.speed_m_s(belief.twist, nearest_m))
+            self.reference.join(nearest_m, path.speed_m_s(belief.twist, nearest_m))
         beside_m = path.distance_m(path.off(belief.pose, nearest_m))
         self.off_path = self.off_path or beside_m > _OFF_PATH_M
 
     def _carry(
         self, belief: Belief, before_s_m: float, before_m_s: float, step_s: float
     ) -> Carried:
-        speed_m_s, middle_m = self.speed_m_s, (before_s_m + self.s_m) / 2
-        along = self.path.direction_at(middle_m)
+        speed_m_s, middle_m = self.reference.speed_m_s, (before_s_m + self.reference.s_m) / 2
+        along = self.profile.path.direction_at(middle_m)
         rate = along * ((speed_m_s - before_m_s) / step_s)
         # The belief's twist is of the last SYNC, one cycle before, and its pose carried on by that.
         pose = belief.pose + self._rate * (step_s**2 / 2)
@@ -324,6 +298,6 @@ class Follower:
         """Twist towards the reference, shape (3,); none while the parcel is only to stop."""
         if self.paused or self.off_path:
             return np.zeros(3)
-        off = self.path.off(pose, s_m)
-        speed_m_s = STIFFNESS_PER_S * self.path.distance_m(off)
+        off = self.profile.path.off(pose, s_m)
+        speed_m_s = STIFFNESS_PER_S * self.profile.path.distance_m(off)
         return off * (STIFFNESS_PER_S * min(1.0, _FED_BACK_M_S / max(speed_m_s, 1e-12)))

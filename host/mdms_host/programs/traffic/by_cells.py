@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from mdms_host.estimation.belief import Belief, Gain
+from mdms_host.estimation.belief import Belief
 from mdms_host.estimation.footprint import Disc
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.layout import Layout
@@ -284,7 +284,8 @@ class CellsTraffic(OrderedTraffic[Legs]):
         super().__init__(planner, executor, loads, rules)
         self._cells = cells
         self._orders_due_s = -inf
-        self._still: Floats = np.zeros(len(layout.wheel_cells))
+        #: The host commands no wheel; what cells command is not known.
+        self.speeds_m_s = np.zeros(len(layout.wheel_cells))
 
     def know(self, parcel: Parcel, mass: Mass) -> None:
         """There is to be another parcel."""
@@ -321,7 +322,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
                 self._moved_s = self._now_s
         if self._cells.goes_on:
             self._set_orders()
-        return self._still
+        return self.speeds_m_s
 
     def doubt_arrivals(self) -> None:
         """No parcel has arrived that the beliefs of this cycle do not show at its goal any more."""
@@ -333,16 +334,6 @@ class CellsTraffic(OrderedTraffic[Legs]):
     def near(self) -> Collection[str]:
         """See `OrderedTraffic`."""
         return self._cells.near
-
-    @property
-    def speeds_m_s(self) -> Floats:
-        """How fast each wheel is to run, (W,): what cells command is not known."""
-        return self._still
-
-    @property
-    def gains(self) -> Mapping[str, Gain]:
-        """Nothing: what cells push with is not known."""
-        return {}
 
     def _set_orders(self) -> None:
         """Have cells get the order over them, of parcels as far as these would go by themselves."""

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
-from mdms_host.estimation.belief import Belief, Gain
+from mdms_host.estimation.belief import Belief
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.trajectory.follower import Carried, Grip
 from mdms_host.motion.trajectory.traction import Traction
@@ -49,6 +49,7 @@ class TableTraffic(OrderedTraffic[Ride]):
         super().__init__(planner, executor, loads, WayRules(kept_free), told=told)
         self._traction = traction
         self._carrying = Carrying(traction.layout, traction.drives)
+        self.speeds_m_s = self._carrying.speeds_m_s
         self._grips: dict[str, Grip] = {}
         #: Parcels whose wheels slip by the present estimate.
         self._slipping: set[str] = set()
@@ -64,22 +65,15 @@ class TableTraffic(OrderedTraffic[Ride]):
         carried = dict(self._drive(beliefs, step_s))
         if carried:
             self._moved_s = self._now_s
-        return self._carrying.references_m_s(carried, self._where.outlines, self._where.places)
+        carrying = self._carrying
+        references_m_s = carrying.references_m_s(carried, self._where.outlines, self._where.places)
+        self.speeds_m_s, self.gains = carrying.speeds_m_s, carrying.gains
+        return references_m_s
 
     @property
     def near(self) -> Collection[str]:
         """See `OrderedTraffic`."""
         return [name for name, ride in self._rides.items() if ride.may_feel]
-
-    @property
-    def speeds_m_s(self) -> Floats:
-        """How fast each wheel is to run under the references that were returned last, (W,)."""
-        return self._carrying.speeds_m_s
-
-    @property
-    def gains(self) -> Mapping[str, Gain]:
-        """Gains of the wheels under parcels in the step before these, and their pushes."""
-        return self._carrying.gains
 
     def _set_out(self, order: Order, route: Route) -> Ride:
         grip = self._grips.setdefault(order.parcel, Grip())

@@ -100,7 +100,13 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     Their loads are known, by name. Anything else that is believed to lie on the table is an
     obstacle. Parcels lie where they were `told` to until they are found.
+
+    `speeds_m_s` (W,) is how fast each wheel is to run under the references that were returned last,
+    as far as that is known. `gains` are those of the wheels under parcels in the step before these.
     """
+
+    speeds_m_s: Floats
+    gains: Mapping[str, Gain] = MappingProxyType({})
 
     def __init__(
         self,
@@ -141,16 +147,6 @@ class OrderedTraffic(ABC, Generic[Ride]):
     @abstractmethod
     def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of all wheels (W,) [m/s] for the next cycle."""
-
-    @property
-    @abstractmethod
-    def speeds_m_s(self) -> Floats:
-        """How fast each wheel is to run under the references that were returned last, (W,)."""
-
-    @property
-    @abstractmethod
-    def gains(self) -> Mapping[str, Gain]:
-        """Gains of the wheels under parcels in the step before these, and their pushes."""
 
     # Orders --------------------------------------------------------------------------------------
 
@@ -399,7 +395,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     def _begin(self) -> None:
         """Set out on a plan that is ready, with all parcels that are as it was made for."""
-        before = self.plan
+        before = self._timetable.plan
         for order, route in self._dispatch.take():
             self._rides[order.parcel] = self._set_out(order, route)
             if isinstance(order.goal, Gate):
@@ -408,7 +404,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
             elif order.parcel in self._gone_out:
                 self._leaving.append((order.parcel, None))
                 self._gone_out.discard(order.parcel)
-        if self.plan is not before:
+        if self._timetable.plan is not before:
             self._again_s = self._now_s + _AGAIN_S
 
     def _ask(self, beliefs: Mapping[str, Belief]) -> None:

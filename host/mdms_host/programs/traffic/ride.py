@@ -121,26 +121,21 @@ class Ride:
     @property
     def progress_m(self) -> float:
         """The path coordinate that the parcel has come to, as is believed [m]."""
-        return self.follower.s_m - self._behind_m
+        return self.follower.reference.s_m - self._behind_m
 
     @property
     def at_rest(self) -> bool:
         """Whether it is commanded to stand."""
-        return self.follower.at_rest
+        return self.follower.reference.at_rest
 
     @property
     def off_path(self) -> bool:
         """Whether the parcel has left its way, or its goal, and is brought to rest."""
-        return self.follower.off_path or (self._is_asked and self._has_left_goal)
-
-    @property
-    def _is_asked(self) -> bool:
-        return self.order.kept or not self.order.done
-
-    @property
-    def _has_left_goal(self) -> bool:
-        controller = self.controller
-        return controller is not None and not controller.feels and self._behind_m > _ASTRAY_M
+        controller, is_asked = self.controller, self.order.kept or not self.order.done
+        has_left_goal = (
+            controller is not None and not controller.feels and self._behind_m > _ASTRAY_M
+        )
+        return self.follower.off_path or (is_asked and has_left_goal)
 
     @property
     def has_come(self) -> bool:
@@ -184,18 +179,20 @@ class Ride:
         if limit_m > self.route.length_m - _SAME_M:
             # The path that is followed goes on beyond the edge where the parcel leaves; elsewhere
             # it has the same length as the route, but for rounding.
-            limit_m = follower.path.length_m
+            limit_m = follower.profile.path.length_m
         carried = follower.step(belief, step_s, limit_m)
         self._look(belief)
-        if follower.at_rest:
+        if follower.reference.at_rest:
             # It waits until the way is free.
             self._standstill.clear()
         elif not follower.paused:
             left_m = follower.profile.path.length_m - self.progress_m
-            self.stands |= self._standstill.step(left_m, follower.speed_m_s, step_s)
-        length_m = follower.path.length_m
-        near = self.order.kept and limit_m >= length_m and follower.s_m > length_m - _LAST_M
-        if (follower.finished or near) and not self.stopping:
+            self.stands |= self._standstill.step(left_m, follower.reference.speed_m_s, step_s)
+        length_m = follower.profile.path.length_m
+        near = (
+            self.order.kept and limit_m >= length_m and follower.reference.s_m > length_m - _LAST_M
+        )
+        if (follower.reference.finished or near) and not self.stopping:
             self._come()
         return carried
 
@@ -220,8 +217,8 @@ class Ride:
 
     def _look(self, belief: Belief) -> None:
         """Find how far the parcel is from its reference; others wait for it until it has come."""
-        path = self.follower.path
-        off_m = path.distance_m(path.off(belief.pose, self.follower.s_m))
+        path = self.follower.profile.path
+        off_m = path.distance_m(path.off(belief.pose, self.follower.reference.s_m))
         self._behind_m = 0.0 if self.arrived else off_m
 
     def _come(self) -> None:

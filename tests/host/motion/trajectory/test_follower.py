@@ -27,8 +27,8 @@ def follower_of(path: Path, grip: Grip | None = None, mass_kg: float = 2.0) -> F
 def stop_m(follower: Follower) -> float:
     """Before this path coordinate the parcel cannot stop any more."""
     least_m_s2 = follower.profile.acceleration_m_s2.min()
-    stop_m = follower.s_m + follower.speed_m_s**2 / 2 / least_m_s2
-    return min(stop_m, follower.profile.stop_after(follower.s_m))
+    stop_m = follower.reference.s_m + follower.reference.speed_m_s**2 / 2 / least_m_s2
+    return min(stop_m, follower.profile.stop_after(follower.reference.s_m))
 
 
 def at_m(path: Path, table: Table) -> float:
@@ -41,7 +41,7 @@ def at_m(path: Path, table: Table) -> float:
 def test_a_parcel_keeps_to_its_path_and_its_time(path: Path, friction: float) -> None:
     follower, table = follower_of(path), Table(path.start, friction=friction)
     worst_m = time_s = 0.0
-    while not follower.finished:
+    while not follower.reference.finished:
         table.step(follower.step)
         worst_m = max(worst_m, path.distance_m(path.off(table.pose, at_m(path, table))))
         time_s += STEP_S
@@ -68,7 +68,7 @@ def test_a_parcel_never_passes_its_authority_however_that_is_extended(seed: int)
             # An authority before which the parcel cannot stop any more is not taken back.
             authority_m = max(stop_m(follower), authority_m - random.uniform(0.0, 0.1))
         table.step(partial(follower.step, authority_s_m=authority_m))
-        assert follower.s_m <= authority_m + 1e-4
+        assert follower.reference.s_m <= authority_m + 1e-4
         assert at_m(CORNERED, table) <= authority_m + 0.003
     assert table.slipping <= 0.02 * table.carrying
 
@@ -78,19 +78,19 @@ def test_without_any_authority_a_parcel_stands() -> None:
     for _ in range(50):
         table.step(partial(follower.step, authority_s_m=0.0))
     np.testing.assert_allclose(table.pose, STRAIGHT.start, atol=1e-4)
-    assert follower.at_rest
-    assert not follower.finished
+    assert follower.reference.at_rest
+    assert not follower.reference.finished
 
 
 def test_an_authority_that_is_withdrawn_too_late_is_overrun_braking() -> None:
     follower, table = follower_of(STRAIGHT), Table(STRAIGHT.start)
     for _ in range(40):
         table.step(follower.step)
-    withdrawn_m, committed_m = follower.s_m + 0.001, stop_m(follower)
+    withdrawn_m, committed_m = follower.reference.s_m + 0.001, stop_m(follower)
     for _ in range(80):
         table.step(partial(follower.step, authority_s_m=withdrawn_m))
-    assert follower.at_rest
-    assert withdrawn_m < follower.s_m <= committed_m + 0.002
+    assert follower.reference.at_rest
+    assert withdrawn_m < follower.reference.s_m <= committed_m + 0.002
     assert abs(table.twist).max() < 0.005
 
 
@@ -98,7 +98,7 @@ def test_a_parcel_that_is_held_for_a_while_goes_on_from_where_it_is() -> None:
     follower, table = follower_of(STRAIGHT), Table(STRAIGHT.start)
     for _ in range(30):
         table.step(follower.step)
-    ahead_m = follower.s_m
+    ahead_m = follower.reference.s_m
     held = Table(STRAIGHT.pose_at(ahead_m - 0.05))
     for _ in range(300):
         held.step(follower.step)
@@ -111,8 +111,8 @@ def test_a_parcel_that_cannot_move_is_not_run_ahead_of() -> None:
     for _ in range(80):
         blocked = Table(STRAIGHT.start)
         blocked.step(follower.step)
-        assert follower.s_m < 0.02
-        assert follower.speed_m_s < 0.2
+        assert follower.reference.s_m < 0.02
+        assert follower.reference.speed_m_s < 0.2
     assert table.pose[0] == STRAIGHT.start[0]
 
 
@@ -124,7 +124,7 @@ def test_a_parcel_beside_its_path_is_brought_to_rest_and_reported() -> None:
     for _ in range(50):
         pushed.step(follower.step)
     assert follower.off_path
-    assert follower.at_rest
+    assert follower.reference.at_rest
     assert pushed.pose[1] == pytest.approx(0.03, abs=0.004)
 
 
@@ -135,9 +135,9 @@ def test_a_paused_parcel_comes_to_rest_on_its_path_and_goes_on() -> None:
     follower.paused = True
     for _ in range(60):
         table.step(follower.step)
-    assert follower.at_rest
+    assert follower.reference.at_rest
     assert abs(table.twist).max() < 0.005
-    assert STRAIGHT.distance_m(STRAIGHT.off(table.pose, follower.s_m)) < 0.005
+    assert STRAIGHT.distance_m(STRAIGHT.off(table.pose, follower.reference.s_m)) < 0.005
     follower.paused = False
     for _ in range(150):
         table.step(follower.step)
