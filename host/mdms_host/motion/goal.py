@@ -139,15 +139,12 @@ class GoalController:
     def _still(self) -> bool:
         return self.paused or self.arrived
 
-    def _put_elsewhere(self) -> None:
-        """Forget the slip, which may have been the parcel's leaving; its way begins anew."""
-        self.grip = Grip()
-        self.leg += 1
-
     def step(self, belief: Belief, step_s: float) -> Carried | None:
         """The motion of the parcel's wheels in the next step; None: stand still."""
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
-            self._put_elsewhere()
+            # The slip may have been the parcel's leaving; its way begins anew.
+            self.grip = Grip()
+            self.leg += 1
         self._pose = belief.pose
         off = self._target(belief.pose) - belief.pose
         self._left_m = self._left_along_m(off, belief)

@@ -314,18 +314,16 @@ class TableProgram:
         there = self._gone.union(parcel.name for parcel in self.table.parcels)
         for name, belief in beliefs.items():
             if belief.named and name not in self._members and self._register is not None:
-                self._take_named(self._register.parcels[name])
+                # A person has given a name to an unknown thing.
+                parcel = self._register.parcels[name]
+                self._know(parcel, uniform_mass(parcel.footprint), "", comes=False)
             member = self._members.get(name)
             if member is not None and name not in there:
                 size = member.length_m, member.width_m, member.shape
-                parcel = TableParcel(name, member.kind, *size)
                 lay_there = self._register is not None and self._register.lay_there(name)
-                self.driver.put(parcel, arrives=not member.lies, lay_there=lay_there)
+                come = TableParcel(name, member.kind, *size)
+                self.driver.put(come, arrives=not member.lies, lay_there=lay_there)
         self.driver.see(beliefs)
-
-    def _take_named(self, parcel: Parcel) -> None:
-        """A person has given a name to an unknown thing."""
-        self._know(parcel, uniform_mass(parcel.footprint), "", comes=False)
 
     def _go_on(self, step_s: float) -> None:
         try:

@@ -154,7 +154,7 @@ class Attempt:
                 elif aside is Aside.EARLY:
                     self._made_way([other for other in waiting if other not in found], [name])
             waiting = [name for name in waiting if name not in found]
-            if not self._anybody_aside():
+            if all(problem.so_far is None for problem in self._problems.values()):
                 unaided = dict(found)
             stuck = len(found) == before
             if stuck and not self._made_way(waiting, waiting) and not self._both_aside(waiting):
@@ -162,9 +162,6 @@ class Attempt:
         if any(self._problems[name].so_far is not None for name in waiting):
             return unaided
         return found
-
-    def _anybody_aside(self) -> bool:
-        return any(problem.so_far is not None for problem in self._problems.values())
 
     def _planned(self, name: str, problem: PlanningProblem) -> Route | None:
         """The route of one parcel, which then takes its tiles; None: it stays where it stood."""

@@ -34,7 +34,7 @@ from mdms_host.routes.planning_problem import (
     own_ends,
     turned_rad,
 )
-from mdms_host.routes.reservations import Authority, Reservations
+from mdms_host.routes.reservations import Reservations
 from mdms_host.routes.route import Pace, Route, TrapezoidPace
 from mdms_host.routes.support import Shape, ShapeSupport
 from mdms_host.routes.well_formed import OrderSearch, stuck
@@ -60,7 +60,6 @@ class RoutePlan:
     order: tuple[str, ...]
     """The parcels with routes, in the order in which they were planned."""
     reservations: Reservations
-    authority: Authority
     beside: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict)
     """By parcel the places of those, no part of it, beside which its route begins or ends."""
 
@@ -150,8 +149,8 @@ class Planner:
         kept.
 
         A parcel may stay where a kept route was to pass after it, because it is blocked or has no
-        goal any more. Then the parcel of that route is held (`Authority.held`): it is to be stopped
-        and planned anew.
+        goal any more. Then the parcel of that route is held (`Reservations.held`): it is to be
+        stopped and planned anew.
         """
         closed = self._nothing() if closed is None else closed
         named = {task.parcel for task in tasks}
@@ -187,8 +186,7 @@ class Planner:
             for name in _moving(problems)
             if name not in best
         }
-        reservations = Reservations(routes)
-        return RoutePlan(routes, blocked, (*kept, *best), reservations, Authority(reservations))
+        return RoutePlan(routes, blocked, (*kept, *best), Reservations(routes))
 
     def _orders(
         self,
@@ -338,4 +336,4 @@ def compile_planner() -> None:
     start, goal = np.array([-0.05, 0.0, 0.0]), np.array([0.05, 0.0, 0.3])
     task = RouteTask("box", Shape(Rectangle(0.28, 0.28)), start, goal)
     plan = Planner(Tiles(Layout(6, 6))).plan([task])
-    plan.authority.limits_m({"box": 0.0})
+    plan.reservations.limits_m({"box": 0.0})

@@ -42,6 +42,11 @@ class Reservations:
     The order is acyclic: of two visits of a tile the former ends before the latter begins, by the
     plan's times, and along each route times rise too. So among the moves that are not yet made the
     one planned first never waits for another of them, whichever parcel is late.
+
+    No parcel enters a tile before those ahead have left it: that is its movement authority. A
+    follower is expected to come to rest before the path coordinate that it is given, at poses of
+    its route within `REST_M`. It rests before that by no more than the way that it makes from rest
+    in the plan's `gap_s`.
     """
 
     routes: Mapping[str, Route]
@@ -79,6 +84,37 @@ class Reservations:
         for parcel, other, before_m, left_m in rows.tolist():
             waits[names[int(parcel)]].append(Wait(before_m, names[int(other)], left_m))
         return {name: tuple(sorted(own)) for name, own in waits.items()}
+
+    def limits_m(self, progress_m: Mapping[str, float]) -> dict[str, float]:
+        """The path coordinate up to which each way is free [m]; the route's end for all of it.
+
+        `progress_m` is the path coordinate at which each parcel is believed to be. A parcel that is
+        left out is no longer on the table.
+        """
+        limits_m: dict[str, float] = {}
+        for name in progress_m.keys() & self.routes.keys():
+            limit_m = self.routes[name].length_m
+            for before_m, other, leaves_m in self.waits[name]:
+                if before_m >= limit_m:
+                    break
+                if progress_m.get(other, inf) < leaves_m:
+                    limit_m = before_m
+            limits_m[name] = limit_m
+        return limits_m
+
+    def held(self, progress_m: Mapping[str, float], still: Collection[str]) -> frozenset[str]:
+        """The parcels that never come to the end of their routes while those of `still` stay.
+
+        They wait for these, or for another parcel that does. Parcels of `still` are not among them.
+        """
+        come_m, before_m = dict(progress_m), None
+        while come_m != before_m:
+            before_m = dict(come_m)
+            limits_m = self.limits_m(come_m)
+            for name in limits_m.keys() - still:
+                come_m[name] = max(come_m[name], limits_m[name])
+        going = come_m.keys() & self.routes.keys() - set(still)
+        return frozenset(name for name in going if come_m[name] < self.routes[name].length_m)
 
 
 def _left_m(route: Route) -> Floats:
@@ -121,47 +157,3 @@ def stairs(owners: int, tile: Ints, owner: Ints, enters_m: Floats, leaves_m: Flo
                 rows[row, 2], rows[row, 3] = enters_m[later], leaves_m[former]
             former -= 1
     return rows[:count]
-
-
-@dataclass(frozen=True)
-class Authority:
-    """Movement authorities by the order over tiles: no parcel enters one before those ahead left.
-
-    A follower is expected to come to rest before the path coordinate that it is given, at poses of
-    its route within `reservations.REST_M`. It rests before that by no more than the way that it
-    makes from rest in the plan's `gap_s`.
-    """
-
-    reservations: Reservations
-
-    def limits_m(self, progress_m: Mapping[str, float]) -> dict[str, float]:
-        """The path coordinate up to which each way is free [m]; the route's end for all of it.
-
-        `progress_m` is the path coordinate at which each parcel is believed to be. A parcel that is
-        left out is no longer on the table.
-        """
-        limits_m: dict[str, float] = {}
-        for name in progress_m.keys() & self.reservations.routes.keys():
-            limit_m = self.reservations.routes[name].length_m
-            for before_m, other, leaves_m in self.reservations.waits[name]:
-                if before_m >= limit_m:
-                    break
-                if progress_m.get(other, inf) < leaves_m:
-                    limit_m = before_m
-            limits_m[name] = limit_m
-        return limits_m
-
-    def held(self, progress_m: Mapping[str, float], still: Collection[str]) -> frozenset[str]:
-        """The parcels that never come to the end of their routes while those of `still` stay.
-
-        They wait for these, or for another parcel that does. Parcels of `still` are not among them.
-        """
-        routes = self.reservations.routes
-        come_m, before_m = dict(progress_m), None
-        while come_m != before_m:
-            before_m = dict(come_m)
-            limits_m = self.limits_m(come_m)
-            for name in limits_m.keys() - still:
-                come_m[name] = max(come_m[name], limits_m[name])
-        going = come_m.keys() & routes.keys() - set(still)
-        return frozenset(name for name in going if come_m[name] < routes[name].length_m)

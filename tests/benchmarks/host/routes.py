@@ -71,7 +71,7 @@ def try_one(table: Table, seed: int, count: Count) -> None:
 
 def held(plan: RoutePlan) -> frozenset[str]:
     """Parcels that never arrive from the begin of their routes while all keep to the tile order."""
-    return plan.authority.held(begun_m(plan), ())
+    return plan.reservations.held(begun_m(plan), ())
 
 
 def begun_m(plan: RoutePlan) -> dict[str, float]:

@@ -50,7 +50,7 @@ def test_all_arrive_and_no_tile_has_two_however_late_anybody_is(plan: RoutePlan,
     routes = plan.routes
     progress_m = dict.fromkeys(routes, 0.0)
     for _ in range(5000):
-        limits_m = plan.authority.limits_m(progress_m)
+        limits_m = plan.reservations.limits_m(progress_m)
         moved = False
         for name in random.permutation(list(routes)).tolist():
             # It stops before its limit, and at the poses of its route, a little too early.
@@ -70,8 +70,8 @@ def test_all_arrive_and_no_tile_has_two_however_late_anybody_is(plan: RoutePlan,
 def test_a_parcel_that_is_gone_keeps_nobody_waiting(plan: RoutePlan) -> None:
     last = plan.order[-1]
     length_m = plan.routes[last].length_m
-    assert plan.authority.limits_m(dict.fromkeys(plan.routes, 0.0))[last] < length_m
-    assert plan.authority.limits_m({last: 0.0}) == {last: length_m}
+    assert plan.reservations.limits_m(dict.fromkeys(plan.routes, 0.0))[last] < length_m
+    assert plan.reservations.limits_m({last: 0.0}) == {last: length_m}
 
 
 def assert_one_a_tile(plan: RoutePlan, progress_m: dict[str, float]) -> None:

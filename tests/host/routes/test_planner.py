@@ -29,7 +29,7 @@ def test_a_parcel_alone_goes_straight_and_turns_on_its_way(planner: Planner) -> 
     route = plan.routes["a"]
     assert np.allclose(route.poses, [[-0.35, -0.15, 0.0], [0.3, 0.1, 1.5]])
     assert route.begins_s[0] == 5.0
-    assert plan.authority.limits_m({"a": 0.0}) == {"a": route.length_m}
+    assert plan.reservations.limits_m({"a": 0.0}) == {"a": route.length_m}
 
 
 def test_two_parcels_that_change_sides_wait_for_each_other(planner: Planner) -> None:
@@ -41,11 +41,11 @@ def test_two_parcels_that_change_sides_wait_for_each_other(planner: Planner) -> 
     assert not plan.blocked
     assert all(np.allclose(plan.routes[t.parcel].poses[-1], t.goal) for t in tasks)
     first, second = plan.order
-    limits_m = plan.authority.limits_m({"a": 0.0, "b": 0.0})
+    limits_m = plan.reservations.limits_m({"a": 0.0, "b": 0.0})
     assert limits_m[first] > 0.0
     assert limits_m[second] < plan.routes[second].length_m
     done_m = {first: plan.routes[first].length_m, second: 0.0}
-    assert plan.authority.limits_m(done_m)[second] == plan.routes[second].length_m
+    assert plan.reservations.limits_m(done_m)[second] == plan.routes[second].length_m
 
 
 def test_parcels_in_one_row_that_cannot_pass_are_refused_by_name() -> None:

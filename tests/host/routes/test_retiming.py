@@ -98,7 +98,7 @@ def test_the_parcel_that_was_to_pass_first_finds_a_way_again_before_others_close
 
 
 def held(plan):
-    return plan.authority.held(dict.fromkeys(plan.routes, 0.0), plan.routes.keys() - plan.order)
+    return plan.reservations.held(dict.fromkeys(plan.routes, 0.0), plan.routes.keys() - plan.order)
 
 
 def crossing() -> list:

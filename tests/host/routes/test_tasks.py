@@ -45,7 +45,7 @@ def test_a_leaving_parcel_is_in_nobodys_way_at_its_goal(planner: Planner) -> Non
     for former, later in both:
         assert (former.parcel, later.parcel) == ("a", "b")
         assert former.leaves_s < later.enters_s
-    assert plan.authority.limits_m({"b": 0.0}) == {"b": plan.routes["b"].length_m}
+    assert plan.reservations.limits_m({"b": 0.0}) == {"b": plan.routes["b"].length_m}
 
 
 def test_closed_cells_are_not_crossed_and_may_cut_the_table(planner: Planner) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdms_host.estimation.pose.estimator import ParcelEstimator
-from mdms_host.estimation.presence import Near
 from mdms_model.arrays import Bools, Floats
 
 #: Wheels this far from the fit are taken to slip.
@@ -93,16 +92,17 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
         if speeds.known is not None:
             under = under & speeds.known[near.wheels]
             shown = int(under.sum())
+        wheels = near.wheels[under]
         if around.count and not shown:
             one.roll(now_s, None)
-        elif not around.count or _all_stand(speeds, near, under):
+        elif not shown or (speeds.standing is not None and speeds.standing[wheels].all()):
             one.roll(now_s, np.zeros(3))
         else:
             # Columns in metres per second alike.
             jacobian = near.surface_jacobian(pose)[under] * one.corner_m
             missing = shown < around.count
             kept = one.kept_twist(now_s, missing=missing) / one.corner_m
-            moving.append((one, jacobian, speeds.speed_m_s[near.wheels[under]], kept))
+            moving.append((one, jacobian, speeds.speed_m_s[wheels], kept))
     if not moving:
         return
     # A motion that no wheel shows comes out as zero, on top of what is kept.
@@ -113,7 +113,3 @@ def roll_on(estimators: Iterable[ParcelEstimator], now_s: float, speeds: Speeds)
     )
     for (one, _, _, kept), twist in zip(moving, twists, strict=True):
         one.roll(now_s, (kept + twist) * one.corner_m)
-
-
-def _all_stand(speeds: Speeds, near: Near, under: Bools) -> bool:
-    return speeds.standing is not None and bool(speeds.standing[near.wheels[under]].all())

@@ -342,7 +342,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
         self._orders_due_s = self._now_s + _ORDERS_S
         come_m = {name: ride.progress_m for name, ride in self._rides.items()}
         until_m = {name: ride.given_m for name, ride in self._rides.items()}
-        reservations = self.plan.authority.reservations
+        reservations = self.plan.reservations
         self._cells.set_orders(orders_over_cells(reservations, self._tiles, come_m, until_m))
 
     def _set_out(self, order: Order, route: Route) -> Legs:

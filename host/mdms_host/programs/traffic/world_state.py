@@ -73,7 +73,7 @@ class Timetable:
 
     def limits_m(self, there: Iterable[str]) -> dict[str, float]:
         """How far each may go, of those that are on the table."""
-        return {} if self.plan is None else self.plan.authority.limits_m(self._come_m(there))
+        return {} if self.plan is None else self.plan.reservations.limits_m(self._come_m(there))
 
     def held(
         self, there: Iterable[str], riding: Collection[str], going: Collection[str]
@@ -84,7 +84,7 @@ class Timetable:
         come_m = self._come_m(there)
         by = frozenset(riding), frozenset(come_m.keys() - {*riding, *going})
         if by != self._held_by:
-            self._held, self._held_by = self.plan.authority.held(come_m, by[1]), by
+            self._held, self._held_by = self.plan.reservations.held(come_m, by[1]), by
         return self._held
 
     def _come_m(self, there: Iterable[str]) -> Mapping[str, float]:

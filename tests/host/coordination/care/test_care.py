@@ -8,7 +8,7 @@ import pytest
 from tests.host.cells_link import CellsLink
 
 from mdms_host.can_link.link import drive
-from mdms_host.coordination.control_cycle import Watch
+from mdms_host.coordination.control_cycle import Following
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.coordination.run_state import HELD, Phase
@@ -245,7 +245,7 @@ def test_a_hold_lets_a_program_brake_its_parcels_but_not_for_ever() -> None:
 
 def test_a_cell_that_is_back_within_a_hold_is_not_driven_in_it(monkeypatch) -> None:
     # The wheels of this link never turn, and those that stand are not driven either.
-    monkeypatch.setattr(Watch, "standing", np.zeros(6, dtype=bool))
+    monkeypatch.setattr(Following, "step", lambda *_: [])
     run = Run(program=Steering(2.0))
     restart(run)
     run.until_held()
