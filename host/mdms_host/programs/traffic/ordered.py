@@ -60,8 +60,9 @@ def planner_of(
 
 #: A parcel that is not found for so long is lost to its order [s].
 _LOST_S = 6.0
-#: Nothing has moved for so long when a way that is blocked for good is given up [s], and one before
-#: which something lies that may go away: a parcel, or something unknown.
+#: A parcel that has no way for so long, even if all others went, is refused one [s]. Nothing has
+#: moved for so long when a way is given up before which something lies that may go away: a parcel,
+#: or something unknown.
 _IDLE_S = 1.0
 _PATIENCE_S = 5.0
 _UNKNOWN_S = 60.0
@@ -128,6 +129,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._rides: dict[str, Ride] = {}
         self._again_s = 0.0
         self._moved_s = 0.0
+        #: Since when parcels have had no way that nothing which moves can open [s].
+        self._hopeless_s: dict[str, float] = {}
         #: Parcels that were reported to wait, and those that have not got on.
         self._waiting: set[str] = set()
         self._stood: dict[str, _Stood] = {}
@@ -424,14 +427,28 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._dispatch.ask(wanting, riding_m, self._now_s)
 
     def _give_up(self, wanting: Collection[str]) -> bool:
-        """Refuse those without a way that have waited long enough, if none has one; whether any."""
+        """Refuse those without a way that have waited long enough; whether any.
+
+        Those that something bars wait for all others to stand.
+        """
         blocked, idle_s = self._dispatch.blocked, self._now_s - self._moved_s
         self._waiting &= blocked.keys()
-        if not blocked.keys() >= set(wanting) or idle_s <= _IDLE_S:
-            return False
-        over = [name for name, one in blocked.items() if idle_s > _patience_s(one)]
+        self._hopeless_s = {
+            name: self._hopeless_s.get(name, self._now_s)
+            for name, one in blocked.items()
+            if not one.may_pass
+        }
+        all_stand = blocked.keys() >= set(wanting) and idle_s > _IDLE_S
+        over = [
+            name
+            for name, one in blocked.items()
+            if (all_stand and idle_s > _patience_s(one))
+            or self._now_s > self._hopeless_s.get(name, inf) + _IDLE_S
+        ]
         for name in over:
             self._refuse(name, blocked.pop(name).text)
+        if not all_stand:
+            return bool(over)
         for name in blocked.keys() - self._waiting:
             limit_s, text = _patience_s(blocked[name]), blocked[name].text
             self._notices.append(f"{name} waits, for {limit_s:g} s at most: {text}")

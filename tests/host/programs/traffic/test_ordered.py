@@ -177,6 +177,27 @@ def test_where_there_is_no_way_that_is_said_before_anything_moves():
     assert np.array_equal(table.pose("box"), start)
 
 
+def test_where_there_is_no_way_even_if_others_move_that_is_said_while_they_do():
+    refused = []
+
+    async def to_and_fro(table):
+        while True:
+            for x_m in (-0.1, -0.3):
+                await table["box"].move(x_m, -0.2)
+
+    async def main(table):
+        table.start(to_and_fro(table))
+        try:
+            await table["disc"].move(0.0, 0.9)
+        except ProgramError as error:
+            refused.append(str(error))
+
+    table = Rolling("swap2", "parcel.0.x_m=-0.3", "parcel.0.y_m=-0.2", main=main)
+    table.run(2.0)
+    assert len(refused) == 1
+    assert "'disc' has no way" in refused[0]
+
+
 def test_ways_lead_around_lost_cells_where_they_can_and_over_them_where_they_must():
     table = two_boxes("parcel.1.y_m=-0.23", main=go_east)
     table.lose(23)
