@@ -54,11 +54,13 @@ class Footprint(Protocol):
 
     def nearest_yaw_rad(self, yaw_rad: float, hint_rad: float) -> float:
         """The yaw that looks the same and is nearest to the hint [rad]."""
-        ...
+        return yaw_rad - self.period_rad * round((yaw_rad - hint_rad) / self.period_rad)
 
     def yaws_rad(self, hint_rad: float, step_rad: float) -> Floats:
         """Yaws that all look different, about the hint and some `step_rad` apart [rad], (Y,)."""
-        ...
+        steps = round(self.period_rad / step_rad)
+        yaws_rad: Floats = hint_rad + self.period_rad * (np.arange(steps) / steps - 0.5)
+        return yaws_rad
 
     def hidden(self, own_m: Floats, shown: Floats, along_m: Floats, across_m: Floats) -> Floats:
         """Sum of `shown` (S,) over the points inside, for each centre of a grid, shape (A, B).
@@ -154,7 +156,7 @@ _CORNERS = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 
 @dataclass(frozen=True)
-class Rectangle:
+class Rectangle(Footprint):
     """The bottom of a parcel: `length_m` along its own x, `width_m` along its own y.
 
     A pose is (x, y, yaw) of its centre [m, m, rad; table frame], shape (..., 3).
@@ -204,16 +206,6 @@ class Rectangle:
             return over_m, copysign(1.0, along_m) * np.array([-cosine, -sine, across_m])
         return beside_m, copysign(1.0, across_m) * np.array([sine, -cosine, -along_m])
 
-    def nearest_yaw_rad(self, yaw_rad: float, hint_rad: float) -> float:
-        """The yaw that looks the same and is nearest to the hint [rad]."""
-        return yaw_rad - self.period_rad * round((yaw_rad - hint_rad) / self.period_rad)
-
-    def yaws_rad(self, hint_rad: float, step_rad: float) -> Floats:
-        """Yaws that all look different, about the hint and some `step_rad` apart [rad], (Y,)."""
-        steps = round(self.period_rad / step_rad)
-        yaws_rad: Floats = hint_rad + self.period_rad * (np.arange(steps) / steps - 0.5)
-        return yaws_rad
-
     def hidden(self, own_m: Floats, shown: Floats, along_m: Floats, across_m: Floats) -> Floats:
         """Sum of `shown` over the points inside, for each centre of a grid, shape (A, B).
 
@@ -237,7 +229,7 @@ _SPARE_M = 0.02
 
 
 @dataclass(frozen=True)
-class Polygon:
+class Polygon(Footprint):
     """The bottom of a parcel with these corners, counter-clockwise, in its own frame [m].
 
     Its centre is the frame's origin, which need not be the middle of the corners.
@@ -300,16 +292,6 @@ class Polygon:
             ]
         )
         return float(over_m[nearest]), slope
-
-    def nearest_yaw_rad(self, yaw_rad: float, hint_rad: float) -> float:
-        """The yaw that looks the same and is nearest to the hint [rad]."""
-        return yaw_rad - self.period_rad * round((yaw_rad - hint_rad) / self.period_rad)
-
-    def yaws_rad(self, hint_rad: float, step_rad: float) -> Floats:
-        """Yaws that all look different, about the hint and some `step_rad` apart [rad], (Y,)."""
-        steps = round(self.period_rad / step_rad)
-        yaws_rad: Floats = hint_rad + self.period_rad * (np.arange(steps) / steps - 0.5)
-        return yaws_rad
 
     def hidden(self, own_m: Floats, shown: Floats, along_m: Floats, across_m: Floats) -> Floats:
         """Sum of `shown` over the points inside, for each centre of a grid, shape (A, B)."""

@@ -7,6 +7,7 @@ import numpy as np
 from mdms_host.estimation.belief import BeliefChange, BeliefEvent
 from mdms_host.estimation.footprint import Footprint
 from mdms_host.estimation.locating import Location, locate_in_steps
+from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
 from mdms_host.estimation.tracker import Parcel, Tracker
 from mdms_host.layout import Layout, WheelPlace
 from mdms_model.arrays import Bools, Floats
@@ -23,6 +24,19 @@ def locate(*question: object, **more: object) -> Location | None:
             next(search)
         except StopIteration as end:
             return end.value
+
+
+def agree(estimator: ParcelEstimator, now_s: float, covered: Bools) -> None:
+    """Have an estimator agree with these sensors (S,), all its own and just reported."""
+    view = estimator.view(now_s)
+    assert view is not None
+    sensors = view.near.sensors
+    mine, silent_s = np.ones(len(sensors), dtype=bool), np.zeros(len(sensors))
+    estimator.agree(
+        now_s,
+        view,
+        Shown(view.near.sensors // 5, covered[sensors], mine, silent_s, silent_s, ~mine),
+    )
 
 
 class Lying:

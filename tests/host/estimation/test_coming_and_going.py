@@ -528,16 +528,24 @@ def test_a_cell_whose_reports_get_lost_for_a_moment_takes_no_parcel_away(cell) -
     assert table.events() == [("box", BeliefEvent.FOUND)]
 
 
-def test_another_kind_is_not_found_in_the_place_of_one_that_is_doubtful_and_still_moves() -> None:
-    large, medium = Parcel("large", 0.40, 0.30), Parcel("medium", 0.36, 0.30)
+LARGE = Parcel("large", 0.40, 0.30)
+
+
+def with_large(other: Parcel, *twist: float) -> Lying:
+    """A large parcel has come where another one may come, too, and goes on."""
     table = Lying(LAYOUT)
-    for parcel in (large, medium):
+    for parcel in (LARGE, other):
         table.tracker.announce(parcel, INFEED)
-    table.put("large", large.footprint, -0.35, 0.0, 0.0)
+    table.put("large", LARGE.footprint, -0.35, 0.0, 0.0)
     table.run(0.3)
-    table.run(0.2, {"large": (0.3, -0.1, 0.0)})
+    table.run(0.2, {"large": twist})
+    return table
+
+
+def test_another_kind_is_not_found_in_the_place_of_one_that_is_doubtful_and_still_moves() -> None:
+    table = with_large(Parcel("medium", 0.36, 0.30), 0.3, -0.1, 0.0)
     x_m, y_m, _ = table.things["large"][1]
-    table.put("large", large.footprint, x_m - 0.05, y_m, 0.0)
+    table.put("large", LARGE.footprint, x_m - 0.05, y_m, 0.0)
     table.run(0.3, {"large": (0.006, 0.0, 0.0)})
     table.run(0.3)
     assert table.events() == [
@@ -549,15 +557,10 @@ def test_another_kind_is_not_found_in_the_place_of_one_that_is_doubtful_and_stil
 
 @pytest.mark.parametrize("cells", [(19, 29), (20, 29), (29, 30), (29, 37)])
 def test_nothing_is_found_where_cells_have_not_yet_told_that_a_parcel_has_gone_on(cells) -> None:
-    large, small = Parcel("large", 0.40, 0.30), Parcel("small", 0.28, 0.28)
-    table, twist = Lying(LAYOUT), {"large": (0.35, -0.25, 0.0)}
-    for parcel in (large, small):
-        table.tracker.announce(parcel, INFEED)
-    table.put("large", large.footprint, -0.35, 0.0, 0.0)
-    table.run(0.3)
-    table.run(0.2, twist)
+    twist = 0.35, -0.25, 0.0
+    table = with_large(Parcel("small", 0.28, 0.28), *twist)
     lose_reports(table, *cells)
-    table.run(0.3, twist)
+    table.run(0.3, {"large": twist})
     assert table.events() == [("large", BeliefEvent.FOUND)]
 
 
@@ -608,15 +611,9 @@ def test_a_newcomer_and_a_displaced_parcel_beside_it_are_told_apart() -> None:
 
 
 def test_a_newcomer_is_not_found_where_a_parcel_is_though_something_sticks_out_beside_it() -> None:
-    large, medium = Parcel("large", 0.40, 0.30), Parcel("medium", 0.36, 0.30)
-    table = Lying(LAYOUT)
-    for parcel in (large, medium):
-        table.tracker.announce(parcel, INFEED)
-    table.put("large", large.footprint, -0.35, 0.0, 0.0)
-    table.run(0.3)
-    table.run(0.2, {"large": (0.3, -0.1, 0.0)})
+    table = with_large(Parcel("medium", 0.36, 0.30), 0.3, -0.1, 0.0)
     x_m, y_m, _ = table.things["large"][1]
-    table.put("large", large.footprint, x_m - 0.03, y_m, 0.0)
+    table.put("large", LARGE.footprint, x_m - 0.03, y_m, 0.0)
     table.run(0.6)
     assert {name for name, _ in table.events()} == {"large"}
 

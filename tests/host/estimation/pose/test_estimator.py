@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.host.estimation.lying import locate
+from tests.host.estimation.lying import agree, locate
 
 from mdms_host.estimation.belief import Standing
 from mdms_host.estimation.footprint import Rectangle
@@ -26,18 +26,6 @@ def resting_at(*pose: float) -> ParcelEstimator:
     assert found is not None
     estimator.start(0.0, found)
     return estimator
-
-
-def agree(estimator: ParcelEstimator, now_s: float, covered: np.ndarray) -> None:
-    view = estimator.view(now_s)
-    assert view is not None
-    sensors = view.near.sensors
-    mine, silent_s = np.ones(len(sensors), dtype=bool), np.zeros(len(sensors))
-    estimator.agree(
-        now_s,
-        view,
-        Shown(view.near.sensors // 5, covered[sensors], mine, silent_s, silent_s, ~mine),
-    )
 
 
 def carry(

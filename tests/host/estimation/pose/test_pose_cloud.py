@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from tests.host.estimation.lying import locate
+from tests.host.estimation.lying import agree, locate
 
 from mdms_host.estimation.footprint import Disc, Rectangle
-from mdms_host.estimation.pose.estimator import ParcelEstimator, Shown
+from mdms_host.estimation.pose.estimator import ParcelEstimator
 from mdms_host.estimation.pose.pose_cloud import PoseCloud
 from mdms_host.estimation.pose.rolling import Speeds, roll_on
 from mdms_host.estimation.presence import Surroundings
@@ -36,15 +36,7 @@ def after_three_edges(seed: int) -> list[np.ndarray]:
             edges += 1
             estimator.edge(now_s, SENSORS_M[sensor], bool(now[sensor]))
         covered = now
-        view = estimator.view(now_s)
-        assert view is not None
-        sensors = view.near.sensors
-        mine, silent_s = np.ones(len(sensors), dtype=bool), np.zeros(len(sensors))
-        estimator.agree(
-            now_s,
-            view,
-            Shown(view.near.sensors // 5, covered[sensors], mine, silent_s, silent_s, ~mine),
-        )
+        agree(estimator, now_s, covered)
         if edges >= 3:
             assert estimator.pose is not None
             off.append(estimator.pose - pose)
