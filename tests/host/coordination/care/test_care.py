@@ -8,10 +8,12 @@ import pytest
 from tests.host.cells_link import CellsLink
 
 from mdms_host.can_link.link import drive
+from mdms_host.coordination import recovery
 from mdms_host.coordination.control_cycle import Following
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.recovery import OnLostCell, Policy
 from mdms_host.coordination.run_state import HELD, Phase
+from mdms_host.estimation.tracker import Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_model.arrays import Floats
@@ -199,6 +201,32 @@ def test_trouble_that_comes_too_often_is_the_end_and_says_so() -> None:
     assert run.coordinator.fault.endswith("; held 1 times in a minute before")
 
 
+def test_trouble_of_more_than_a_minute_ago_does_not_count(monkeypatch) -> None:
+    monkeypatch.setattr(recovery, "_COUNTED_S", 1.0)
+    run = Run(Policy(pauses=1))
+    for _ in range(2):
+        restart(run)
+        run.until_held()
+        run.until_running()
+        run.pass_s(1.0)
+    assert run.coordinator.pauses == 2
+
+
+def test_parcels_stay_held_until_sensors_have_shown_all_of_them_again(monkeypatch) -> None:
+    run, doubtful, counts_in = Run(), {"box"}, []
+    monkeypatch.setattr(Tracker, "doubtful", property(lambda _: doubtful))
+    monkeypatch.setattr(Tracker, "look_again", lambda *_: counts_in.append(run.coordinator.phase))
+    restart(run)
+    run.until(lambda: "cell 2 (node 2) is back" in run.texts())
+    run.pass_s(1.0)
+    assert run.coordinator.phase == Phase.RECOVERING
+    assert counts_in[0] == Phase.RECOVERING
+    doubtful.clear()
+    found_s = run.link.now_s()
+    run.until_running()
+    assert run.link.now_s() - found_s > 0.19
+
+
 def test_a_cell_that_does_not_come_back_in_time_ends_the_run() -> None:
     run = Run(Policy(pause_s=0.6))
     run.link.power_off(1)
@@ -291,6 +319,20 @@ def test_go_on_holds_all_parcels_where_most_cells_are_out() -> None:
     assert run.coordinator.pauses == 1
 
 
+def test_a_hold_waits_for_a_cell_that_fell_out_just_before_as_well() -> None:
+    run = Run(GO_ON)
+    run.link.cut = {1}
+    run.until(lambda: bool(run.coordinator.lost_cells))
+    run.link.cut = {1, 2}
+    run.until_held()
+    run.link.cut = {1}
+    run.pass_s(1.0)
+    assert run.coordinator.phase in HELD
+    run.link.cut = set()
+    run.until_running()
+    assert not run.coordinator.lost_cells
+
+
 def test_go_on_begins_without_a_cell_that_does_not_come_up() -> None:
     link = CellsLink((1, 2, 3))
     link.power_off(1)
@@ -334,6 +376,38 @@ def test_a_drive_whose_supply_has_failed_is_not_reset_when_the_supply_is_back(po
         assert "0x3220" in run.coordinator.lost_cells[2]
     else:
         assert "0x3220" in run.coordinator.fault
+
+
+@pytest.mark.parametrize(
+    ("cut", "back", "told"),
+    [
+        (
+            lambda link, cell: link.set_supply(cell, 0.0),
+            lambda link, cell: link.set_supply(cell, 24.0),
+            "2 of 3 cells have lost the supply of their motors (0x3220): release the emergency",
+        ),
+        (
+            lambda link, cell: link.power_off(cell),
+            lambda link, cell: link.restart(cell),
+            "2 of 3 cells have restarted: their supply was cut; start again",
+        ),
+    ],
+    ids=["of motors", "of cells"],
+)
+def test_a_hold_ends_where_most_have_lost_their_supply_and_nothing_moves_when_it_is_back(
+    cut, back, told
+) -> None:
+    run = Run(Policy(OnLostCell.HOLD))
+    for cell in (0, 1):
+        cut(run.link, cell)
+    run.until_held()
+    run.pass_s(0.3)
+    for cell in (0, 1):
+        back(run.link, cell)
+    run.until(lambda: run.coordinator.stopped)
+    assert told in run.coordinator.fault
+    run.pass_s(1.0)
+    assert run.moving() == [False] * 3
 
 
 def test_a_stop_of_all_by_others_is_obeyed_in_a_pause_too() -> None:

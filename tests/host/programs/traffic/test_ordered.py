@@ -168,9 +168,15 @@ def test_one_that_is_found_elsewhere_goes_on_from_there():
 
 
 def test_where_there_is_no_way_that_is_said_before_anything_moves():
-    table = two_boxes("parcel.1.x_m=0.36", "parcel.1.y_m=0.0", main=go_east)
+    async def go_late(table):
+        # On an idle table nobody has waited.
+        await table.sleep(5.0)
+        await go_east(table)
+
+    table = two_boxes("parcel.1.x_m=0.36", "parcel.1.y_m=0.0", main=go_late)
     start = table.pose("box")
-    table.run(2.0)
+    table.run(7.0)
+    assert table.program.stuck is None
     assert any("box waits, for 5 s at most: " in each for each in table.program.take_notices())
     table.run_until(5.0, lambda: table.program.stuck is not None)
     assert "blocked by 'disc' at its place" in table.program.stuck
@@ -198,11 +204,17 @@ def test_where_there_is_no_way_even_if_others_move_that_is_said_while_they_do():
     assert "'disc' has no way" in refused[0]
 
 
-def test_ways_lead_around_lost_cells_where_they_can_and_over_them_where_they_must():
-    table = two_boxes("parcel.1.y_m=-0.23", main=go_east)
+@pytest.mark.parametrize("after_s", [0.0, 0.02], ids=["before", "while it is planned"])
+def test_ways_lead_around_lost_cells_where_they_can(after_s):
+    """The way straight on leads over this one."""
+    table = two_boxes(*SMALL, "parcel.1.x_m=-0.4", "parcel.1.y_m=-0.28", main=go_east)
+    table.run(after_s)
     table.lose(23)
     table.run_until(9.0, lambda: table.program.finished)
     assert 23 not in table.crossed
+
+
+def test_ways_lead_over_lost_cells_where_they_must():
     table = two_boxes(main=go_east)
     table.lose(*range(5, 55, 9))
     table.run_until(6.0, lambda: table.program.finished)
