@@ -121,13 +121,14 @@ class Buffer:
     async def put(self, parcel: TableParcel) -> None:
         """Bring a parcel to a free place, as soon as there is one; returns when it is there.
 
-        Raises ProgramError when it cannot come there.
+        One that has a place goes to that. Raises ProgramError when it cannot come there.
         """
-        await until(lambda: parcel.has_left or not self.is_full)
+        await until(lambda: parcel.has_left or parcel in self.parcels or not self.is_full)
         if parcel.has_left:
             return
-        place = self._free.popleft()
-        self._waiting[parcel.name] = parcel, place
+        if parcel not in self.parcels:
+            self._waiting[parcel.name] = parcel, self._free.popleft()
+        _, place = self._waiting[parcel.name]
         try:
             await parcel.move(*place)
         except ProgramError:

@@ -147,6 +147,21 @@ def test_a_parcel_that_is_refused_its_way_into_a_buffer_has_no_place_there():
     assert stage.program.finished
 
 
+def test_a_parcel_that_is_put_into_a_buffer_twice_has_one_place_there():
+    async def main(table):
+        store = tasks.Buffer(table, PLACES)
+        await store.put(table["box 1"])
+        await store.put(table["box 1"])
+        assert not store.is_full
+
+    stage = Stage(main, lying=["box 1"])
+    stage.run()
+    stage.arrive("box 1")
+    stage.arrive("box 1")
+    assert stage.log == [("box 1", 0.0), ("box 1", 0.0)]
+    assert stage.program.finished
+
+
 def test_tasks_follow_one_another_unless_they_are_beside():
     listed = [
         Task("transport", parcel="box 1", x_m=0.1, y_m=0.0, yaw_rad=0.5),
