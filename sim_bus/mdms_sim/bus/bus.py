@@ -4,7 +4,14 @@ from collections.abc import Callable, Collection, Container
 from itertools import count
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.controller import Acceptance, Controller, FrameObserver, Observation, Station
+from mdms_sim.bus.controller import (
+    Acceptance,
+    Controller,
+    ErrorState,
+    FrameObserver,
+    Observation,
+    Station,
+)
 from mdms_sim.bus.party import Disturbance
 from mdms_sim.bus.segment import Segment
 from mdms_sim.kernel import Kernel
@@ -74,16 +81,22 @@ class Bus:
         return [each for segment in self._segments for each in segment.controllers]
 
     def switch_off(self, controller: Controller) -> None:
-        """The node loses its power: it neither sends nor acknowledges, and loses its frames."""
+        """The node loses its power: it neither sends nor acknowledges, and loses its frames.
+
+        Its error counters are lost too, and a way back from bus off ends.
+        """
+        was_off = controller.state is ErrorState.BUS_OFF
         controller.segment.silence((controller,))
         controller.live = False
         controller.drop_queue()
+        controller.errors.reset()
         controller.segment.reconsider()
+        if was_off:
+            self.on_state(controller)
 
     def switch_on(self, controller: Controller) -> None:
         """The node starts anew, and receives what begins from now on."""
         controller.segment.silence((controller,))
-        controller.errors.reset()
         controller.live = True
         controller.segment.reconsider()
 

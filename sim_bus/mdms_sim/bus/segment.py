@@ -35,7 +35,6 @@ class Segment:
         self.silence(controllers)
         for controller in controllers:
             self.controllers.remove(controller)
-            self._recovery.drop(controller)
         self.reconsider()
 
     def silence(self, controllers: Collection[Controller]) -> None:
@@ -43,6 +42,7 @@ class Segment:
         self._go_on_without(controllers)
         for controller in controllers:
             self._traffic.requests.drop(controller)
+            self._recovery.drop(controller)
 
     def move(self, controllers: Collection[Controller], other: "Segment") -> None:
         """Puts them on another wire, each in the midst of its frame."""

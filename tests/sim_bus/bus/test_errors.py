@@ -243,6 +243,33 @@ def test_a_node_that_loses_power_while_it_sends_leaves_an_error_and_no_frame(ben
     assert [len(ear.heard) for ear in bench.ears] == [0, 1, 1]
 
 
+def bus_off_of(bench, node):
+    """Has the node go bus off; gives the time [us]."""
+    bench.bus.disturb(lambda sender, frame: Disturbance(bit=30) if sender is node else None)
+    node.send(FRAME)
+    bench.run_us(10_000)
+    assert node.state is ErrorState.BUS_OFF
+    bench.bus.disturb(None)
+    return 10_000
+
+
+def test_a_node_without_power_does_not_come_back_from_bus_off(bench_of):
+    bench = bench_of(2)
+    now_us = bus_off_of(bench, bench.nodes[0])
+    bench.bus.recover(bench.nodes[0])
+    bench.run_us(now_us + 500)
+    bench.bus.switch_off(bench.nodes[0])
+    bench.run_us(now_us + 10_000)
+    bench.nodes[1].send(FRAME)
+    bench.run_us(now_us + 20_000)
+    # Nobody is left to acknowledge the frame.
+    assert bench.bus.frames == 0
+    assert bench.nodes[1].state is ErrorState.PASSIVE
+    bench.bus.switch_on(bench.nodes[0])
+    bench.run_us(now_us + 30_000)
+    assert bench.ears[0].frames == [FRAME]
+
+
 @given(st.lists(st.tuples(st.integers(0, 70), st.integers(0, 15)), max_size=40))
 def test_every_frame_arrives_and_twice_only_after_a_wrong_end(bench_of, script):
     bench = bench_of(4)
