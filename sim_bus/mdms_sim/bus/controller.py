@@ -361,6 +361,9 @@ class BusOffRecovery:
     def __bool__(self) -> bool:
         return bool(self._left)
 
+    def __contains__(self, controller: Controller) -> bool:
+        return controller in self._left
+
     def start(self, controller: Controller, from_ns: int) -> None:
         """Begins to count for a node; the wire is idle from `from_ns` on."""
         self._left[controller] = SEQUENCES

@@ -45,7 +45,11 @@ class Segment:
             self._recovery.drop(controller)
 
     def move(self, controllers: Collection[Controller], other: "Segment") -> None:
-        """Puts them on another wire, each in the midst of its frame."""
+        """Puts them on another wire, each in the midst of its frame.
+
+        A node on its way back from bus off begins to count anew there.
+        """
+        recovering = [each for each in controllers if each in self._recovery]
         busy = self._traffic.busy or other._traffic.busy
         if busy:
             there = other._traffic.progress(lambda each: True)
@@ -56,6 +60,8 @@ class Segment:
             other._traffic.resume(there)
         for controller in controllers:
             other._take_in(controller)
+        for controller in recovering:
+            other.recover(controller)
 
     def _take_in(self, controller: Controller) -> None:
         controller.segment = self

@@ -270,6 +270,19 @@ def test_a_node_without_power_does_not_come_back_from_bus_off(bench_of):
     assert bench.ears[0].frames == [FRAME]
 
 
+def test_a_node_comes_back_from_bus_off_though_the_wire_is_cut_and_healed_meanwhile(bench_of):
+    bench = bench_of(3)
+    now_us = bus_off_of(bench, bench.nodes[0])
+    bench.bus.recover(bench.nodes[0])
+    bench.run_us(now_us + 500)
+    piece = bench.bus.cut(bench.nodes[:2])
+    bench.run_us(now_us + 1000)
+    bench.bus.heal(piece)
+    bench.run_us(now_us + 3000)
+    assert bench.states[-1] == (0, ErrorState.ACTIVE)
+    assert bench.ears[1].frames == [FRAME]
+
+
 @given(st.lists(st.tuples(st.integers(0, 70), st.integers(0, 15)), max_size=40))
 def test_every_frame_arrives_and_twice_only_after_a_wrong_end(bench_of, script):
     bench = bench_of(4)
