@@ -44,6 +44,32 @@ def cells_with(fault: Fault, cells: int) -> Sequence[int]:
     return [cell - 1 for cell in fault.cells] or range(cells)
 
 
+def last_counts(
+    fault: Fault,
+    at_work: list[Fault],
+    cells_of: Callable[[Fault], Sequence[int]],
+    put: Callable[[int, Fault | None], None],
+) -> FaultEffect:
+    """A fault of which the one that began last counts, of those `at_work` on a cell.
+
+    `put(cell, last)` has a cell follow that one, None where there is none.
+    """
+
+    def follow() -> None:
+        for cell in cells_of(fault):
+            put(cell, next((each for each in reversed(at_work) if cell in cells_of(each)), None))
+
+    def begin() -> None:
+        at_work.append(fault)
+        follow()
+
+    def end() -> None:
+        at_work.remove(fault)
+        follow()
+
+    return FaultEffect(begin, end)
+
+
 #: A wrong bit may be any of a frame and the first two after it, where nobody sends yet.
 BITS_AFTER = INTERFRAME_BITS - 1
 
@@ -213,7 +239,9 @@ PRIORITY = 5
 class NodeFaults:
     """Faults of the cells of a bank, with their controllers, and of the host; `kinds` by name.
 
-    `drivers` are those of the participants, which are the host.
+    `drivers` are those of the participants, which are the host. A cell without power starts when
+    the last fault that took it has ended. Then it hangs no more. Of two delays or drifts of a cell
+    the one that began last counts.
     """
 
     def __init__(
@@ -227,10 +255,15 @@ class NodeFaults:
         self._controllers = controllers
         self._bank = bank
         self._drivers = drivers
+        #: How many faults at work take the power of each cell, and the cells that hang.
+        self._off = [0] * len(controllers)
+        self._hung: set[int] = set()
+        self._delays: list[Fault] = []
+        self._drifts: list[Fault] = []
         self.kinds: dict[str, FaultSetup] = {
             "delay": self._delay,
             "babble": self._babble,
-            "off": self._off,
+            "off": self._power_off,
             "hang": self._hang,
             "drift": self._drift,
             "host": self._host,
@@ -243,11 +276,11 @@ class NodeFaults:
         return self._controllers[cell].segment.bus
 
     def _delay(self, fault: Fault, random: Random) -> FaultEffect:
-        def set_delay(delay_s: float) -> None:
-            for cell in self._cells(fault):
-                self._controllers[cell].delay_ns = round(delay_s * NS_PER_S)
+        def set_delay(cell: int, last: Fault | None) -> None:
+            delay_s = last.delay_s if last else 0.0
+            self._controllers[cell].delay_ns = round(delay_s * NS_PER_S)
 
-        return FaultEffect(partial(set_delay, fault.delay_s), partial(set_delay, 0.0))
+        return last_counts(fault, self._delays, self._cells, set_delay)
 
     def _babble(self, fault: Fault, random: Random) -> FaultEffect:
         babblers = [
@@ -263,16 +296,19 @@ class NodeFaults:
 
         return FaultEffect(begin, end)
 
-    def _off(self, fault: Fault, random: Random) -> FaultEffect:
+    def _power_off(self, fault: Fault, random: Random) -> FaultEffect:
         def begin() -> None:
             for cell in self._cells(fault):
+                self._off[cell] += 1
+                self._hung.discard(cell)
                 self._bus_of(cell).switch_off(self._controllers[cell])
                 self._bank.power_off(cell)
 
         def end() -> str | None:
             for cell in self._cells(fault):
-                self._bank.restart(cell, fault.node_id)
-                self._bus_of(cell).switch_on(self._controllers[cell])
+                self._off[cell] -= 1
+                if not self._off[cell]:
+                    self._restart(cell, fault.node_id)
             return f"it is now node {fault.node_id}" if fault.node_id is not None else None
 
         return FaultEffect(begin, end)
@@ -280,26 +316,32 @@ class NodeFaults:
     def _hang(self, fault: Fault, random: Random) -> FaultEffect:
         def begin() -> None:
             for cell in self._cells(fault):
-                self._controllers[cell].hold()
-                self._bank.hang(cell)
+                if not self._off[cell]:
+                    self._hung.add(cell)
+                    self._controllers[cell].hold()
+                    self._bank.hang(cell)
 
         def end() -> str:
             overruns = 0
             for cell in self._cells(fault):
-                overruns += self._controllers[cell].overruns
-                self._bus_of(cell).switch_off(self._controllers[cell])
-                self._bank.restart(cell)
-                self._bus_of(cell).switch_on(self._controllers[cell])
+                if cell in self._hung:
+                    self._hung.remove(cell)
+                    overruns += self._controllers[cell].overruns
+                    self._bus_of(cell).switch_off(self._controllers[cell])
+                    self._restart(cell)
             return f"watchdog reset, {overruns} frames overrun"
 
         return FaultEffect(begin, end)
 
-    def _drift(self, fault: Fault, random: Random) -> FaultEffect:
-        def set_drift(drift_ppm: int) -> None:
-            for cell in self._cells(fault):
-                self._bank.set_drift(cell, drift_ppm)
+    def _restart(self, cell: int, node_id: int | None = None) -> None:
+        self._bank.restart(cell, node_id)
+        self._bus_of(cell).switch_on(self._controllers[cell])
 
-        return FaultEffect(partial(set_drift, fault.drift_ppm), partial(set_drift, 0))
+    def _drift(self, fault: Fault, random: Random) -> FaultEffect:
+        def set_drift(cell: int, last: Fault | None) -> None:
+            self._bank.set_drift(cell, last.drift_ppm if last else 0)
+
+        return last_counts(fault, self._drifts, self._cells, set_drift)
 
     def _host(self, fault: Fault, random: Random) -> FaultEffect:
         def begin() -> str | None:
@@ -386,8 +428,8 @@ class Places:
 class WorldFaults:
     """Faults of a world, and of what its cells measure of it; `kinds` by name.
 
-    Where two faults of wheels, sensors or parcels overlap, the last to end sets things right; of
-    two of the supply the one that began last counts.
+    Where two faults of bridges, wheels, sensors or parcels overlap, the last to end sets things
+    right; of two of the supply the one that began last counts.
     """
 
     def __init__(self, world: World, bank: CellBank, places: Places) -> None:
@@ -411,34 +453,26 @@ class WorldFaults:
         return cells_with(fault, len(self._nominal_supply_v))
 
     def _supply(self, fault: Fault, random: Random) -> FaultEffect:
-        def begin() -> str | None:
-            self._supplies.append(fault)
-            self._supply_cells(fault)
-            return "the motors are shorted" if fault.brake else None
-
-        def end() -> None:
-            self._supplies.remove(fault)
-            self._supply_cells(fault)
-
-        return FaultEffect(begin, end)
-
-    def _supply_cells(self, changed: Fault) -> None:
-        """Give the cells of a fault the supply of the last fault at work, or their own."""
-        for cell in self._cells(changed):
-            supply_v, shorted = self._nominal_supply_v[cell], False
-            for fault in self._supplies:
-                if cell in self._cells(fault):
-                    supply_v, shorted = fault.supply_v, fault.brake
+        def supply(cell: int, last: Fault | None) -> None:
+            supply_v = last.supply_v if last else self._nominal_supply_v[cell]
             self._bridges.supply_v[cell] = supply_v
-            self._bridges.shorted[cell] = shorted
+            self._bridges.shorted[cell] = last is not None and last.brake
             self._bank.set_supply(cell, round(supply_v * UV_PER_V))
 
-    def _bridge_fault(self, fault: Fault, random: Random) -> FaultEffect:
-        def shut_off(value: int) -> None:
-            for cell in self._cells(fault):
-                self._bridges.shut_off[cell] = value
+        begin, end = last_counts(fault, self._supplies, self._cells, supply)
 
-        return FaultEffect(partial(shut_off, 1), partial(shut_off, 0))
+        def begin_and_say() -> str | None:
+            begin()
+            return "the motors are shorted" if fault.brake else None
+
+        return FaultEffect(begin_and_say, end)
+
+    def _bridge_fault(self, fault: Fault, random: Random) -> FaultEffect:
+        def shut_off(more: int) -> None:
+            for cell in self._cells(fault):
+                self._bridges.shut_off[cell] += more
+
+        return FaultEffect(partial(shut_off, 1), partial(shut_off, -1))
 
     def _sensor_stuck(self, fault: Fault, random: Random) -> FaultEffect:
         stuck = self._world.stuck_sensors[int(fault.covered)]

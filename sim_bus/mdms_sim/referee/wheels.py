@@ -131,6 +131,8 @@ class WheelReferee:
         self._setpoint_ns, self._sync_ns = self._cells["setpoint_ns"], self._cells["sync_ns"]
         self._heartbeat_ns = self._cells["heartbeat_ns"]
         self._consumes = [False] * cells
+        #: The drifts at work, of which the one that began last counts.
+        self._drifts: list[Fault] = []
         self._pending: list[bytes | None] = [None] * cells
         self._last_sync_ns = [0] * truth.addresses.bus_count
         #: The setpoints that count, and which of them are 0.
@@ -214,9 +216,12 @@ class WheelReferee:
         """A fault begins or ends."""
         self._now_ns = now_ns
         cells = [cell - 1 for cell in fault.cells] or range(len(self._cells))
+        if fault.kind == "drift":
+            (self._drifts.append if begins else self._drifts.remove)(fault)
         for cell in cells:
             if fault.kind == "drift":
-                ppm = fault.drift_ppm if begins else 0
+                on_it = [each for each in self._drifts if not each.cells or cell + 1 in each.cells]
+                ppm = on_it[-1].drift_ppm if on_it else 0
                 self._cells[cell].slow = max(1.0, 1.0 / (1.0 + ppm * MICRO))
                 self._load(cell)
             elif fault.kind in ("off", "hang"):
@@ -224,6 +229,8 @@ class WheelReferee:
 
     def _on_standstill(self, cell: int, fault: Fault, begins: bool) -> None:
         """The program of a cell does not run, or begins anew."""
+        if fault.kind == "hang" and not (begins or self._cells[cell].hung):
+            return  # it has had no power meanwhile, and runs since then
         self._cells[cell].hung = begins
         # Without a time its watchdog is dead, too: that is the documented single point of failure.
         watched = fault.kind == "hang" and fault.duration_s is not None

@@ -1,5 +1,8 @@
 """Faults strike as the scenario says, are told, and leave the rest of the array alone."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import pytest
 from tests.sim_bus.faults.life import CELLS, Life
 
@@ -98,6 +101,40 @@ def test_a_node_that_was_off_boots_again_under_its_new_id():
     ]
     assert 1.3 < boot_s < 1.4
     assert life.events[1] == (1.3, "off ends: it is now node 77", 3)
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        (Fault("off", start_s=1.0, cells=(2,)), Fault("off", start_s=1.2, duration_s=0.2)),
+        (
+            Fault("hang", start_s=1.0, duration_s=0.4, cells=(2,)),
+            Fault("off", start_s=1.2, cells=(2,)),
+        ),
+    ],
+    ids=["another outage ends", "its watchdog would reset it"],
+)
+def test_a_node_without_power_stays_so_until_the_last_fault_that_took_it_has_ended(faults):
+    life = Life(*faults)
+    assert not [now_s for now_s in life.tool.times(HEARTBEATS[1]) if now_s > 1.0]
+
+
+def test_a_node_that_an_outage_has_ended_the_hang_of_is_reset_once():
+    hang = Fault("hang", start_s=1.0, duration_s=0.5, cells=(2,))
+    life = Life(hang, Fault("off", start_s=1.1, duration_s=0.1, cells=(2,)))
+    boot = Frame(HEARTBEATS[1], b"\x00")
+    (boot_s,) = [now_s for now_s, frame in life.tool.heard if now_s > 1.0 and frame == boot]
+    assert 1.2 < boot_s < 1.3
+
+
+def test_a_delay_or_drift_of_a_node_goes_on_when_a_later_one_has_ended():
+    delay, drift = Fault("delay", cells=(1,), delay_s=0.004), Fault("drift", drift_ppm=50_000)
+    later = [replace(each, start_s=0.3, duration_s=0.2, cells=()) for each in (delay, drift)]
+    life = Life(delay, drift, *later, until_s=1.0)
+    answers_s = [now_s % 0.01 for now_s in life.tool.times(cob.TPDO_BASES[0] + 1) if now_s > 0.6]
+    assert min(answers_s) > 0.004
+    beats_s = [now_s for now_s in life.tool.times(HEARTBEATS[2]) if now_s > 0.55]
+    assert all(late - early < 0.098 for early, late in pairwise(beats_s))
 
 
 def test_a_hung_node_is_silent_but_acknowledges_and_its_fifo_overruns():

@@ -45,6 +45,15 @@ def test_a_sensor_that_two_faults_hold_is_well_when_both_have_ended():
     assert [bits_at(life, 1, time_s) for time_s in (0.4, 1.2, 1.9)] == [BESIDE, BESIDE | 1, BESIDE]
 
 
+def test_bridges_that_two_faults_have_shut_off_work_when_both_have_ended():
+    first = Fault("bridge_fault", start_s=0.2, duration_s=0.8, cells=(1,))
+    life = Life(first, Fault("bridge_fault", start_s=0.4, duration_s=0.2), until_s=0.7)
+    shut_off = life.simulation.world.bridges.shut_off
+    assert [bool(each) for each in shut_off] == [True, False, False]
+    life.simulation.run_until(1.1)
+    assert not shut_off.any()
+
+
 def test_a_parcel_is_lifted_and_set_down_on_other_cells():
     life = Life(Fault("lift", start_s=1.0, duration_s=0.5, parcel="box", x_m=-0.05, yaw_rad=0.1))
     assert [bits_at(life, 2, time_s) for time_s in (0.9, 1.4)] == [0b11111, 0]
