@@ -51,7 +51,7 @@ class MicropythonBank:
         self._files: dict[Path, int] = {}
         with ExitStack() as stack:
             self._blocks = stack.enter_context(closing(Blocks(len(node_ids))))
-            self._supply_uv = np.full(len(node_ids), SUPPLY_UV, np.int32)
+            self._blocks.supply_uv[:] = SUPPLY_UV
             self._start(Path(stack.enter_context(TemporaryDirectory(prefix="mdms-"))), stack)
             self._open = stack.pop_all()
 
@@ -71,7 +71,6 @@ class MicropythonBank:
             self._processes.append(stack.enter_context(closing(process)))
         self._ask(range(len(self._node_ids)), lockstep.NOTHING)
         self._settle()
-        self._blocks.supply_uv[:] = self._supply_uv
 
     def accepts(self, cell: int) -> Container[int]:
         """See `CellBank`."""
@@ -178,7 +177,6 @@ class MicropythonBank:
     def set_supply(self, cell: int, supply_uv: int) -> None:
         """See `CellBank`."""
         self._settle()
-        self._supply_uv[cell] = supply_uv
         self._blocks.supply_uv[cell] = supply_uv
 
     def set_place(self, cell: int, node_id: int) -> None:
@@ -214,7 +212,6 @@ class MicropythonBank:
         self._conditions.restart(cell)
         self._blocks.rename(cell, self._node_ids[cell])
         self._do(cell, lockstep.RESTART)
-        self._blocks.supply_uv[cell] = self._supply_uv[cell]
 
     def set_bus_off(self, cell: int, off: bool) -> None:
         """See `CellBank`."""

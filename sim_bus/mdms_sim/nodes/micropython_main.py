@@ -81,12 +81,14 @@ class ProcessNode:
         self.start()
 
     def start(self):
-        """Begin as at power-up, with what flash has."""
+        """Begin as at power-up, with what flash has; the supply is the simulation's."""
+        supply_uv = self._registers[speed_loop.SUPPLY]
         self.board = Board(self._registers, self._serial, self.flash)
         self.board.voltages_uv = self._voltages_uv
         self.board.words = self.words
         self.board.motors_off()
         self.cell = Cell(self.board, self._node_id)
+        self._registers[speed_loop.SUPPLY] = supply_uv
 
     def take_in(self, size):
         """Hand the frames in the inbox to the cell."""

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from mdms_cell.drive import speed_loop
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes import lockstep, micropython_bank, micropython_process
 from mdms_sim.nodes.bank import NodeDied, NodeHangs
@@ -104,6 +105,15 @@ def test_both_kinds_of_cells_drop_the_same_frames_when_nobody_takes_them():
     heard = life(MicropythonBank)
     assert len(heard[0]) == TRANSMIT_QUEUE
     assert heard == life(PythonBank)
+
+
+def test_a_cell_that_restarts_itself_still_measures_its_supply(bank):
+    bank.set_supply(0, 12_000_000)
+    reset = sdo.write_request(indices.PROGRAM_CONTROL, 1, bytes([update.RESET]))
+    say(bank, SDO_REQUEST, reset)
+    assert any(frame.data == b"\0" for said in tick(bank, 800) for frame in said)
+    (answer,) = say(bank, SDO_REQUEST, sdo.read_request(indices.SUPPLY, 0))
+    assert int.from_bytes(answer.data[4:], "little") == 12_000
 
 
 def test_an_answer_to_a_frame_that_was_to_have_none_is_told_of(monkeypatch, tmp_path):
