@@ -1,7 +1,10 @@
 """Boxes whose ways cross: two while a tenth of all frames is lost, four on full buses."""
 
+import numpy as np
 from tests.benchmarks.cells.crossing import TABLES, boxes_of
 from tests.system.cells.neighbour_host import Box, run, scenario_of
+
+from mdms_protocol.neighbours import frames as wire
 
 LOSS = "{kind='loss', probability=0.1, start_s=1.5}"
 
@@ -38,3 +41,14 @@ def test_a_box_that_an_emergency_stop_has_held_begins_anew_and_stands_before_ano
     finished = run(table, [box, other], 5.0, reset_s=2.5)
     assert not finished.touches
     assert finished.record.pose[-1, 0, 0] > box.start[0] + 0.02
+
+
+def test_a_box_that_waits_without_a_host_stays_clear_of_the_cell_that_it_waits_for():
+    # It had come over that by a hair, and so had it before its turn.
+    box = Box((-0.23, 0.0, 0.0), (0.2, 0.0, 0.0), speed_m_s=0.2, flags=wire.GO_ON)
+    other = Box((0.2425, 0.0, 0.0), (0.2425, 0.0, 0.0), flags=wire.GO_ON)
+    table = scenario_of([box, other], 6, 1, faults=["{kind='host', start_s=1.2}"])
+    finished = run(table, [box, other], 4.0, still_after_s=1.4)
+    assert finished.is_held()
+    apart_m = np.diff(finished.record.pose[-1, :, 0]) - box.length_m
+    assert 0.02 < apart_m < 0.04
