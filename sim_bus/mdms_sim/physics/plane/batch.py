@@ -25,7 +25,7 @@ from mdms_model.errors import InputError
 from mdms_model.scenario.scenario import Scenario
 from mdms_sim.physics.plane.control_step import SensorPlaces, presence_bits
 from mdms_sim.physics.plane.records import Model, Scene, Scratch, StepState, read_poses
-from mdms_sim.physics.plane.step import step_ideal, step_voltage
+from mdms_sim.physics.plane.step import step_ideal
 from mdms_sim.physics.plane.world import World
 
 #: Shares of the tables that a thread takes one after the other.
@@ -74,10 +74,8 @@ class BatchCall(NamedTuple):
     sensed: int
     """The step after which sensors are read, from 1; 0 for none."""
     step_s: float
-    ideal: bool
-    """Whether wheels follow the continuous law, or voltages."""
-    drive: Floats
-    """References [m/s] or voltages [V] of the wheels, (N, W)."""
+    reference_m_s: Floats
+    """References of the wheels, (N, W)."""
     done: Ints
     """Steps that are done, (N,)."""
     report: Ints
@@ -124,13 +122,10 @@ def scene_of(tables: SceneBatch, k: int) -> Scene:
 @inlined
 def go_on(tables: SceneBatch, k: int, moves: BatchCall) -> None:
     """Move table k on until its steps are done, or until a step has something to report."""
-    scene, drive, step_s = scene_of(borrowed(tables), k), moves.drive[k], moves.step_s
+    scene, reference_m_s = scene_of(borrowed(tables), k), moves.reference_m_s[k]
     done, report = moves.done[k], 0
     while done < moves.steps and report == 0:
-        if moves.ideal:
-            report = step_ideal(scene, drive, step_s)
-        else:
-            report = step_voltage(scene, drive, step_s)
+        report = step_ideal(scene, reference_m_s, moves.step_s)
         done += 1
         if done == moves.sensed:
             sense(tables, k, moves.presence)
@@ -196,18 +191,16 @@ class Batch:
         tables, wheels = len(self.worlds), len(self.worlds[0].wheels.cell)
         done, report = np.zeros((2, tables), np.int64)
         presence = np.zeros((tables, len(self.tables.first) - 1), np.uint8)
-        self._moves = BatchCall(0, 0, 0.0, True, np.zeros((tables, wheels)), done, report, presence)
-        self._move = self._compiled(move_in_turn if threads == 1 else move_on_threads)
+        self._moves = BatchCall(0, 0, 0.0, np.zeros((tables, wheels)), done, report, presence)
+        move = move_in_turn if threads == 1 else move_on_threads
+        # Sorting out the types of so many arrays would take as long as the steps of a table.
+        self._move = for_types_of(move, self.tables, self._moves)
         self._sense = for_types_of(sense, self.tables, 0, presence)
         self._pose, self._twist = np.zeros((2, tables, len(scenarios[0].parcel), 3))
         # Fields of record arrays are slow to come by, and these stay where they are.
         self._tipped = np.asarray(self.tables.parcel_states["tipped"])
         self._speed = np.asarray(self.tables.wheel_states["speed_m_s"])
         self._read = for_types_of(read_all_poses, self.tables, self._pose, self._twist)
-
-    def _compiled(self, function: Callable[..., None]) -> Callable[..., None]:
-        # Sorting out the types of so many arrays would take as long as the steps of a table.
-        return for_types_of(function, self.tables, self._moves)
 
     def replace(self, k: int, scenario: Scenario) -> World:
         """Put another table in place k. Raises `InputError` for one of another shape."""
@@ -245,17 +238,8 @@ class Batch:
 
         `presence` is read after step `sensed`, 0: never.
         """
-        self._step(reference_m_s, step_s, steps, sensed, ideal=True)
-
-    def step_voltage(
-        self, voltage_v: Floats, step_s: float, steps: int = 1, sensed: int = 0
-    ) -> None:
-        """The same under voltages (N, W) that are held over the steps."""
-        self._step(voltage_v, step_s, steps, sensed, ideal=False)
-
-    def _step(self, drive: Floats, step_s: float, steps: int, sensed: int, *, ideal: bool) -> None:
-        moves = self._moves._replace(steps=steps, sensed=sensed, step_s=step_s, ideal=ideal)
-        moves.drive[...] = drive
+        moves = self._moves._replace(steps=steps, sensed=sensed, step_s=step_s)
+        moves.reference_m_s[...] = reference_m_s
         moves.done[:] = 0
         before = [0] * len(self.worlds)
         while True:
