@@ -17,7 +17,7 @@ from mdms_model.scenario.fault import Fault
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import Controller
-from mdms_sim.bus.party import Disturbance
+from mdms_sim.bus.exchange import Disturbance
 from mdms_sim.bus.segment import Segment
 from mdms_sim.bus.wire import INTERFRAME_BITS, frame_bits
 from mdms_sim.driver import ParticipantDriver

@@ -12,7 +12,7 @@ from mdms_sim.bus.controller import (
     Observation,
     Station,
 )
-from mdms_sim.bus.party import Disturbance
+from mdms_sim.bus.exchange import Disturbance
 from mdms_sim.bus.segment import Segment
 from mdms_sim.kernel import Kernel
 

@@ -2,7 +2,7 @@ import pytest
 from tests.sim_bus.bus.ear import Ear
 
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.party import Disturbance
+from mdms_sim.bus.exchange import Disturbance
 from mdms_sim.kernel import Kernel
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.controller import ErrorState
-from mdms_sim.bus.party import Disturbance
+from mdms_sim.bus.exchange import Disturbance
 from mdms_sim.bus.wire import frame_bits
 
 FRAME = Frame(0x123, b"\x55\xaa\x55\xaa")

@@ -5,8 +5,7 @@ from hypothesis import strategies as st
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.party import Disturbance, parties
-from mdms_sim.bus.traffic import Exchange
+from mdms_sim.bus.exchange import Disturbance, Exchange, parties
 from mdms_sim.bus.wire import EXTENDED, INTERFRAME_BITS, REMOTE, frame_bits
 from mdms_sim.kernel import Kernel
 

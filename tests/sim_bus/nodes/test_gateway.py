@@ -2,7 +2,7 @@
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.party import Disturbance
+from mdms_sim.bus.exchange import Disturbance
 from mdms_sim.kernel import Kernel
 from mdms_sim.nodes.gateway import GatewayNode
 
