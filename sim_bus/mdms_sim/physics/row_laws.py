@@ -1,14 +1,11 @@
 """The paper's reduced dynamics: a mass on a spring where wheels slide, a damper where they roll."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from mdms_model.arrays import Floats
-from mdms_model.motor import Drive, drive_of
-from mdms_model.scenario.scenario import Parcel, Scenario
-from mdms_sim.physics.row.trace import row_parcel
+from mdms_model.motor import Drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,32 +56,3 @@ def sliding_law(
 def rolling_law(drive: Drive, reference_m_s: Floats) -> RollingLaw:
     """f_o and b of a set of supports from their wheels' references (eqs 10 and 11)."""
     return RollingLaw(drive.a * float(reference_m_s.sum()), drive.b * len(reference_m_s))
-
-
-@dataclass(frozen=True, slots=True)
-class StretchLaw:
-    """The laws between two places of the parcel's centre where its supports change [m]."""
-
-    from_m: float
-    to_m: float
-    cells: range
-    """Numbers of the cells that carry, from 1."""
-    sliding: SlidingLaw
-    rolling: RollingLaw
-
-
-def row_laws(scenario: Scenario, parcel: Parcel, reference_m_s: Floats) -> Iterator[StretchLaw]:
-    """Both laws for every stretch in which the parcel is carried, along the row."""
-    drive, row = drive_of(scenario.cell), row_parcel(scenario, parcel, reference_m_s)
-    for k in np.flatnonzero(row.first <= row.last):
-        first, last = int(row.first[k]), int(row.last[k])
-        under = slice(first, last + 1)
-        yield StretchLaw(
-            from_m=float(row.edge_m[k]),
-            to_m=float(row.edge_m[k + 1]),
-            cells=range(first + 1, last + 2),
-            sliding=sliding_law(
-                row.wheel_x_m[under], reference_m_s[under], scenario.cell.friction, row.weight_n
-            ),
-            rolling=rolling_law(drive, reference_m_s[under]),
-        )

@@ -19,7 +19,7 @@ from mdms_sim.physics.field_map import (
     settle,
     turn_rests,
 )
-from mdms_sim.physics.row_laws import row_laws
+from mdms_sim.physics.row_laws import sliding_law
 
 PITCH_M = 0.127
 BOX = Parcel("box", 2.0, 0.36, 0.30)
@@ -75,11 +75,12 @@ def test_row_that_slides_is_held_at_the_origin_by_the_paper_spring():
     reference_m_s = inward(scenario, 10.0)
     field = mapped(scenario, reference_m_s)
     (rest,) = field.places
-    laws = row_laws(scenario, ROW_BOX, reference_m_s)
-    (law,) = [each for each in laws if each.cells == range(4, 8)]
+    middle, weight_n = slice(3, 7), ROW_BOX.mass_kg * scenario.run.gravity_m_s2
+    wheel_x_m = build_wheels(scenario).position_m[middle, 0]
+    law = sliding_law(wheel_x_m, reference_m_s[middle], scenario.cell.friction, weight_n)
     assert rest.kind is Stability.STABLE
     assert rest.x_m == pytest.approx(0.0, abs=1e-9)
-    assert rest.stiffness_n_per_m[0].real == pytest.approx(law.sliding.spring_n_per_m)
+    assert rest.stiffness_n_per_m[0].real == pytest.approx(law.spring_n_per_m)
 
 
 def test_row_that_rolls_rests_anywhere_while_equally_many_wheels_push_both_ways():

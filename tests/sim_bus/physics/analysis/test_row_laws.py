@@ -9,7 +9,7 @@ from mdms_model.run.record import Contact
 from mdms_model.scenario.file import load_scenario
 from mdms_sim.physics.row.solver import solve_row
 from mdms_sim.physics.row.trace import journey_of
-from mdms_sim.physics.row_laws import rolling_law, row_laws, sliding_law
+from mdms_sim.physics.row_laws import rolling_law, sliding_law
 
 WHEELS_M = (np.arange(4) - 1.5) * 0.127
 BETA, GAMMA = 4, 5
@@ -38,25 +38,27 @@ def test_inward_wheels_make_a_spring_about_the_origin():
 
 def test_small_swing_has_the_period_of_the_spring():
     scenario, reference_m_s = paper(8)
-    box = scenario.parcel[0]
-    (law,) = [each for each in row_laws(scenario, box, reference_m_s) if each.cells == range(4, 8)]
+    mass_kg = scenario.parcel[0].mass_kg
+    law = sliding_law(WHEELS_M, reference_m_s[3:7], scenario.cell.friction, mass_kg * 9.81)
     nudged = load_scenario("paper-fig8", ["parcel.0.x_m=0.03"])
     events = solve_row(nudged, reference_m_s).events
     turns_s = np.array([event.time_s for event in events if event.kind == "reversal"])
-    assert 2 * np.diff(turns_s) == pytest.approx(law.sliding.period_s(box.mass_kg), rel=1e-9)
+    assert 2 * np.diff(turns_s) == pytest.approx(law.period_s(mass_kg), rel=1e-9)
 
 
 @pytest.mark.parametrize(("figure", "contact"), [(7, "rolling"), (8, "sliding")])
 def test_phases_of_the_exact_solution_follow_the_laws(figure, contact):
     scenario, reference_m_s = paper(figure)
-    box = scenario.parcel[0]
-    trace = journey_of(scenario, box, reference_m_s).trace
-    laws = {law.from_m: law for law in row_laws(scenario, box, reference_m_s)}
-    edges_m = journey_of(scenario, box, reference_m_s).row.edge_m
+    box, friction = scenario.parcel[0], scenario.cell.friction
+    journey = journey_of(scenario, box, reference_m_s)
+    row, trace = journey.row, journey.trace
     for phase, why in zip(trace.phases, trace.whys, strict=True):
-        law = laws[edges_m[why[STRETCH]]]
-        spring = law.sliding.spring_n_per_m if contact == "sliding" else 0.0
-        damping = law.rolling.damping_ns_per_m if contact == "rolling" else 0.0
+        under = slice(row.first[why[STRETCH]], row.last[why[STRETCH]] + 1)
+        wheel_x_m, its_m_s = row.wheel_x_m[under], reference_m_s[under]
+        sliding = sliding_law(wheel_x_m, its_m_s, friction, row.weight_n)
+        rolling = rolling_law(drive_of(scenario.cell), its_m_s)
+        spring = sliding.spring_n_per_m if contact == "sliding" else 0.0
+        damping = rolling.damping_ns_per_m if contact == "rolling" else 0.0
         assert phase[BETA] == pytest.approx(spring / box.mass_kg, rel=1e-12)
         assert phase[GAMMA] == pytest.approx(-damping / box.mass_kg, rel=1e-12)
 
