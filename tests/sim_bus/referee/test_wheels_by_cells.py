@@ -25,7 +25,7 @@ from mdms_protocol.neighbours import messages
 from mdms_sim.simulation import Simulation
 
 #: By then the box is under way.
-UNDER_WAY_S = 2.5
+UNDER_WAY_S = 1.5
 START, GOAL = (-0.2, 0.0, 0.0), (0.2, 0.0, 0.0)
 HEARTBEAT = cob.HEARTBEAT_BASE + HOST_NODE
 END = Frame(cob.PROGRAM, messages.encode_page(messages.End(1, 1)))
@@ -66,7 +66,7 @@ class Hesitant(Host):
                 yield bus, frame
 
 
-def judge(*faults, until_s=3.5, ends_s=None, held=None, flags=0, host=Host):
+def judge(*faults, until_s=UNDER_WAY_S + 1.0, ends_s=None, held=None, flags=0, host=Host):
     """The violations of a run, and how far the box has gone since it was under way [m]."""
     box = Box(START, GOAL, flags=flags)
     scenario = scenario_of([box], faults=faults)
@@ -154,7 +154,7 @@ def test_cell_that_does_not_know_the_end_of_a_program(monkeypatch):
 @pytest.mark.violates("silent", "one_parcel", "apart")
 def test_cells_that_do_not_miss_their_host(monkeypatch):
     monkeypatch.setattr(Guard, "poll", lambda guard, now_ms: 1000)
-    violations, gone_m = judge(HOST_GONE)
+    violations, gone_m = judge(HOST_GONE, until_s=UNDER_WAY_S + 0.5)
     assert gone_m > 0.02
     assert broken(violations, "silent", UNDER_WAY_S + 0.06, UNDER_WAY_S + 0.2)
 
@@ -188,7 +188,7 @@ def test_cells_that_drive_on_though_one_under_their_parcel_is_silent(monkeypatch
 
 @pytest.mark.violates("quiet")
 def test_wheel_that_turns_beside_the_parcel():
-    violations, _ = judge(held=(18, 2.0, PUSH_UV), until_s=UNDER_WAY_S + BEAT_S)
+    violations, _ = judge(held=(18, UNDER_WAY_S - 0.5, PUSH_UV), until_s=UNDER_WAY_S + BEAT_S)
     assert [each[:2] for each in violations][:1] == [("quiet", 18)]
 
 
