@@ -76,6 +76,24 @@ def test_firmware_with_this_fault_violates_nothing(fault, silent_s):
     assert judge(fault, silent_s=silent_s, targets_um_s=(100_000, 0)) == []
 
 
+@pytest.mark.parametrize(
+    "faults",
+    [
+        (
+            Fault("hang", start_s=0.1, duration_s=0.8, cells=(1,)),
+            Fault("off", start_s=0.12, duration_s=0.02, cells=(1,)),
+        ),
+        (
+            Fault("drift", start_s=0.2, cells=(1,), drift_ppm=-100_000),
+            Fault("drift", start_s=0.5, duration_s=0.1, drift_ppm=-50_000),
+        ),
+    ],
+    ids=["an outage ends a hang", "a drift within another"],
+)
+def test_firmware_with_faults_at_once_violates_nothing(faults):
+    assert judge(*faults, silent_s=1.0, targets_um_s=(100_000, 0)) == []
+
+
 def test_supply_that_is_low_while_the_axes_are_off_is_no_fault_that_is_to_be_reset():
     fault = Fault("supply", start_s=0.1, duration_s=0.1, supply_v=8.0)
     assert judge(fault, until_s=0.6) == []
