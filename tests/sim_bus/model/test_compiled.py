@@ -76,29 +76,23 @@ def taken(folder):
 
 
 @needs_numba
-def test_processes_compile_a_module_one_after_the_other_and_nothing_twice(probe, tmp_path):
+def test_processes_compile_a_module_one_after_the_other_and_another_beside(probe, tmp_path):
     assert said(probe("1")) == ["[2]", "1 compiled"]
     (folder,) = (tmp_path / "cache").glob("mdms_probe_outer-*")
+    (inner,) = (tmp_path / "cache").glob("mdms_probe_inner-*")
     kept = set(folder.rglob("*"))
     with taken(folder):
         one, other = probe("2.5"), probe("2.5", "1j")
         with pytest.raises(subprocess.TimeoutExpired):
             one.wait(1.0)
         assert set(folder.rglob("*")) == kept
+        code = "from mdms_probe_inner import one; print(one(3j))"
+        assert said(probe(code=code)) == ["3j"]
+        assert len(list(inner.rglob("*.nbc"))) == 2
     one, other = said(one), said(other)
     assert (one[0], other[0]) == ("[5.0]", "[5.0, 2j]")
     assert sorted((one[1], other[1])) in (["0 compiled", "2 compiled"], ["1 compiled"] * 2)
     assert said(probe("1", "2.5", "1j")) == ["[2, 5.0, 2j]", "0 compiled"]
-
-
-@needs_numba
-def test_processes_compile_two_modules_beside_each_other(probe, tmp_path):
-    assert said(probe("1")) == ["[2]", "1 compiled"]
-    (inner,) = (tmp_path / "cache").glob("mdms_probe_inner-*")
-    with taken(next((tmp_path / "cache").glob("mdms_probe_outer-*"))):
-        code = "from mdms_probe_inner import one; print(one(2.5))"
-        assert said(probe(code=code)) == ["2.5"]
-    assert len(list(inner.rglob("*.nbc"))) == 2
 
 
 @needs_numba
