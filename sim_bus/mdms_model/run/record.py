@@ -5,7 +5,7 @@ Wheels are ordered by cell, then by axis: wheel `w` of a two-wheel cell is cell 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
@@ -120,12 +120,6 @@ class Record:
     def is_belief(self) -> bool:
         """Whether only the coordinator's beliefs are known, and no true pose."""
         return self.estimate is not None and not np.isfinite(self.pose).any()
-
-    def with_belief(self) -> "Record":
-        """This record, with the coordinator's belief for the poses if the true ones are unknown."""
-        if self.estimate is None or not self.is_belief:
-            return self
-        return replace(self, pose=self.estimate)
 
 
 #: Samples that a run without an end of its own keeps: five minutes at 100 a second.

@@ -34,12 +34,11 @@ class GatewayDirection:
     of their identifier has overtaken, and `overdue` those that waited for too long.
     """
 
-    def __init__(self, table: Mapping[int, int], limit_ms: int = LIMIT_MS) -> None:
+    def __init__(self, table: Mapping[int, int]) -> None:
         self.forwarded = 0
         self.replaced = 0
         self.overdue = 0
         self._table = table
-        self._limit_ms = limit_ms
         # By identifier, the oldest first: the data of a frame, and when it came.
         self._frames: dict[int, tuple[bytes, int]] = {}
 
@@ -67,7 +66,7 @@ class GatewayDirection:
         while frames:
             can_id = next(iter(frames))
             data, since_ms = frames[can_id]
-            if now_ms - since_ms > self._limit_ms:
+            if now_ms - since_ms > LIMIT_MS:
                 self.overdue += 1
             elif send(self._table[can_id], data) is None:
                 return

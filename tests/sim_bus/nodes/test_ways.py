@@ -75,7 +75,7 @@ def test_full_bus_gets_the_rest_when_it_has_room():
 
 
 def test_frame_that_has_waited_for_too_long_is_dropped_and_counted():
-    way, bus = GatewayDirection(TABLE, limit_ms=10), Bus(room=0)
+    way, bus = GatewayDirection(TABLE), Bus(room=0)
     way.take(0x181, b"a", 0)
     way.take(0x182, b"b", 5)
     way.drain(bus.send, 10)
