@@ -27,7 +27,7 @@ def test_a_box_at_the_highest_speed_of_the_wire_stands_before_another():
     # Its cells ask for those a pitch away. The other lies 12 mm behind the next square.
     fast = Box((-0.42, 0.0, 0.0), (0.55, 0.0, 0.0), speed_m_s=1.27)
     other = Box((0.3425, 0.0, 0.0), (0.3425, 0.0, 0.0))
-    finished = run(scenario_of([fast, other], 9, 3), [fast, other], 5.0)
+    finished = run(scenario_of([fast, other], 9, 3), [fast, other], 5.0, still_after_s=1.5)
     assert not finished.touches
     assert finished.is_held()
 
