@@ -119,6 +119,10 @@ def _refuse_twins(present: Mapping[int, Identity], blank: tuple[LssAddress, ...]
             )
 
 
+#: How often a cell is reset at once: frames may be lost.
+_RESETS = 3
+
+
 class NodeIdError(Exception):
     """Node ids that cannot be given; the message has which and why."""
 
@@ -238,7 +242,9 @@ def carry_out(
             lss.select(move.address)
             lss.set_node_id(cob.NODE_NONE)
             lss.leave()
-            commissioning.command(nmt.RESET_NODE, move.before)
+            # No answer tells whether it has come.
+            for _ in range(_RESETS):
+                commissioning.command(nmt.RESET_NODE, move.before)
     passing: list[Assignment] = []
     for move in moves:
         lss.select(move.address)
@@ -255,9 +261,18 @@ def carry_out(
             passing.append(move)
         commissioning.expect_boot(move.node_id)
         lss.leave()
-        commissioning.await_boot(move.node_id)
+        _await_boot(commissioning, move)
         report(move)
     return passing
+
+
+def _await_boot(commissioning: Commissioning, move: Assignment) -> None:
+    try:
+        commissioning.await_boot(move.node_id)
+    except SilentError:
+        # Its boot-up message may be lost.
+        if commissioning.read(move.node_id, indices.IDENTITY, 4) != move.address.serial:
+            raise
 
 
 def _runs(commissioning: Commissioning, node_id: int | None) -> bool:

@@ -1,6 +1,8 @@
 """The LSS master against the firmware's LSS slaves, whose answers may come late or many at once."""
 
-import threading
+from heapq import heappop, heappush
+from queue import Empty
+from random import Random
 
 import pytest
 from hypothesis import given, settings
@@ -40,28 +42,59 @@ class Slave:
         return True
 
 
-class Bus:
-    """Takes the master's requests to the slaves; `late` may hold an answer back for some time."""
+class Answers:
+    """The master's queue in virtual time: a wait for an answer takes none of the machine."""
 
-    def __init__(self, *slaves, late=lambda _number: 0.0):
+    def __init__(self):
+        self._now_s = 0.0
+        self._coming = []
+        self._count = 0
+
+    def put(self, data, late_s=0.0):
+        self._count += 1
+        heappush(self._coming, (self._now_s + late_s, self._count, data))
+
+    def empty(self):
+        return not self._coming or self._coming[0][0] > self._now_s
+
+    def get(self, timeout=0.0):
+        if self.empty():
+            end_s = self._now_s + timeout
+            self._now_s = min(end_s, self._coming[0][0]) if self._coming else end_s
+        if self.empty():
+            raise Empty
+        return heappop(self._coming)[-1]
+
+
+class Bus:
+    """Takes the master's requests to the slaves; `late` may hold an answer back for some time.
+
+    Each frame gets lost with the probability `lost`.
+    """
+
+    def __init__(self, *slaves, late=lambda _number: 0.0, lost=0.0, seed=1):
         self.slaves = slaves
         self.master = LssMaster(self._send, timeouts_s=(0.002, 0.02, 0.1), answer_s=0.05)
+        self.master._answers = Answers()
         self.requests = []
         self._late = late
+        self._lost, self._chance = lost, Random(seed).random
+
+    def _arrives(self):
+        return self._chance() >= self._lost
 
     def _send(self, frame):
         assert frame.can_id == cob.LSS_REQUEST
         assert len(frame.data) == 8
         self.requests.append(frame.data)
+        if not self._arrives():
+            return
         late_s = self._late(len(self.requests))
         for slave in self.slaves:
             slave.lss.on_request(frame.data)
             answers, slave.answers = slave.answers, []
-            for answer in answers:
-                if late_s:
-                    threading.Timer(late_s, self.master.on_response, (answer,)).start()
-                else:
-                    self.master.on_response(answer)
+            for answer in filter(lambda _answer: self._arrives(), answers):
+                self.master._answers.put(answer, late_s)
 
 
 def ours(serial):
@@ -109,10 +142,31 @@ def test_a_lost_question_whether_there_are_more_ends_no_scan(lost):
     assert bus.master.find_blank() == [ours(7), ours(9)]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_all_cells_are_found_where_frames_get_lost(seed):
+    serials = [5, 6, 0x1234, 0x80000000, 0xCAFE0001]
+    bus = Bus(*(Slave(ours(serial)) for serial in serials), lost=0.02, seed=seed)
+    assert bus.master.find_blank() == [ours(serial) for serial in serials]
+    assert bus.master.find_beside([6]) == [5, *serials[2:]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_cell_takes_its_node_id_where_frames_get_lost(seed):
+    bus = Bus(Slave(ours(1)), lost=0.02, seed=seed)
+    for node_id in range(1, 8):
+        bus.master.select(ours(1))
+        assert bus.master.any_blank() == (node_id == 1)
+        bus.master.set_node_id(node_id)
+        assert bus.master.pending_node_id() == node_id
+        assert bus.master.store()
+        bus.master.leave()
+        assert (bus.slaves[0].booted, bus.slaves[0].saved) == (node_id, node_id)
+
+
 def test_few_requests_are_enough_for_our_own():
     bus = Bus(Slave(ours(0xFFFF)))
     bus.master.find_blank()
-    assert len(bus.requests) < 50
+    assert len({*bus.requests}) < 50
 
 
 def test_an_answer_that_comes_too_late_does_not_name_a_cell_that_is_not_there():
@@ -133,8 +187,7 @@ def test_selected_cell_takes_and_keeps_its_node_id_and_no_other_does():
     assert bus.slaves[0].pending_node_id == cob.NODE_NONE
 
 
-def test_a_device_that_answers_every_question_ends_the_search(monkeypatch):
-    monkeypatch.setattr("mdms_host.commissioning.lss_master._BESIDE_S", 0.001)
+def test_a_device_that_answers_every_question_ends_the_search():
     bus = Bus(Slave(ours(1), node_id=5))
     bus.slaves[0].lss.on_request = lambda _data: bus.slaves[0].answers.append(
         bytes((lss.IDENTIFIED,)) + bytes(7)

@@ -56,18 +56,28 @@ def make_blank(cells):
 
 @pytest.fixture
 def loses(cells):
-    """Has a share of all frames get lost, in both directions."""
+    """Has frames get lost, in both directions: those of which a function says so."""
 
-    def lose(share):
-        drawn, attach = Random(1), cells.array.attach
+    def lose(is_lost):
+        attach = cells.array.attach
 
         def lossy(deliver):
-            send = attach(lambda *frame: drawn.random() < share or deliver(*frame))
-            return lambda frame: drawn.random() < share or send(frame)
+            send = attach(lambda frame, now_s: is_lost(frame) or deliver(frame, now_s))
+            return lambda frame: is_lost(frame) or send(frame)
 
         cells.array.attach = lossy
 
     return lose
+
+
+def a_share(share):
+    drawn = Random(1)
+    return lambda _frame: drawn.random() < share
+
+
+def the_first(can_id, data):
+    waiting = [Frame(can_id, data)]
+    return lambda frame: frame in waiting and not waiting.remove(frame)
 
 
 @pytest.fixture
@@ -128,7 +138,7 @@ def test_show_tells_value_default_limits_and_the_nodes_that_differ(configure, ca
 
 
 def test_requests_whose_frames_get_lost_are_repeated(configure, capsys, cells, loses):
-    loses(0.04)
+    loses(a_share(0.04))
     assert configure("set", "gain=12", "--save") == ExitCode.OK
     assert "6 settings written and verified; stored on node 1-3" in capsys.readouterr().out
     assert values(configure, capsys, "axis1.gain") == {"1": 12.0, "2": 12.0, "3": 12.0}
@@ -459,6 +469,28 @@ def test_node_ids_are_swapped_by_a_file(configure, capsys, tmp_path):
         {"node": 1, "serial": "00000002"},
         {"node": 2, "serial": "00000001"},
     ]
+
+
+@pytest.mark.parametrize(
+    "is_lost",
+    [
+        a_share(0.02),
+        the_first(cob.NMT, bytes((nmt.RESET_NODE, 2))),
+        the_first(cob.HEARTBEAT_BASE + 1, bytes((nmt.INITIALISING,))),
+    ],
+    ids=["any", "a reset", "a boot-up"],
+)
+def test_node_ids_are_given_where_frames_get_lost(configure, tmp_path, make_blank, loses, is_lost):
+    make_blank(3)
+    loses(is_lost)
+    file = tmp_path / "array.toml"
+    nodes = {1: 2, 2: 1, 3: 5}
+    file.write_text(
+        "".join(f'[[cell]]\nserial = "{one:08X}"\nnode = {n}\n' for one, n in nodes.items())
+    )
+    assert configure("assign", "--from", file) == ExitCode.OK
+    with Commissioning(None, MonotonicClock()) as commissioning:
+        assert {commissioning.identity(n).serial: n for n in commissioning.find()} == nodes
 
 
 def test_cell_that_is_at_work_keeps_its_node_id(configure, capsys, tmp_path, cells):
