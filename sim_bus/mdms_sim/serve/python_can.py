@@ -5,7 +5,7 @@ Found by python-can through the entry point `can.interface`.
 
 import contextlib
 import copy
-import select
+import selectors
 import socket
 import threading
 from collections import deque
@@ -20,6 +20,8 @@ from mdms_sim.serve.clock import epoch_now_s
 
 _HELLO_TIMEOUT_S = 2.0
 _READ_BYTES = 1 << 16
+#: `select` alone refuses descriptors of 1024 and above. Windows has nothing else.
+_Selector = getattr(selectors, "PollSelector", selectors.SelectSelector)
 
 
 class MdmsBus(can.BusABC):
@@ -72,7 +74,7 @@ class MdmsBus(can.BusABC):
         wait_s = timeout
         while data:
             try:
-                _, writable, _ = select.select([], [self._socket], [], wait_s)
+                writable = _is_ready(self._socket, selectors.EVENT_WRITE, wait_s)
                 data = data[self._socket.send(data) :] if writable else data
             except OSError as error:
                 raise can.CanOperationError(f"the served bus is gone: {error}") from error
@@ -92,10 +94,9 @@ class MdmsBus(can.BusABC):
 
     def _readable(self, timeout: float | None) -> bool:
         try:
-            readable, _, _ = select.select([self._socket], [], [], timeout)
+            return _is_ready(self._socket, selectors.EVENT_READ, timeout)
         except (OSError, ValueError) as error:
             raise can.CanOperationError(f"the served bus is closed: {error}") from None
-        return bool(readable)
 
     def _read(self) -> None:
         try:
@@ -158,6 +159,13 @@ def _connect(channel: str) -> tuple[socket.socket, int]:
         )
     connection.setblocking(True)
     return connection, packet.bitrate_of(hello)
+
+
+def _is_ready(connection: socket.socket, event: int, timeout: float | None) -> bool:
+    """Whether it can be read or written in time. Raises ValueError if it is closed."""
+    with _Selector() as selector:
+        selector.register(connection, event)
+        return bool(selector.select(timeout))
 
 
 def _error_frame() -> can.Message:

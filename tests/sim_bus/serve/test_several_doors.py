@@ -1,5 +1,7 @@
 """Two served buses have a door each, and nothing of one comes out at the other."""
 
+import os
+import resource
 import threading
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -67,6 +69,25 @@ def test_each_bus_has_its_name_and_is_reached_by_it(path):
                 assert (answer.arbitration_id, bytes(answer.data)) == (0x700 + number, b"?")
                 # The other bus's node has not received it.
                 assert client.recv(0.05) is None
+
+
+@pytest.fixture
+def many_files():
+    """A program with more open files than `select` takes."""
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (2000, limits[1]))
+    files = [os.open(os.devnull, os.O_RDONLY) for _ in range(1024)]
+    yield
+    for each in files:
+        os.close(each)
+    resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+@pytest.mark.usefixtures("many_files")
+def test_a_program_with_many_open_files_reaches_a_bus(path):
+    with serving(path), can.Bus(f"{path}.0", interface="mdms") as client:
+        client.send(can.Message(arbitration_id=0x10, is_extended_id=False), timeout=PATIENCE_S)
+        assert client.recv(PATIENCE_S).arbitration_id == 0x700
 
 
 def test_each_bus_has_its_terminal_and_its_port(path):
