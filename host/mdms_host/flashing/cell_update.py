@@ -329,8 +329,12 @@ class CellUpdate:
         if refused and not self._boot.done:
             raise UpdateError(refused)
         yield self._boot
-        _check(self._boot)
-        yield from self._verify()
+        try:
+            yield from self._verify()
+        except UpdateError:
+            # Its boot-up message alone may be lost.
+            _check(self._boot)
+            raise
         yield Waiting(_TEST_S)
         refused = yield from self._attempt(update.CONFIRM)
         if (yield from self._read(indices.UPDATE, 8)):

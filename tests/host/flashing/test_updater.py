@@ -8,7 +8,7 @@ from mdms_host.flashing.cell_update import CellUpdate
 from mdms_host.flashing.updater import Updater
 from mdms_protocol import indices
 from mdms_protocol.codecs import bundle as heads
-from mdms_protocol.codecs import cob, sdo
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
@@ -134,6 +134,14 @@ def test_answer_to_start_or_confirm_that_gets_lost_costs_nothing():
         (update,) = cells.run(updates(cells, sent)).updates
         assert update.finished, update.failure
         assert cells.running() == [sent.identification]
+
+
+def test_boot_up_message_that_gets_lost_costs_no_cell_its_firmware():
+    cells, sent = Cells(), bundle()
+    cells.lose(bytes((nmt.INITIALISING,)), 0)
+    updater = cells.run(updates(cells, sent))
+    assert [each.failure for each in updater.updates] == [None] * 3
+    assert cells.running() == [sent.identification] * 3
 
 
 def test_cell_that_falls_silent_keeps_no_other_from_its_firmware():
