@@ -210,6 +210,7 @@ def test_a_cell_that_cannot_store_keeps_no_other_from_it_and_is_named(configure,
         ("configure restore-defaults --yes", 0x1008, "verified on node 1, 3"),
         ("configure restore-defaults --yes", 0x1011, "verified on node 1, 3"),
         ("identify", 0x1008, "node 1, 3: both LEDs blink"),
+        ("identify", 0x3007, "node 1, 3: both LEDs blink"),
     ],
 )
 def test_a_cell_that_hangs_keeps_no_other_from_it_and_is_named(hang, capsys, command, index, told):
@@ -235,6 +236,22 @@ def test_a_cell_that_hangs_is_in_no_file_and_keeps_no_other_from_its_settings(
     assert "failed: node 2; the others have the settings of the file" in printed.err
     assert configure("dump", part) == ExitCode.NODE_FAULT
     assert not part.exists()
+
+
+def test_a_cell_that_restarts_before_anything_is_written_takes_its_settings(
+    configure, capsys, cells
+):
+    def look(frame: Frame) -> None:
+        if frame.data[:3] == sdo.read_request(0x2000, 0)[:3]:
+            cells.before_send = lambda _frame: None
+            cells.array.bank.restart(1)
+            cells.sleep(0.2)
+
+    cells.before_send = look
+    assert configure("set", "gain=12") == ExitCode.OK
+    assert cells.before_send is not look
+    assert "6 settings written and verified" in capsys.readouterr().out
+    assert values(configure, capsys, "axis1.gain") == {"1": 12.0, "2": 12.0, "3": 12.0}
 
 
 def test_a_cell_that_restarts_before_it_has_stored_is_named(configure, capsys, cells):
