@@ -1,4 +1,4 @@
-"""Ctrl-C ends a run in one line and leaves nothing behind."""
+"""A signal ends a run in one line and leaves nothing behind."""
 
 import signal
 import subprocess
@@ -23,14 +23,33 @@ def wait_for_frames(process, folder):
         time.sleep(0.01)
 
 
-@pytest.mark.parametrize("nodes", ["cpython", "micropython"])
-def test_interrupted_run_is_told_in_one_line_and_not_kept(tmp_path, nodes):
+@pytest.mark.parametrize(
+    ("number", "nodes", "ends"),
+    [
+        (signal.SIGINT, "cpython", (130, b"mdms: interrupted\n")),
+        (signal.SIGINT, "micropython", (130, b"mdms: interrupted\n")),
+        (signal.SIGTERM, "cpython", (ExitCode.FAILURE, b"mdms: terminated\n")),
+        (signal.SIGHUP, "cpython", (ExitCode.FAILURE, b"mdms: terminated\n")),
+    ],
+)
+def test_run_that_is_ended_by_a_signal_is_told_in_one_line_and_not_kept(
+    tmp_path, number, nodes, ends
+):
     command = [str(MDMS), "simulate", "array18", *LONG, "--nodes", nodes, "--out", "run"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE) as process:
-        wait_for_frames(process, tmp_path)
-        process.send_signal(signal.SIGINT)
-        assert process.stderr.read() == b"mdms: interrupted\n"
-    assert process.returncode == 130
+    # The caller of the tests may ignore the signal (nohup does), and a child inherits that.
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE)
+    finally:
+        signal.signal(number, before)
+    with process:
+        try:
+            wait_for_frames(process, tmp_path)
+            process.send_signal(number)
+            _, told = process.communicate(timeout=120)
+        finally:
+            process.kill()
+    assert (process.returncode, told) == ends
     assert list(tmp_path.iterdir()) == []
 
 

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -86,37 +85,6 @@ def test_stream_of_ascii_takes_everything(tmp_path):
     assert "?? ?tag?re: box" in done.stdout
 
 
-LONG = ("simulate", "array18", "--set", "run.duration_s=1e4", "--set", "array.columns=3")
-
-
-def ended_by(number, folder):
-    """The exit code and stderr of a long run that gets a signal once it has written frames.
-
-    The caller of the tests may ignore the signal (nohup does), and a child inherits that.
-    """
-    before = signal.signal(number, signal.SIG_DFL)
-    try:
-        command = [MDMS, *LONG, "--out", folder / "run"]
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    finally:
-        signal.signal(number, before)
-    with process:
-        try:
-            while not any(path.stat().st_size for path in folder.glob(".run.*/bus.log")):
-                assert process.poll() is None, process.stderr.read()
-                time.sleep(0.01)
-            process.send_signal(number)
-            _, said = process.communicate(timeout=120)
-        finally:
-            process.kill()
-    return process.returncode, said
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_end_by_signal_is_one_line_and_a_failure(number, tmp_path):
-    assert ended_by(number, tmp_path) == (ExitCode.FAILURE, "mdms: terminated\n")
-
-
 #: Interrupts itself where a module is imported, as Ctrl-C may; the last is imported by a verb.
 INTERRUPTED = """
 import builtins, os, signal, sys
@@ -143,38 +111,22 @@ def test_interrupt_while_importing_is_one_line(name):
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "mdms: interrupted\n")
 
 
-#: Multiplies large matrices after a command, and prints how many threads there are by then.
-MULTIPLYING = """
-import os, sys
+#: Prints after a command whether garbage is collected, and how many threads multiply matrices.
+AFTER = """
+import gc, os, sys
 from mdms_host.entry import main
 sys.argv = ["mdms", "scenarios"]
 main()
 import numpy as np
 np.ones((800, 800)) @ np.ones((800, 800))
-print(len(os.listdir("/proc/self/task")))
+print(gc.isenabled(), len(os.listdir("/proc/self/task")))
 """
 
 
-def test_linear_algebra_starts_no_threads_beside_the_control_cycle():
-    process = [sys.executable, "-c", MULTIPLYING]
+def test_a_verb_collects_garbage_and_has_no_threads_beside_the_control_cycle():
+    process = [sys.executable, "-c", AFTER]
     done = subprocess.run(process, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "1"
-
-
-#: Prints whether garbage is collected once a verb has begun.
-COLLECTING = """
-import gc, sys
-from mdms_host.entry import main
-sys.argv = ["mdms", "scenarios"]
-main()
-print(gc.isenabled())
-"""
-
-
-def test_garbage_is_collected_again_once_a_verb_begins():
-    process = [sys.executable, "-c", COLLECTING]
-    done = subprocess.run(process, capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "True"
+    assert done.stdout.splitlines()[-1] == "True 1"
 
 
 def test_error_of_a_file_is_one_line(monkeypatch, capsys):

@@ -19,7 +19,7 @@ PRESSED_S = 0.93
 def demo(fault):
     """The record of the demo under a fault of the supply from then on."""
     struck = f"fault=[{{kind='supply', start_s={PRESSED_S}{fault}}}]"
-    return mdms.simulate(load_scenario("array18", [struck, "run.duration_s=4"])).record
+    return mdms.simulate(load_scenario("array18", [struck, "run.duration_s=3"])).record
 
 
 def tips(record):

@@ -29,7 +29,7 @@ def test_watching_is_on_by_default_with_times_below_100_ms():
 
 def test_goals_are_reached_with_watching_on():
     """The whole demo's goal with a parcel of 10 kg and motors 30 % off, and no emergency."""
-    heavy = ["parcel.0.mass_kg=10", "cell.motor_spread=0.3", "run.duration_s=5"]
+    heavy = ["parcel.0.mass_kg=10", "cell.motor_spread=0.3", "run.duration_s=2.5"]
     scenario = load_scenario("array18", heavy)
     coordinator = coordinator_of(scenario)
     simulate(scenario, [coordinator])

@@ -10,7 +10,7 @@ from mdms_model.scenario.file import load_scenario
 LIFTED_S = 1.5
 
 
-def run(*overrides: str, duration_s: float = 12.0) -> mdms.Run:
+def run(*overrides: str, duration_s: float) -> mdms.Run:
     slow = "motion.speed_m_s=0.1"
     keys = [f"run.duration_s={duration_s}", slow, *overrides]
     return mdms.simulate(load_scenario("array18", keys))
@@ -54,7 +54,7 @@ def test_a_run_that_ends_with_a_lost_parcel_reports_it_and_has_no_pose_of_it(gon
 @pytest.mark.parametrize("held_s", [0.5, 2.0])
 def test_a_parcel_that_is_set_down_elsewhere_is_found_and_goes_on_to_its_goal(held_s):
     back = lifted(duration_s=held_s, x_m=-0.02, y_m=0.02, yaw_rad=0.2)
-    ended = run(back, duration_s=held_s + 6.0)
+    ended = run(back, duration_s=held_s + 4.0)
     found_s = times_of(ended, "box found")
     assert LIFTED_S + held_s < found_s[-1] < LIFTED_S + held_s + 0.5
     assert ended.parcels["box"].reached
@@ -63,7 +63,7 @@ def test_a_parcel_that_is_set_down_elsewhere_is_found_and_goes_on_to_its_goal(he
 
 @pytest.mark.parametrize("side", ["length_m=0.38", "width_m=0.28"])
 def test_a_box_that_is_told_20_mm_wrong_arrives_where_it_is_to_be(side):
-    ended = run(f"belief.box.{side}", duration_s=6.0)
+    ended = run(f"belief.box.{side}", duration_s=4.0)
     outcome = ended.parcels["box"].outcome
     assert outcome.reached
     assert outcome.position_error_m < 0.003

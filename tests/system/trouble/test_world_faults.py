@@ -1,6 +1,5 @@
 """Firmware and coordinator in a world that goes wrong, or that is not as believed."""
 
-from functools import partial
 from math import pi, radians, remainder
 
 import numpy as np
@@ -163,7 +162,7 @@ def test_a_parcel_gets_past_a_wheel_that_stands_and_the_wheel_is_named(kind, cel
     fault = f'fault=[{{kind="{kind}", cells=[{cell}], axes=[1], start_s=0.45}}]'
     scenario = load_scenario("array18", ["run.duration_s=3", fault])
     coordinator = coordinator_of(scenario)
-    record = simulate(scenario, [coordinator]).record
+    record = until_over(scenario, coordinator)
     name = f"cell {cell} (node {cell}) axis 1 does not follow"
     (named_s,) = [time_s for time_s, text in coordinator.troubles if name in text]
     assert 0.45 < named_s < 0.75
@@ -187,7 +186,16 @@ def wrong_place(cell, as_cell):
     fault = f"fault=[{{kind='wrong_place', cells=[{cell}], as_cell={as_cell}}}]"
     scenario = load_scenario("array18", ["run.duration_s=10", fault])
     coordinator = coordinator_of(scenario)
-    return simulate(scenario, [coordinator]).record, coordinator
+    return until_over(scenario, coordinator), coordinator
+
+
+def until_over(scenario, coordinator, nodes="cpython"):
+    """The record of a run that ends with a fault, or at its goal."""
+
+    def over():
+        return coordinator.fault or coordinator.finished
+
+    return simulate(scenario, [coordinator], nodes, over=over).record
 
 
 def refused(nodes, *overrides):
@@ -196,8 +204,7 @@ def refused(nodes, *overrides):
     settings = ["run.duration_s=6", "array.coded_places=true", fault, *overrides]
     scenario = load_scenario("array18", settings)
     coordinator = coordinator_of(scenario)
-    over = partial(getattr, coordinator, "fault")
-    return simulate(scenario, [coordinator], nodes, over=over).record, coordinator
+    return until_over(scenario, coordinator, nodes), coordinator
 
 
 @pytest.mark.parametrize("nodes", ["cpython", "micropython"])
