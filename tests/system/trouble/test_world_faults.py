@@ -101,7 +101,7 @@ def test_a_size_that_is_told_roughly_is_learned_before_the_parcel_has_arrived(of
     scenario = load_scenario(
         "array18",
         [
-            *("run.duration_s=10.0", "motion.speed_m_s=0.3"),
+            *("run.duration_s=4.0", "motion.speed_m_s=0.3"),
             *("parcel.0.length_m=0.36", "parcel.0.width_m=0.30"),
             *("parcel.0.x_m=-0.095", "parcel.0.y_m=-0.04", "parcel.0.yaw_rad=-0.062"),
             "parcel.0.goal={x_m=-0.124, y_m=-0.043, yaw_rad=-0.059}",
@@ -138,7 +138,7 @@ def test_a_parcel_that_is_told_too_large_is_found_with_the_sizes_that_sensors_al
     scenario = load_scenario(
         "neighbours",
         [
-            *("motion.control='host'", "run.duration_s=14.0", f"run.seed={seed}"),
+            *("motion.control='host'", "run.duration_s=8.0", f"run.seed={seed}"),
             *("cell.motor_spread=0.3", "cell.friction_spread=0.3"),
             *("parcel.0.length_m=0.36", "parcel.0.width_m=0.30"),
             f"parcel.0.x_m={start[0]}",
