@@ -17,7 +17,7 @@ from mdms_protocol.dictionary import PRODUCT_CODE, REVISION, VENDOR_ID
 _KNOWN = (VENDOR_ID, PRODUCT_CODE, REVISION)
 _SERIAL = 3
 #: How long to wait for an answer [s], one search after the other: a late answer spoils a search.
-TIMEOUTS_S = (0.02, 0.05, 0.1, 0.2, 0.4)
+_TIMEOUTS_S = (0.02, 0.05, 0.1, 0.2, 0.4)
 #: The share of it that has to pass without another answer before the next request.
 _SETTLING = 0.25
 #: How long to wait whether cells are there that are not expected [s].
@@ -28,7 +28,7 @@ _ASKED = 4
 #: twice. Of two frames lost in a hundred, one question of six frames in 3,000 fails.
 _COPIES = 4
 #: For requests that are answered as a rule, and for those that write to flash.
-ANSWER_S = 0.5
+_ANSWER_S = 0.5
 _STORE_S = 3.0
 
 
@@ -52,21 +52,13 @@ class LssAddress(NamedTuple):
 class LssMaster:
     """Finds, selects and configures cells; `on_response` may be called from another thread.
 
-    In a search, where most requests get no answer, each waits for one of `timeouts_s`.
+    In a search most requests get no answer, so each waits for a short time.
     """
 
-    def __init__(
-        self,
-        send: Callable[[Frame], None],
-        *,
-        timeouts_s: Sequence[float] = TIMEOUTS_S,
-        answer_s: float = ANSWER_S,
-    ) -> None:
+    def __init__(self, send: Callable[[Frame], None]) -> None:
         self._send_frame = send
         self._answers: SimpleQueue[bytes] = SimpleQueue()
-        self._timeouts_s = timeouts_s
-        self._timeout_s = timeouts_s[0]
-        self._answer_s = answer_s
+        self._timeout_s = _TIMEOUTS_S[0]
 
     def on_response(self, data: bytes) -> None:
         """Take in a frame of `cob.LSS_RESPONSE`."""
@@ -75,7 +67,7 @@ class LssMaster:
     def any_blank(self) -> bool:
         """Whether a cell without node id is on the bus."""
         question = [(lss.IDENTIFY_UNCONFIGURED, b"")]
-        return self._ask(question, lss.UNCONFIGURED, self._answer_s) is not None
+        return self._ask(question, lss.UNCONFIGURED, _ANSWER_S) is not None
 
     def find_blank(self) -> list[LssAddress]:
         """All cells without node id, by their identities. Raises LssError.
@@ -83,7 +75,7 @@ class LssMaster:
         A fast scan finds the lowest of them, which then keeps out of the next scan.
         """
         self._take_back()
-        for timeout_s in self._timeouts_s:
+        for timeout_s in _TIMEOUTS_S:
             self._timeout_s = timeout_s
             self.leave()
             try:
@@ -108,7 +100,7 @@ class LssMaster:
 
         Raises LssError.
         """
-        return self._result(lss.INQUIRE_NODE_ID, b"", self._answer_s)
+        return self._result(lss.INQUIRE_NODE_ID, b"", _ANSWER_S)
 
     def find_beside(self, known: Iterable[int]) -> list[int]:
         """Serial numbers of cells beside those known, whatever their node ids, in order.
@@ -161,7 +153,7 @@ class LssMaster:
         The search of another master puts cells that it finds into the configuration state. If one
         of them takes the id as well, neither keeps it.
         """
-        result = self._result(lss.CONFIGURE_NODE_ID, bytes((node_id,)), self._answer_s)
+        result = self._result(lss.CONFIGURE_NODE_ID, bytes((node_id,)), _ANSWER_S)
         self._expect_ok(lss.CONFIGURE_NODE_ID, result)
         if self._others_answer():
             self._send(lss.CONFIGURE_NODE_ID, bytes((cob.NODE_NONE,)))
@@ -192,13 +184,13 @@ class LssMaster:
         """
         self._send(lss.CONFIGURE_NODE_ID, bytes((cob.NODE_NONE,)))
         self.leave()
-        self._timeout_s = self._answer_s
+        self._timeout_s = _ANSWER_S
         self._others_answer()
 
     def _scan_all(self) -> list[LssAddress]:
         found: list[LssAddress] = []
         # Lost frames are no sign that all are found.
-        while any(self._matches(0, lss.SCAN_ALL, 0, 0, self._answer_s) for _ in range(_ASKED)):
+        while any(self._matches(0, lss.SCAN_ALL, 0, 0, _ANSWER_S) for _ in range(_ASKED)):
             address = self._find_lowest()
             # A cell that was mistaken for another is found again, or another before it.
             if found and address <= found[-1]:
@@ -269,7 +261,7 @@ class LssMaster:
         """Whether a cell with this address answers, which is in the configuration state then."""
         numbers = (number.to_bytes(4, "little") for number in address)
         question = [(lss.SWITCH_VENDOR + part, data) for part, data in enumerate(numbers)]
-        return self._ask(question, lss.SWITCHED, self._answer_s) is not None
+        return self._ask(question, lss.SWITCHED, _ANSWER_S) is not None
 
     def _result(self, command: int, data: bytes, timeout_s: float) -> int:
         """The first byte that the selected cell answers with."""
