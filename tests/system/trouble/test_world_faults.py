@@ -237,7 +237,7 @@ def test_cells_that_come_back_in_each_others_places_are_named_and_not_taken_back
         "{kind='off', cells=[2, 17], start_s=1.0, duration_s=0.5}",
         "{kind='wrong_place', cells=[2], as_cell=17, start_s=1.2}",
     )
-    settings = ("motion.speed_m_s=0.1", f"run.on_lost_cell='{policy}'", "run.duration_s=9")
+    settings = ("motion.speed_m_s=0.1", f"run.on_lost_cell='{policy}'", "run.duration_s=5")
     fault = f"fault=[{', '.join(faults)}]"
     scenario = load_scenario("array18", ["array.coded_places=true", fault, *settings])
     coordinator = coordinator_of(scenario)
