@@ -101,11 +101,6 @@ class Table:
         lines = iter(self.process.stdout.readline, "")
         assert any("connect with" in line for line in lines)
 
-    @property
-    def opcua(self) -> str:
-        """The address of its server by OPC UA."""
-        return f"opc.tcp://127.0.0.1:{self.ports['opcua']}/mdms/"
-
     def report(self, folder: Path) -> None:
         """Have the table write its last minute into a folder."""
         assert self.process is not None

@@ -58,30 +58,19 @@ def table(tmp_path: Path) -> Iterator[Table]:
         yield table
 
 
-@pytest.fixture(scope="module")
-def lasting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Table]:
-    """A table with both protocols, which all tests share that only use it."""
-    folder = tmp_path_factory.mktemp("line")
-    admit_user(folder)
-    with served(folder, "modbus", "opcua") as table:
+@pytest.fixture
+def both(tmp_path: Path) -> Iterator[Table]:
+    """A table with both protocols."""
+    admit_user(tmp_path)
+    with served(tmp_path, "modbus", "opcua") as table:
         yield table
 
 
-@pytest.fixture
-def shared(lasting: Table) -> Iterator[Table]:
-    """The same, in Stopped before and after the test."""
-    yield lasting
-    controller = lasting.controller()
-    if controller.read(1) != (STOPPED,):
-        assert controller.command(3)
-        controller.until_state(STOPPED)
-
-
-def test_a_controller_that_dies_suspends_the_table(shared: Table) -> None:
-    first = shared.controller()
+def test_a_controller_that_dies_suspends_the_table(table: Table) -> None:
+    first = table.controller()
     first.bring_to_execute()
     first.close()
-    second = shared.controller()
+    second = table.controller()
     second.until_state(SUSPENDED, beats=False)
     assert not second.command(7)
     second.beat()
@@ -89,13 +78,13 @@ def test_a_controller_that_dies_suspends_the_table(shared: Table) -> None:
     second.until_state(EXECUTE)
 
 
-def test_a_start_that_has_waited_with_its_heartbeat_moves_nothing(shared: Table) -> None:
+def test_a_start_that_has_waited_with_its_heartbeat_moves_nothing(table: Table) -> None:
     """The servers stand still, as on a slow disk, and the controller hangs meanwhile."""
-    hung, watching = shared.controller(), shared.controller()
+    hung, watching = table.controller(), table.controller()
     assert hung.command(1)
     hung.until_state(IDLE)
     (counter,) = hung.read(103)
-    servers = shared.servers()
+    servers = table.servers()
     os.kill(servers, signal.SIGSTOP)
     hung.send(struct.pack(">BHH", 6, 100, 0xAAAA))
     hung.send(struct.pack(">BHHBHH", 16, 101, 2, 4, 2, counter + 1))
@@ -106,24 +95,20 @@ def test_a_start_that_has_waited_with_its_heartbeat_moves_nothing(shared: Table)
     assert watching.read(1) == (IDLE,)
 
 
-def test_a_command_that_was_refused_as_late_is_not_done_later(shared: Table) -> None:
-    controller = shared.controller()
-    assert shared.process is not None
-    shared.process.send_signal(signal.SIGSTOP)
+def test_a_command_that_was_refused_as_late_is_not_done_later(table: Table) -> None:
+    controller = table.controller()
+    assert table.process is not None
+    table.process.send_signal(signal.SIGSTOP)
     assert not controller.command(1)
     (beats,) = controller.read(4)
-    shared.process.send_signal(signal.SIGCONT)
+    table.process.send_signal(signal.SIGCONT)
     # Snapshots come again, and the first of them are later than the command.
     controller.until(lambda: controller.read(4)[0] > beats + 5)
     assert controller.read(1) == (STOPPED,)
 
 
-def test_orders_and_the_recipe_survive_a_kill_and_nothing_is_repeated(table: Table) -> None:
+def test_orders_survive_a_kill_once_each_and_nothing_is_repeated(table: Table) -> None:
     controller = table.controller()
-
-    def choice_is_refused(recipe: int) -> bool:
-        return controller.ask(bytes([6, 0, 107, 0, recipe])) == bytes([0x86, 3])
-
     for number in range(200):
         assert controller.order(0, f"k{number}", f"P-{number}", exit=2) == (0, 1)
     assert controller.order(2, "Box", "P-0")[0] == 2
@@ -131,21 +116,11 @@ def test_orders_and_the_recipe_survive_a_kill_and_nothing_is_repeated(table: Tab
     assert controller.order(4, "", "P-0")[0] == 0
     assert controller.order(4, "", "P-0")[0] == 2
     assert controller.order(2, "", "P-0")[0] == 0
-    controller.until(lambda: controller.read(9) == (1,))
-    assert choice_is_refused(2)
-    assert controller.command(1)
-    controller.until_state(IDLE)
-    controller.write(107, 2)
-    controller.until(lambda: controller.read(9) == (2,))
-    assert controller.command(2)
-    controller.until_state(EXECUTE)
-    assert choice_is_refused(1)
+    controller.bring_to_execute()
     controller.until(lambda: controller.order(3, "k0") == (0, 2))
     table.kill()
     table.start()
     controller = table.controller()
-    controller.until(lambda: controller.read(9) == (2,))
-    assert choice_is_refused(3)
     assert controller.read(1) == (STOPPED,)
     assert controller.order(3, "k0") == (0, 7)
     assert controller.read(7, 2) == (199, 1)
@@ -157,16 +132,50 @@ def test_orders_and_the_recipe_survive_a_kill_and_nothing_is_repeated(table: Tab
     controller.bring_to_execute()
     controller.until(lambda: controller.read(12, 2)[1] >= 1)
     assert controller.order(3, "k0") == (0, 6)
-    report = table.folder / "report"
-    table.report(report)
-    assert load_scenario(str(report)).motion.speed_m_s == 0.25
     assert controller.command(3)
     controller.until_state(STOPPED)
 
 
+def test_a_recipe_is_chosen_in_idle_alone_and_survives_a_kill(table: Table) -> None:
+    controller = table.controller()
+    controller.until(lambda: controller.read(9) == (1,))
+    assert controller.ask(bytes([6, 0, 107, 0, 2])) == bytes([0x86, 3])
+    assert controller.command(1)
+    controller.until_state(IDLE)
+    controller.write(107, 2)
+    controller.until(lambda: controller.read(9) == (2,))
+    assert controller.command(2)
+    controller.until_state(EXECUTE)
+    assert controller.ask(bytes([6, 0, 107, 0, 1])) == bytes([0x86, 3])
+    report = table.folder / "report"
+    table.report(report)
+    assert load_scenario(str(report)).motion.speed_m_s == 0.25
+    table.kill()
+    table.start()
+    controller = table.controller()
+    controller.until(lambda: controller.read(9) == (2,))
+    assert controller.ask(bytes([6, 0, 107, 0, 3])) == bytes([0x86, 3])
+    controller.bring_to_execute()
+    assert controller.command(3)
+    controller.until_state(STOPPED)
+
+
+def test_full_exits_and_maintenance_survive_a_kill(table: Table) -> None:
+    controller = table.controller()
+    controller.write(105, 0b001)
+    controller.write(106, 2)
+    table.kill()
+    table.start()
+    controller = table.controller()
+    controller.until(lambda: (*controller.read(2), *controller.read(6)) == (2, 0b001))
+    assert not controller.command(1)
+    controller.write(106, 1)
+    assert controller.command(1)
+
+
 @needs_node
-def test_modbus_serial_brings_a_parcel_to_its_exit(shared: Table) -> None:
-    command = [str(NODE), str(HERE / "modbus_client.js"), str(shared.ports["modbus"])]
+def test_modbus_serial_brings_a_parcel_to_its_exit(table: Table) -> None:
+    command = [str(NODE), str(HERE / "modbus_client.js"), str(table.ports["modbus"])]
     done = subprocess.run(
         [*command, "m1", "box 1"],
         capture_output=True,
@@ -181,8 +190,8 @@ def test_modbus_serial_brings_a_parcel_to_its_exit(shared: Table) -> None:
 
 
 @needs_node
-def test_node_opcua_brings_a_parcel_to_its_exit(shared: Table, tmp_path: Path) -> None:
-    url = shared.opcua
+def test_node_opcua_brings_a_parcel_to_its_exit(both: Table, tmp_path: Path) -> None:
+    url = f"opc.tcp://127.0.0.1:{both.ports['opcua']}/mdms/"
     command = [str(NODE), str(HERE / "opcua_client.js"), url, "u1", "box 1", str(tmp_path / "pki")]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=4 * PATIENCE_S, check=False
@@ -197,20 +206,8 @@ def test_node_opcua_brings_a_parcel_to_its_exit(shared: Table, tmp_path: Path) -
 
 
 @pytest.mark.skipif(shutil.which("mbpoll") is None, reason="no mbpoll, which .ci/run installs")
-def test_mbpoll_reads_the_map(shared: Table) -> None:
-    options = [
-        "-m",
-        "tcp",
-        "-p",
-        str(shared.ports["modbus"]),
-        "-t",
-        "4",
-        "-r",
-        "1",
-        "-c",
-        "2",
-        "-1",
-    ]
+def test_mbpoll_reads_the_map(table: Table) -> None:
+    options = ["-m", "tcp", "-p", str(table.ports["modbus"]), "-t", "4", "-r", "1", "-c", "2", "-1"]
     done = subprocess.run(
         ["mbpoll", *options, "127.0.0.1"], capture_output=True, text=True, timeout=60, check=False
     )
@@ -219,18 +216,22 @@ def test_mbpoll_reads_the_map(shared: Table) -> None:
 
 
 @pytest.mark.parametrize("controller", ["modbus", "opcua"])
-def test_the_controllers_of_the_example_work(shared: Table, controller: str) -> None:
-    arguments = {
-        "modbus": [str(shared.ports["modbus"])],
-        "opcua": [shared.opcua, str(shared.folder), "plc", "secret"],
-    }[controller]
-    done = subprocess.run(
-        [sys.executable, str(EXAMPLES / f"{controller}_controller.py"), *arguments],
-        capture_output=True,
-        text=True,
-        timeout=4 * PATIENCE_S,
-        check=False,
-    )
+def test_the_controllers_of_the_example_work(tmp_path: Path, controller: str) -> None:
+    if controller == "opcua":
+        admit_user(tmp_path)
+    with served(tmp_path, controller) as table:
+        port = table.ports[controller]
+        arguments = {
+            "modbus": [str(port)],
+            "opcua": [f"opc.tcp://127.0.0.1:{port}/mdms/", str(tmp_path), "plc", "secret"],
+        }[controller]
+        done = subprocess.run(
+            [sys.executable, str(EXAMPLES / f"{controller}_controller.py"), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=4 * PATIENCE_S,
+            check=False,
+        )
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1].lower() == "stopped"
 
@@ -258,11 +259,12 @@ def test_a_full_chute_of_the_plant_leaves_the_others_to_their_parcels() -> None:
     assert while_full, "".join(lines)
 
 
-def test_opcua_refuses_other_users_and_connections_without_encryption(shared: Table) -> None:
+def test_opcua_refuses_other_users_and_connections_without_encryption(both: Table) -> None:
     from asyncua import ua
 
     async def connect(user: str, password: str, *, secure: bool) -> None:
-        async with await opcua_client(shared.opcua, shared.folder, user, password, secure=secure):
+        url = f"opc.tcp://127.0.0.1:{both.ports['opcua']}/mdms/"
+        async with await opcua_client(url, both.folder, user, password, secure=secure):
             pass
 
     asyncio.run(connect("plc", "secret", secure=True))
@@ -275,7 +277,7 @@ def test_opcua_refuses_other_users_and_connections_without_encryption(shared: Ta
             asyncio.run(connect(user, password, secure=secure))
 
 
-def test_a_run_outlasts_a_full_disk_and_full_exits_and_maintenance_a_kill(table: Table) -> None:
+def test_on_a_full_disk_orders_are_refused_and_the_run_goes_on(table: Table) -> None:
     controller = table.controller()
     controller.bring_to_execute()
     with full_disk(table.servers()):
@@ -287,16 +289,9 @@ def test_a_run_outlasts_a_full_disk_and_full_exits_and_maintenance_a_kill(table:
     assert controller.order(0, "k1", "P-1", exit=2) == (0, 1)
     assert controller.command(3)
     controller.until_state(STOPPED)
-    controller.write(105, 0b001)
-    controller.write(106, 2)
     table.kill()
     table.start()
-    controller = table.controller()
-    assert controller.order(3, "k1") == (0, 1)
-    controller.until(lambda: (*controller.read(2), *controller.read(6)) == (2, 0b001))
-    assert not controller.command(1)
-    controller.write(106, 1)
-    assert controller.command(1)
+    assert table.controller().order(3, "k1") == (0, 1)
 
 
 def test_an_order_of_the_book_that_the_table_refuses_is_refused(tmp_path: Path) -> None:
