@@ -38,10 +38,9 @@ class Confirmation:
         self.standing = Standing.LOST
         self._shown_s = -inf
 
-    def find(self, now_s: float) -> Standing:
+    def find(self, now_s: float) -> None:
         """A search has found the parcel."""
         self.standing, self._shown_s = Standing.FOUND, now_s
-        return self.standing
 
     def step(self, now_s: float, shown: bool) -> Standing:
         """Take in whether the sensors show it now.

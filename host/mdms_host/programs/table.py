@@ -1,7 +1,7 @@
 """The table as a program sees it: parcels that come, are moved, and leave."""
 
 from collections import Counter, deque
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from difflib import get_close_matches
 from math import inf
 from typing import Any, Protocol, TypeVar
@@ -210,13 +210,13 @@ class Table:
         for task in tasks:
             task.heed()
 
-        def failed() -> Iterator[BaseException]:
+        def fault() -> BaseException | None:
             errors = (task.error for task in tasks if task.error is not None)
-            return (error for error in errors if not isinstance(error, ProgramError))
+            return next((each for each in errors if not isinstance(each, ProgramError)), None)
 
         for task in tasks:
-            await until(Done(task, lambda: any(failed())))
-        for error in failed():
+            await until(Done(task, lambda: fault() is not None))
+        if error := fault():
             raise error
         for task in tasks:
             task.result()

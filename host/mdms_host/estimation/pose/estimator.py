@@ -113,7 +113,6 @@ class ParcelEstimator:
     `pose` is (x, y, yaw), or None until the parcel has been found, and when it is lost.
     `covariance` is of shape (3, 3) and `twist` is (vx, vy, yaw rate). `corrected` is set by every
     sensor that is believed. `unseen` is whether no speeds came for a while before the last ones.
-    `standing` is that of the belief.
     `footprint` is as large as edges show it, and `spread_m` how exact its drawing is. A twist
     divided by `corner_m` has a corner's speed instead of the rate.
     """
@@ -139,7 +138,6 @@ class ParcelEstimator:
         # All poses that the sensors allow, as long as these are far apart.
         self._cloud: PoseCloud | None = None
         self._confirmation = Confirmation()
-        self.standing = self._confirmation.standing
         self.footprint = footprint
         self.twist: Floats = np.zeros(3)
         self._sliding = Sliding(self.corner_m)
@@ -155,6 +153,11 @@ class ParcelEstimator:
         self._under: tuple[Footprint, list[float], Under] | None = None
         #: Sensors that have not told of an edge that most others have told of, by their places.
         self._untold_m: set[tuple[float, ...]] = set()
+
+    @property
+    def standing(self) -> Standing:
+        """The standing of the belief."""
+        return self._confirmation.standing
 
     @property
     def pose(self) -> Floats | None:
@@ -179,7 +182,7 @@ class ParcelEstimator:
             self._cloud = PoseCloud(
                 footprint, found.poses, found.weights, found.grid, found.growths
             )
-        self.standing = self._confirmation.find(now_s)
+        self._confirmation.find(now_s)
         self.twist = np.zeros(3)
         self._at_s = now_s
         self._way.clear()
@@ -205,7 +208,7 @@ class ParcelEstimator:
     def resume(self, now_s: float) -> None:
         """The doubtful parcel is where it was after all: another thing contradicts it."""
         if self._filter is not None:
-            self.standing = self._confirmation.find(now_s)
+            self._confirmation.find(now_s)
 
     def near(self, pose: Floats) -> Near:
         """Sensors and wheels that may have to do with the parcel at a pose."""
@@ -432,8 +435,7 @@ class ParcelEstimator:
     def _confirm(self, now_s: float, shown: bool) -> None:
         """Take in whether the parcel is shown where it is believed to be."""
         before = self.standing
-        self.standing = self._confirmation.step(now_s, shown)
-        if self.standing is Standing.LOST:
+        if self._confirmation.step(now_s, shown) is Standing.LOST:
             self._lose()
         elif self.standing is not before:
             self._grow(self._kept_growths[1])

@@ -284,8 +284,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
         super().__init__(planner, executor, loads, rules)
         self._cells = cells
         self._orders_due_s = -inf
-        #: The host commands no wheel; what cells command is not known.
-        self.speeds_m_s = np.zeros(len(layout.wheel_cells))
+        self._still: Floats = np.zeros(len(layout.wheel_cells))
 
     def know(self, parcel: Parcel, mass: Mass) -> None:
         """There is to be another parcel."""
@@ -322,7 +321,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
                 self._moved_s = self._now_s
         if self._cells.goes_on:
             self._set_orders()
-        return self.speeds_m_s
+        return self._still
 
     def doubt_arrivals(self) -> None:
         """No parcel has arrived that the beliefs of this cycle do not show at its goal any more."""
@@ -334,6 +333,11 @@ class CellsTraffic(OrderedTraffic[Legs]):
     def near(self) -> Collection[str]:
         """See `OrderedTraffic`."""
         return self._cells.near
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run, (W,): what cells command is not known."""
+        return self._still
 
     def _set_orders(self) -> None:
         """Have cells get the order over them, of parcels as far as these would go by themselves."""

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
-from mdms_host.estimation.belief import Belief
+from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.motion.carrying import Carrying
 from mdms_host.motion.trajectory.follower import Carried, Grip
 from mdms_host.motion.trajectory.traction import Traction
@@ -49,7 +49,6 @@ class TableTraffic(OrderedTraffic[Ride]):
         super().__init__(planner, executor, loads, WayRules(kept_free), told=told)
         self._traction = traction
         self._carrying = Carrying(traction.layout, traction.drives)
-        self.speeds_m_s = self._carrying.speeds_m_s
         self._grips: dict[str, Grip] = {}
         #: Parcels whose wheels slip by the present estimate.
         self._slipping: set[str] = set()
@@ -65,15 +64,22 @@ class TableTraffic(OrderedTraffic[Ride]):
         carried = dict(self._drive(beliefs, step_s))
         if carried:
             self._moved_s = self._now_s
-        carrying = self._carrying
-        references_m_s = carrying.references_m_s(carried, self._where.outlines, self._where.places)
-        self.speeds_m_s, self.gains = carrying.speeds_m_s, carrying.gains
-        return references_m_s
+        return self._carrying.references_m_s(carried, self._where.outlines, self._where.places)
 
     @property
     def near(self) -> Collection[str]:
         """See `OrderedTraffic`."""
         return [name for name, ride in self._rides.items() if ride.may_feel]
+
+    @property
+    def speeds_m_s(self) -> Floats:
+        """See `OrderedTraffic`."""
+        return self._carrying.speeds_m_s
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """See `OrderedTraffic`."""
+        return self._carrying.gains
 
     def _set_out(self, order: Order, route: Route) -> Ride:
         grip = self._grips.setdefault(order.parcel, Grip())

@@ -101,13 +101,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
 
     Their loads are known, by name. Anything else that is believed to lie on the table is an
     obstacle. Parcels lie where they were `told` to until they are found.
-
-    `speeds_m_s` (W,) is how fast each wheel is to run under the references that were returned last,
-    as far as that is known. `gains` are those of the wheels under parcels in the step before these.
     """
-
-    speeds_m_s: Floats
-    gains: Mapping[str, Gain] = MappingProxyType({})
 
     def __init__(
         self,
@@ -150,6 +144,16 @@ class OrderedTraffic(ABC, Generic[Ride]):
     @abstractmethod
     def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of all wheels (W,) [m/s] for the next cycle."""
+
+    @property
+    @abstractmethod
+    def speeds_m_s(self) -> Floats:
+        """How fast each wheel is to run under the references that were returned last, (W,)."""
+
+    @property
+    def gains(self) -> Mapping[str, Gain]:
+        """Gains of the wheels under parcels in the step before these, as far as they are known."""
+        return {}
 
     # Orders --------------------------------------------------------------------------------------
 
