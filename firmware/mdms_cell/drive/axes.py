@@ -471,10 +471,10 @@ class Axes:
 
         A target of before the change ends with it.
         """
+        if led != self._drives[0].led:
+            self.rest()
         for drive in self._drives:
-            if drive.led != led:
-                drive.led = led
-                self.rest()
+            drive.led = led
 
     @micropython.native
     def lead(self, targets_um_s):
