@@ -1,6 +1,7 @@
 """Compiled functions: kept between processes, renewed with their sources, plain without numba."""
 
 import fcntl
+import gc
 import json
 import os
 import subprocess
@@ -153,6 +154,20 @@ def total(values):
     for value in values:
         result += value
     return result
+
+
+@needs_numba
+def test_garbage_is_looked_for_again_after_a_compilation_though_it_failed():
+    def no_sum(x):
+        return x + "1"
+
+    from numba import TypingError
+
+    assert compiled(lambda x: x + 1)(1) == 2
+    assert gc.isenabled()
+    with pytest.raises(TypingError):
+        compiled(no_sum)(1)
+    assert gc.isenabled()
 
 
 def test_code_for_given_types_gives_the_result_of_the_function():
