@@ -8,7 +8,7 @@ WORKERS ?= 4
 # Tests start hundreds of processes; each would compile our modules anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo line test quick check docs format generate bench prove soak requirements clean
+.PHONY: demo line test quick check mypy pyright rules docs format generate bench prove soak requirements clean
 
 demo: $(VENV)/.run
 	$(BIN)/mdms demo
@@ -25,15 +25,22 @@ test: $(VENV)/.dev
 quick: $(VENV)/.dev
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadgroup -m "not slow and not real_time"
 
-check: $(VENV)/.dev typings/.installed
+# Three parts, so that `make --jobs 2 check` has two beside each other.
+check: mypy pyright rules
+
+mypy: $(VENV)/.dev
+	$(BIN)/mypy
+
+pyright: $(VENV)/.dev typings/.installed
+	$(BIN)/pyright --project firmware/pyrightconfig.json
+
+rules: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m mdms_protocol.generators.generate --check
 	$(BIN)/python -m mdms_host.cli.reference_pages --check
 	$(BIN)/eds-validate protocol/mdms-cell.eds
 	$(BIN)/dcfchk -n 1 protocol/mdms-cell.eds
-	$(BIN)/mypy
-	$(BIN)/pyright --project firmware/pyrightconfig.json
 	$(BIN)/lint-imports
 
 # The site, into build/docs/index.html. It needs no network once its packages are there.

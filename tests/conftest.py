@@ -1,5 +1,6 @@
 """The real command in a process of its own."""
 
+import gc
 import signal
 import subprocess
 import sys
@@ -22,6 +23,9 @@ settings.load_profile("mdms")
 # Hypothesis also draws numbers from the modules that are loaded. Other tests of a worker decide
 # which these are, and so the examples of a law. Hypothesis has no setting against it.
 providers._get_local_constants = lambda: providers._local_constants
+
+# Python looks for garbage in all that is collected again and again: a seventh of the tests' time.
+gc.set_threshold(50_000, 20, 50)
 
 # Tests end servers as Ctrl-C does; a shell that starts them in the background has that ignored.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -50,6 +54,8 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         lost = [item.nodeid for item in grouped if "@" not in item.nodeid]
         if lost:
             raise pytest.UsageError(f"pytest-xdist does not keep the group of {lost[0]}")
+    # All of it stays to the end.
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")
