@@ -98,6 +98,8 @@ class GoalController:
         #: Whether it has moved away to be felt, and is not back yet.
         self.feels = False
         self._felt: Floats | None = None
+        #: The yaw to turn back to, of a goal without one whose parcel is felt [rad].
+        self._back_rad: float | None = None
         self.moves = 0
         self.leg = 0
         self._follower: Follower | None = None
@@ -144,6 +146,7 @@ class GoalController:
         if self._pose is not None and hypot(*(belief.pose - self._pose)[:2].tolist()) > PUT_M:
             # The slip may have been the parcel's leaving; its way begins anew.
             self.grip = Grip()
+            self._back_rad = None
             self.leg += 1
         self._pose = belief.pose
         off = self._target(belief.pose) - belief.pose
@@ -198,6 +201,8 @@ class GoalController:
             return self._felt
         wanted_rad, yaw_rad = self.goal.yaw_rad, float(pose[2])
         if wanted_rad is None:
+            wanted_rad = self._back_rad
+        if wanted_rad is None:
             # However the parcel is turned when it sets out.
             follower = self._follower
             turned_rad = yaw_rad if follower is None else float(follower.profile.path.end[2])
@@ -213,7 +218,7 @@ class GoalController:
         """
         slack = 2.0 if self.arrived else 1.0
         x_m, y_m, turn_rad = off.tolist()
-        if self.goal.yaw_rad is None and self._felt is None:
+        if self.goal.yaw_rad is None and self._back_rad is None:
             turn_rad = 0.0
         within = (
             hypot(x_m, y_m) <= slack * self.goal.tolerance_m
@@ -233,6 +238,7 @@ class GoalController:
     def _feel(self, belief: Belief, *, settled: bool) -> None:
         """Move away from the goal while that shows the place better, and back when it is sure."""
         if self.arrived:
+            self._back_rad = None
             return
         move = self.feel[0] if self.feel else None
         if settled and self.feel:
@@ -246,6 +252,8 @@ class GoalController:
             x_m, y_m, turn_rad = move.tolist()
             end = self.goal.x_m + x_m, self.goal.y_m + y_m, float(belief.pose[2]) + turn_rad
             self._felt, self._within_s = np.array(end), 0.0
+            if self.goal.yaw_rad is None and not self.feels:
+                self._back_rad = float(belief.pose[2])
             self.feels = True
             self.moves += 1
             self.leg += 1

@@ -137,8 +137,11 @@ def test_a_goal_without_a_yaw_turns_nothing_and_is_reached_however_the_parcel_is
     assert table.pose[2] == pytest.approx(1.3, abs=0.002)
 
 
-def test_a_parcel_whose_place_is_not_sure_turns_before_it_has_arrived_and_turns_back() -> None:
-    controller, table = controller_of(GoalPose(0.0, 0.0, 0.0)), Table(np.zeros(3))
+@pytest.mark.parametrize("yaw_rad", [0.0, None])
+def test_a_parcel_whose_place_is_not_sure_turns_before_it_has_arrived_and_turns_back(
+    yaw_rad: float | None,
+) -> None:
+    controller, table = controller_of(GoalPose(0.0, 0.0, yaw_rad)), Table(np.zeros(3))
     controller.feel = (np.array([0.0, 0.0, 0.1]),)
     most_rad = 0.0
     for _ in range(500):
