@@ -422,7 +422,7 @@ def _motion(parcel: dict[str, Any]) -> str:
     if speed_m_s >= REST_SPEED_M_S:
         return f"moving at {speed_m_s:.3f} m/s"
     if abs(parcel["yaw_rate_rad_s"]) >= REST_YAW_RATE_RAD_S:
-        return f"turning at {degrees(parcel['yaw_rate_rad_s']):+.1f} deg/s"
+        return f"turning at {degrees(parcel['yaw_rate_rad_s']):+z.1f} deg/s"
     return f"standing, for less than {REST_WHILE_S:g} s"
 
 
@@ -431,6 +431,6 @@ def _sentence(parcel: dict[str, Any]) -> str:
         return f"{parcel['name']}: lifted off the table"
     state = "at rest" if parcel["at_rest"] else _motion(parcel)
     return (
-        f"{parcel['name']}: x {parcel['x_m']:+.4f} m, y {parcel['y_m']:+.4f} m, "
-        f"yaw {degrees(parcel['yaw_rad']):+.1f} deg, {state}"
+        f"{parcel['name']}: x {parcel['x_m']:+z.4f} m, y {parcel['y_m']:+z.4f} m, "
+        f"yaw {degrees(parcel['yaw_rad']):+z.1f} deg, {state}"
     )

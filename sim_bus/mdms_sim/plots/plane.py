@@ -371,7 +371,7 @@ def _story(scenario: Scenario, record: Record, number: int) -> str:
     parcel, pose = scenario.parcel[number], record.pose[:, number]
     shift_m = hypot(*(pose[-1, :2] - pose[0, :2]))
     turn_deg = degrees(pose[-1, 2] - pose[0, 2])
-    story = f"{parcel.name} moved {shift_m:.3f} m and turned {turn_deg:+.1f}°"
+    story = f"{parcel.name} moved {shift_m:.3f} m and turned {turn_deg:+z.1f}°"
     tips = (
         event.time_s
         for event in record.events

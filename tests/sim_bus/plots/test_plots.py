@@ -403,6 +403,12 @@ def test_a_parcel_that_comes_and_goes_is_drawn_where_it_was(plane, plane_record)
     assert "nan" not in " ".join(text.get_text() for text in figure.texts)
 
 
+def test_a_turn_that_rounds_to_none_has_no_minus(plane, plane_record):
+    record = replace(plane_record, pose=plane_record.pose.copy())
+    record.pose[:, :, 2] = np.linspace(0.0, -1e-4, len(record.pose))[:, np.newaxis]
+    assert "turned +0.0°" in text_of(draw_plane(plane, record))
+
+
 def test_one_that_was_never_there_is_left_out(plane, plane_record):
     record = replace(plane_record, pose=np.full_like(plane_record.pose, np.nan))
     draw_plane(plane, record)

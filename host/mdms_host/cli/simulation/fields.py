@@ -104,11 +104,11 @@ def _map_report(figures: dict[str, Any]) -> list[str]:
         if rest["kind"] == "neutral":
             continue
         stiffness = ", ".join(f"{value:.3g}" for value in rest["stiffness_n_per_m"])
-        place = f"x {rest['x_m']:+.4f} m, y {rest['y_m']:+.4f} m"
+        place = f"x {rest['x_m']:+z.4f} m, y {rest['y_m']:+z.4f} m"
         lines.append(f"  {rest['kind']} at {place}, stiffness {stiffness} N/m")
     for rest in figures["turns"]:
         kind = "stable" if rest["stable"] else "unstable"
-        lines.append(f"  {kind} at yaw {rest['yaw_rad']:+.4f} rad")
+        lines.append(f"  {kind} at yaw {rest['yaw_rad']:+z.4f} rad")
     return lines if len(lines) > 1 else [*lines, "  holds the parcel nowhere"]
 
 

@@ -298,7 +298,7 @@ def _report(scenario: Scenario, figures: Mapping[str, Any], folder: Path) -> Non
 def _journey(parcel: Parcel, end: dict[str, Any], goals: dict[str, dict[str, Any]]) -> str:
     way_m = hypot(end["x_m"] - parcel.x_m, end["y_m"] - parcel.y_m)
     turn_deg = degrees(end["yaw_rad"] - parcel.yaw_rad)
-    journey = f"  {parcel.name} moved {way_m:.3f} m and turned {turn_deg:+.1f} degrees"
+    journey = f"  {parcel.name} moved {way_m:.3f} m and turned {turn_deg:+z.1f} degrees"
     if parcel.name not in goals:
         return journey
     miss_m, miss_rad = (goals[parcel.name][name] for name in ("position_error_m", "yaw_error_rad"))
