@@ -146,8 +146,8 @@ def call(
     """
     if driver.is_within:
         raise ProgramError(
-            "a table by hand waits for its own program here, for ever; in a program await the "
-            "calls of the table that it is given"
+            "another call of this table goes on; in a program await the calls of the table that it "
+            "is given, and of several threads let one call at a time"
         )
     return driver.call(routine, None if limit_s is None else check_time("limit_s", limit_s))
 

@@ -5,6 +5,7 @@ import pickle
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -281,6 +282,13 @@ def test_a_call_by_hand_within_a_program_is_refused_and_the_table_goes_on():
 
         with pytest.raises(mdms.ProgramError, match="in a program await the calls of the table"):
             table.run(calls_by_hand, limit_s=1.0)
+
+        async def has_a_thread_call(_table):
+            with ThreadPoolExecutor(1) as other:
+                other.submit(table["box"].move, 0.05, 0.0).result()
+
+        with pytest.raises(mdms.ProgramError, match="of several threads let one call at a time"):
+            table.run(has_a_thread_call, limit_s=1.0)
         table["box"].move(0.05, 0.0)
 
 
