@@ -141,7 +141,7 @@ def stop(arguments: Namespace) -> ExitCode:
     stopped = [(bus, end) for bus, end in ends if not isinstance(end, LinkError)]
     failed = [(bus, end) for bus, end in ends if isinstance(end, LinkError)]
     if failed and not table.is_split:
-        raise failed[0][1]
+        raise CommandError(f"not stopped, so {CUT}: {failed[0][1]}", ExitCode.NO_DEVICE)
     missing = missing_cells(
         [HeardCells(bus, end.cells, end.neighbours) for bus, end in stopped],
         arguments.cells,
@@ -154,7 +154,7 @@ def stop(arguments: Namespace) -> ExitCode:
         print(json.dumps({**told, **figures_of(missing)}))
     heard = any(end.report.heard for _, end in stopped)
     if not heard and not failed:
-        raise CommandError(NO_NODES, ExitCode.NO_DEVICE)
+        raise CommandError(f"nobody knows what is off, so {CUT}: {NO_NODES}", ExitCode.NO_DEVICE)
     texts = [
         not_off_text(end.report, bus.name if table.is_split else "")
         for bus, end in stopped

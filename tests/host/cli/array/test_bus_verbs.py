@@ -161,6 +161,8 @@ def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
             assert figures["not_stopped"].keys() == {gone}
         else:
             assert told.out == "1 cell is off on 1 of 2 buses\n"
+    assert main(["stop", "-i", "virtual", "-c", gone]) == ExitCode.NO_DEVICE
+    assert capsys.readouterr().err.startswith("mdms: not stopped, so cut the motors' power: ")
 
 
 def test_status_shows_every_node_that_is_heard(channel, capsys):
@@ -198,6 +200,7 @@ def test_empty_bus_is_told_with_the_way_out(channel, capsys, verb):
     assert told.out == ""
     assert "nobody is heard on the bus" in told.err
     assert "mdms serve" in told.err
+    assert ("cut the motors' power" in told.err) == (verb == "stop")
 
 
 @pytest.mark.parametrize("verb", [("stop",), ("status",), ("scan",), ("run", "array18")])
@@ -206,7 +209,10 @@ def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys, verb):
     monkeypatch.delenv("CAN_INTERFACE", raising=False)
     assert main([*verb]) == ExitCode.NO_DEVICE
     told = capsys.readouterr().err
-    assert told.startswith("mdms: no CAN interface was named; name one with -i and -c")
+    not_stopped = "not stopped, so cut the motors' power: " if verb == ("stop",) else ""
+    assert told.startswith(
+        f"mdms: {not_stopped}no CAN interface was named; name one with -i and -c"
+    )
     assert told.count("\n") == 1
 
 
