@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 
 import pytest
 from tests.system.links.serving import serving
@@ -45,7 +45,7 @@ EXPECTED = {
     "host-id": [(127,)],
     "blank": [()],
     "stranger": [(61,)],
-    "silent-node": [(60,)],
+    "silent-node": [(60,), (62,)],
     "other-protocol": [(12,)],
     "versions": [(13,)],
     "drive-fault": [(14,), (14,), (15,), (15,)],
@@ -78,9 +78,13 @@ class Bank(PythonBank):
 
 
 class Strangers:
-    """A node that sends heartbeats and answers nothing, one that refuses all, frames of 29 bits."""
+    """Three nodes, and frames of 29 bits.
 
-    SILENT, REFUSING = 60, 61
+    One sends heartbeats and answers nothing. One refuses all. One breaks each transfer off.
+    """
+
+    SILENT = 60
+    ABORTS = MappingProxyType({61: sdo.NO_SUCH_OBJECT, 62: sdo.TIMED_OUT})
 
     def __init__(self, array):
         self._array = array
@@ -88,10 +92,11 @@ class Strangers:
         self.talk()
 
     def on_frame(self, frame, _now_s):
-        if frame.can_id == cob.SDO_REQUEST_BASE + self.REFUSING and frame.data[0] != sdo.ABORT:
+        node_id = frame.can_id - cob.SDO_REQUEST_BASE
+        if node_id in self.ABORTS and frame.data[0] != sdo.ABORT:
             index, sub = int.from_bytes(frame.data[1:3], "little"), frame.data[3]
-            refusal = sdo.abort(index, sub, sdo.NO_SUCH_OBJECT)
-            self._send(Frame(cob.SDO_RESPONSE_BASE + self.REFUSING, refusal))
+            refusal = sdo.abort(index, sub, self.ABORTS[node_id])
+            self._send(Frame(cob.SDO_RESPONSE_BASE + node_id, refusal))
 
     def talk(self):
         self._send(nmt.heartbeat(self.SILENT, nmt.PRE_OPERATIONAL))

@@ -33,7 +33,7 @@ from mdms_host.commissioning.wheel_turn import (
 )
 from mdms_model.loop_margin import WheelMotor
 from mdms_protocol import indices
-from mdms_protocol.codecs import cob, nmt
+from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET, ERROR_HISTORY
 
@@ -145,7 +145,8 @@ def _examine_node(
     try:
         identity = commissioning.identity(node_id)
     except RefusedError as error:
-        examined.strangers[node_id] = str(error)
+        broken_off = error.code in (sdo.TOGGLE_NOT_ALTERNATED, sdo.TIMED_OUT)
+        (examined.silent if broken_off else examined.strangers)[node_id] = str(error)
         return
     except CommissioningError as error:
         examined.silent[node_id] = str(error)
