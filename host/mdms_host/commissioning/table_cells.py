@@ -248,8 +248,8 @@ def _of_count(heard: Sequence[HeardCells], cells: int) -> list[MissingCells]:
 
 
 def _gaps(heard: HeardCells) -> list[MissingCells]:
-    """Node ids without a cell below the highest."""
-    highest = max(heard.node_ids, default=0)
+    """Node ids without a cell below the highest; no cell may keep the host's."""
+    highest = max(heard.node_ids - {cob.HOST_NODE}, default=0)
     gaps = tuple(node for node in range(1, highest) if node not in heard.node_ids)
     source = f"node ids go up to {highest}"
     return [MissingCells(heard.bus.name, gaps, source, is_sure=False)] if gaps else []

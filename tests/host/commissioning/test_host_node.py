@@ -38,6 +38,14 @@ def test_a_cell_with_the_hosts_node_id_is_found_and_marked(standing_cells):
 
 
 @AT_THE_HOSTS
+def test_no_cell_is_missed_below_the_hosts_node_id(standing_cells, capsys):
+    assert main(["scan", "-i", "virtual"]) == ExitCode.NODE_FAULT
+    assert (
+        capsys.readouterr().err == "mdms: not fit for a run: node 127; mdms doctor names the cure\n"
+    )
+
+
+@AT_THE_HOSTS
 def test_a_cell_with_the_hosts_node_id_is_moved_by_its_serial_number(
     standing_cells, capsys, tmp_path
 ):
