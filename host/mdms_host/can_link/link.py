@@ -296,6 +296,8 @@ def open_bus(options: Namespace) -> can.BusABC:
             if channel is not None:
                 reason += f" for channel {channel}"
                 cure = "name one with -i; -i mdms is that of a table that mdms serve serves"
+        elif channel is None and problem.endswith("argument: 'channel'"):
+            reason = f"no channel was named for {interface}"
         elif cure is not None and number is not None:
             reason = f"{interface} {channel} cannot be opened: {os.strerror(number)}"
         else:

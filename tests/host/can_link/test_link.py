@@ -231,7 +231,8 @@ def test_heartbeats_of_all_cells_that_come_late_are_among_the_delays(clock) -> N
         ((), "no CAN interface was named", "mdms serve array18"),
         (("-c", "e18"), "no CAN interface was named for channel e18", "-i mdms"),
         (("-i", "slcan", "-c", "/dev/no-such-adapter"), "No such file", "serial.tools.list_ports"),
-        (("-i", "serial"), "channel", "mdms serve array18"),
+        (("-i", "serial"), "^no channel was named for serial; ", "mdms serve array18"),
+        (("-i", "slcan"), "^no channel was named for slcan; ", "-c"),
     ],
 )
 def test_a_bus_that_cannot_be_opened_is_told_with_a_way_out(
