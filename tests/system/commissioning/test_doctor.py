@@ -271,6 +271,14 @@ def test_a_healthy_array_has_no_findings(capsys):
         assert "how many cells there are to be: unknown, so a cell that is gone may go" in told.err
 
 
+def test_cells_behind_a_blown_fuse_make_the_healthy_ones_no_exception(capsys):
+    dark = "fault=[{kind='supply', cells=[1, 2], supply_v=0.0}]"
+    small = ("array.columns=2", "array.rows=2", "parcel=[]", "motion.field='inward'")
+    with virtual_time(SimulatedArray(PythonBank(range(1, 5)), *small, dark)):
+        assert main(["doctor", "--json", *BUS]) == ExitCode.NODE_FAULT
+        assert found(capsys)[0] == {"supply-low": [(1,), (2,)]}
+
+
 def test_a_dead_cell_is_missing_in_the_count_and_else_a_gap(capsys):
     dead = "fault=[{kind='off', cells=[7]}]"
     with virtual_time(SimulatedArray(PythonBank(range(1, 19)), dead)):

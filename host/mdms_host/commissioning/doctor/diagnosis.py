@@ -154,9 +154,12 @@ def _of_sensors(cell: Examined, empty: bool) -> Iterator[Finding]:
 
 def _of_supplies(cells: Mapping[int, Examined]) -> Iterator[Finding]:
     supplies_mv = {node_id: cell[indices.SUPPLY, 0] for node_id, cell in cells.items()}
-    usual_mv = median(supplies_mv.values()) if supplies_mv else 0
+    limits_mv = {node_id: cell[indices.UNDERVOLTAGE_LIMIT, 0] for node_id, cell in cells.items()}
+    # Cells behind a fuse or a stop relay tell nothing about the supply of the others.
+    fed_mv = [mv for node_id, mv in supplies_mv.items() if mv >= limits_mv[node_id]]
+    usual_mv = median(fed_mv) if fed_mv else 0
     for node_id, supply_mv in supplies_mv.items():
-        limit_mv = cells[node_id][indices.UNDERVOLTAGE_LIMIT, 0]
+        limit_mv = limits_mv[node_id]
         if supply_mv < limit_mv:
             text = f"{supply_mv / 1e3:.1f} V, {limit_mv / 1e3:g} V are needed"
             yield Finding("supply-low", text, (node_id,))
