@@ -5,6 +5,7 @@ given more patience at once, and is fed from then on; should the host go away, i
 Ports behind which there may be a board are listed here too.
 """
 
+import re
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -108,6 +109,14 @@ _feed()
 """
 
 
+#: ENOSPC, as MicroPython tells it with and without the names of errors.
+_NO_SPACE = re.compile(r"^OSError: (28$|.*ENOSPC)")
+_FULL = (
+    "its flash is full, and it does not start now; delete files that are not of the firmware "
+    "(mpremote fs ls), and flash it again"
+)
+
+
 class BoardError(Exception):
     """A board did not obey; the message has the order, and the way out."""
 
@@ -146,7 +155,8 @@ class BoardLink:
         except _troubles() as error:
             raise NoBoardError(f"the board is gone; flash it again ({error})") from None
         if failure:
-            raise BoardError(failure.decode("utf-8", "replace").strip().splitlines()[-1])
+            told = failure.decode("utf-8", "replace").strip().splitlines()[-1]
+            raise BoardError(f"{told}: {_FULL}" if _NO_SPACE.search(told) else told)
         return str(printed.decode("utf-8", "replace"))
 
     def ask(self, expression: str) -> Any:

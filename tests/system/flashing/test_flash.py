@@ -3,6 +3,7 @@
 import json
 from binascii import crc32
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from tests.system.flashing.small_firmware import (
@@ -23,11 +24,18 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing import board_link
-from mdms_host.flashing.board_link import WATCHDOG_MS, BoardError, BoardLink, NoBoardError
+from mdms_host.flashing.board_link import (
+    WATCHDOG_MS,
+    BoardError,
+    BoardLink,
+    BoardPort,
+    NoBoardError,
+)
 from mdms_host.flashing.board_survey import identify, survey
 from mdms_protocol.version import VERSION
 
 pytestmark = pytest.mark.xdist_group("flash")
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
@@ -236,6 +244,29 @@ def test_file_that_flash_does_not_keep_is_named_and_the_firmware_does_not_start(
     board.wait_for("motors", "off")
     assert "main.py" not in firmware_on(board)
     assert files_of(board)["settings0.bin"] == KEPT["settings0.bin"]
+
+
+def test_flash_that_is_full_is_told_with_the_way_out(plug_in):
+    with BoardLink(plug_in({}).port, MonotonicClock()) as link:
+        for error in ("28", "28, 'ENOSPC'"):
+            with pytest.raises(BoardError, match=r"its flash is full.*mpremote fs ls"):
+                link.run(f"raise OSError({error})")
+        with pytest.raises(BoardError, match=r"^OSError: 2$|ENOENT$"):
+            link.run("raise OSError(2)")
+
+
+@pytest.mark.parametrize("which", [(), ("--all",)])
+def test_can_adapter_stays_one_unless_its_port_is_named(plug_in, monkeypatch, capsys, which):
+    adapter = (ROOT / "firmware" / "adapter_main.py").read_bytes()
+    board = plug_in({**OLD.files, "main.py": adapter})
+    ports = [BoardPort(board.port)]
+    monkeypatch.setattr("mdms_host.flashing.board_link.board_ports", lambda _ports: ports)
+    monkeypatch.setattr("mdms_host.flashing.firmware.compiled_firmware", lambda _machine: NEW)
+    assert main(["flash", "--board", "pybv11", *which]) == ExitCode.OK
+    assert "it is a CAN adapter, and stays one" in capsys.readouterr().err
+    assert (board.flash / "main.py").read_bytes() == adapter
+    assert main(["flash", "--board", "pybv11", "--port", board.port]) == ExitCode.OK
+    board.wait_for("motors", "on new")
 
 
 def test_unknown_board_is_left_as_it_is(plug_in, capsys):

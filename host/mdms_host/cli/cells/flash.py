@@ -17,7 +17,7 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
 from mdms_host.flashing.board_link import BoardError, BoardLink, BoardPort, NoBoardError
 from mdms_host.flashing.board_survey import MACHINES, BoardInfo, identify, survey
-from mdms_host.flashing.firmware import Firmware
+from mdms_host.flashing.firmware import START, Firmware
 from mdms_host.flashing.flashing import FlashPlan, VersionError, carry_out, firmware_for, plan_flash
 from mdms_protocol.version import VERSION
 
@@ -122,6 +122,8 @@ def _flash_files(
     _check_known(info, job.arguments.board)
     firmware = firmware_for(info, job.compiled)
     found = survey(link, firmware)
+    if not job.arguments.ports and START in found.hashes and ADAPTER in link.read(START):
+        return replace(outcome, before=found.version, problem=STAYS)
     plan = plan_flash(found, firmware, force=job.arguments.force)
     if plan != FlashPlan() and not job.arguments.dry_run:
         carry_out(link, firmware, plan, found, job.progress)
@@ -155,6 +157,9 @@ def _code(error: BoardError) -> ExitCode:
 
 
 JOBS = 8
+#: What `adapter_main.py` begins with, of any version.
+ADAPTER = b"Makes the board an SLCAN adapter"
+STAYS = "it is a CAN adapter, and stays one; --port makes a cell of it"
 NOBODY = (
     "no board is connected over USB (with MicroPython; docs/boards.md lists those that suit); "
     "--port names one that is not recognised, and `mdms serve array18` starts an array without any"
