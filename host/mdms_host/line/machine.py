@@ -203,6 +203,7 @@ class Machine:
     def command(self, command: Command, by: str) -> None:
         """Carry out a command of a client. Raises `CommandRefusedError`."""
         now_s = self._now_s()
+        self.states.after(command)
         if command in MOVES and not self._beats(by, now_s):
             raise CommandRefusedError(
                 f"{command.name.capitalize()} is not possible without a heartbeat of the client: "

@@ -117,8 +117,8 @@ class StateMachine:
         """The commands that the state takes."""
         return tuple(each for each in Command if (self.state, each) in TRANSITIONS)
 
-    def on(self, cause: Command | Done, now_s: float, reason: str = "") -> None:
-        """Go on to the next state. Raises `CommandRefusedError`."""
+    def after(self, cause: Command | Done) -> State:
+        """The next state. Raises `CommandRefusedError`."""
         if cause is Command.RESET and self.mode is Mode.MAINTENANCE:
             raise CommandRefusedError("Reset is not possible in maintenance; change the mode first")
         after = TRANSITIONS.get((self.state, cause))
@@ -128,6 +128,11 @@ class StateMachine:
             raise CommandRefusedError(
                 f"{name} is not possible in {self.state.name.capitalize()}; possible: {fitting}"
             )
+        return after
+
+    def on(self, cause: Command | Done, now_s: float, reason: str = "") -> None:
+        """Go on to the next state. Raises `CommandRefusedError`."""
+        after = self.after(cause)
         self.spent_s[self.state] = self.in_state_s(self.state, now_s)
         self.state, self.since_s, self.changes = after, now_s, self.changes + 1
         if reason or isinstance(cause, Command):

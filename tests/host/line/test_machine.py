@@ -40,6 +40,8 @@ def test_reset_starts_nothing_and_start_carries_parcels_to_their_exits(line) -> 
     line.until_state(State.IDLE)
     line.pass_s(3.0)
     assert line.state is State.IDLE
+    with pytest.raises(CommandRefusedError, match="Reset is not possible in Idle; possible: Start"):
+        line.command(Command.RESET)
     assert not line.moving()
     assert line.machine.figures.parcels_in == 1
     line.command(Command.START)
