@@ -148,6 +148,19 @@ def test_second_client_watches_until_it_takes_control(demo, open_page):
     wait_for_text(first, "#who", "watching")
 
 
+def test_a_table_that_is_gone_does_not_look_alive(demo, open_page):
+    page = open_page(demo)
+    wait_until(page, "page.snapshot !== null")
+    page.evaluate("(page.wire.open = () => {}, page.wire.socket.close())")
+    wait_for_text(page, "#who", "not connected")
+    page.wait_for_timeout(500)
+    assert page.inner_text("#phase") == "the table is gone"
+    assert page.evaluate("getComputedStyle(document.querySelector('main')).opacity") == "0.5"
+    page.evaluate("(delete page.wire.open, page.wire.open())")
+    wait_until(page, "document.querySelector('#phase').className !== 'chip gone'")
+    assert page.evaluate("getComputedStyle(document.querySelector('main')).opacity") == "1"
+
+
 def test_recording_is_scrubbed(recorded, open_page):
     page = open_page(recorded)
     # How sure beliefs were is not recorded.

@@ -138,6 +138,7 @@ class Page {
   }
 
   connected(connected) {
+    document.body.classList.toggle("gone", !connected);
     if (connected) return;
     this.control = null;
     $("phase").textContent = "the table is gone";
@@ -201,7 +202,7 @@ class Page {
       this.picture.draw(this.snapshot, this.plan, this.hands.dragged);
       this.frames = (this.frames ?? 0) + 1;
     }
-    if (this.snapshot && now - this.text_ms >= TEXT_MS) {
+    if (this.snapshot && this.control && now - this.text_ms >= TEXT_MS) {
       this.text_ms = now;
       this.showTexts(this.snapshot);
     }
