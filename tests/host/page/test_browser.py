@@ -143,6 +143,8 @@ def test_second_client_watches_until_it_takes_control(demo, open_page):
     assert stranger.is_enabled("#stop-all")
     assert stranger.is_disabled("#start")
     assert not stranger.is_visible("#take")
+    stranger.goto(demo)
+    wait_until(stranger, "!document.querySelector('#take').hidden")
     second.click("#take")
     wait_for_text(second, "#who", "in control")
     wait_for_text(first, "#who", "watching")

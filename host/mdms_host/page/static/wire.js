@@ -54,6 +54,11 @@ export class Wire {
     this.token = takeToken();
     this.number = 0;
     this.waiting = new Map();
+    // The address of a host that was started anew differs by its token alone, which loads no page.
+    addEventListener("hashchange", () => {
+      this.token = takeToken();
+      this.socket.close();
+    });
     this.open();
   }
 
