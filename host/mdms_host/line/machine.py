@@ -52,7 +52,7 @@ _GOES_ON = (State.STARTING, State.UNHOLDING, State.UNSUSPENDING)
 _ENDS = (State.STOPPING, State.ABORTING, State.CLEARING)
 _WITHOUT_RUN = (State.STOPPED, State.COMPLETED, State.ABORTED, *_ENDS)
 #: Reasons of Suspended that pass by themselves.
-_BLOCKED = "no parcel can go on: the exit {exits} is full"
+_BLOCKED = "no parcel can go on; full exits: {exits}"
 _STARVED = "no parcel comes"
 _CURE_ABORTED = "run `mdms doctor`, mend its findings, then Clear and Reset"
 #: A run has the bus then, so no doctor may look at the cells.
@@ -474,7 +474,7 @@ class Machine:
         if not program.table.parcels:
             return _STARVED
         if self.orders.waiting and not program.under_way:
-            return _BLOCKED.format(exits=" and ".join(sorted(self.orders.full)))
+            return _BLOCKED.format(exits=", ".join(sorted(self.orders.full)))
         return ""
 
     def _beats(self, by: str, now_s: float) -> bool:

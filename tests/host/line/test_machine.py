@@ -143,7 +143,7 @@ def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line, im
     line.do("exit", exit="south", full=True)
     line.bring_to_execute()
     line.until_state(State.SUSPENDED, 40.0)
-    assert "full" in line.machine.states.reason
+    assert line.machine.states.reason == "no parcel can go on; full exits: east, south"
     assert line.machine.figures.parcels_out == 0
     line.do("exit", exit="east", full=False)
     line.do("exit", exit="south", full=False)
