@@ -161,6 +161,8 @@ class Roster:
     def lose(self, cell: BringUpCell, text: str, now_s: float) -> None:
         """A cell is out of action, for a reason in words; its way back begins."""
         self.out[cell] = CellRecovery(cell, text, now_s)
+        # Its last report is of a wheel that ran.
+        cell.speeds_data = None
         self._sort()
 
     def give_up(self, cells: Iterable[BringUpCell]) -> None:

@@ -101,11 +101,14 @@ def test_in_held_the_alarm_names_the_trouble_and_a_cure_that_is_taken(is_first) 
         if not is_first:
             line.command(Command.HOLD)
             line.until_state(State.HELD, 3.0)
-        off = line.begin("off", cells=(3,))
+        else:
+            line.until(line.moving, 10.0)
+            line.pass_s(0.2)
+        off = line.begin("off", cells=(9,))
         line.until(lambda: line.machine.snapshot()["alarm"] is not None, 3.0)
         line.until_state(State.HELD, 3.0)
         alarm = line.machine.snapshot()["alarm"]
-        assert "cell 3" in alarm["text"]
+        assert "cell 9" in alarm["text"]
         assert alarm["cure"] == "mend it, then Unhold (or Stop)"
         line.simulation.faults.end(off)
         line.pass_s(3.0)
