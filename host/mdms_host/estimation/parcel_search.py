@@ -86,7 +86,8 @@ class UnexplainedSensors:
         self._last: tuple[bytes, tuple[Ints, ...]] = (b"", ())
         self.link_m = self._grouping.link_m
         self.foreign: Bools = np.zeros(len(self._sensors_m), dtype=bool)
-        #: Covered ones (S,) that a parcel explains only where it was when their cells reported.
+        #: Covered ones (S,) that may show a parcel where it was when their cells reported, or that
+        #: has just left.
         self._left_behind: Bools = np.zeros(len(self._sensors_m), dtype=bool)
         #: Those (S,) that a parcel alone explains, whatever they show.
         self._explained: Bools = np.zeros(len(self._sensors_m), dtype=bool)
@@ -124,7 +125,8 @@ class UnexplainedSensors:
         """
         self._under_s[coverage.explained] = now_s
         explained = coverage.explained | (self._under_s >= now_s - silent_s)
-        self._left_behind = covered & valid & explained & ~coverage.explained
+        behind = (explained & ~coverage.explained) | self.just_left(now_s)
+        self._left_behind = covered & valid & behind
         # Sensors that a parcel has moved over since then are its own.
         self.foreign &= covered & (coverage.distance_m > -_INSIDE_M)
         strange = covered & valid & (~explained | self.foreign) & ~self.just_left(now_s)
@@ -155,7 +157,7 @@ class UnexplainedSensors:
 
         Those that a parcel explains, which may move, do not count `at_once`. Nor has a parcel just
         left any of these: whether such a sensor belongs to the group is known once its cell reports
-        again.
+        again, or once nothing leaves there any more.
         """
         changes = changed_s > now_s - _STILL_S
         if at_once:

@@ -376,6 +376,22 @@ def test_sensors_of_a_thing_that_stays_at_an_exit_are_believed_beside_another_pa
     assert list(table.tracker.unknown) == ["unknown-1"]
 
 
+def test_a_parcel_that_is_set_down_just_behind_a_leaving_one_is_found_by_all_its_sensors() -> None:
+    """Those that both have covered show the leaving one for a moment."""
+    table = Lying(Layout(6, 4, wheels=WHEELS), (Parcel("box", 0.40, 0.30),))
+    outline = Rectangle(0.40, 0.30)
+    table.put("box", outline, -0.2, 0.13, 1.6)
+    table.run(0.2)
+    table.tracker.announce(Parcel("next", 0.40, 0.30), BoundingBox((-0.4, -0.2), (0.1, 0.2)))
+    table.take("box")
+    table.put("next", outline, -0.207, -0.05, 1.6)
+    table.tracker.depart("box")
+    table.run(0.6)
+    assert table.events("next") == [("next", BeliefEvent.FOUND)]
+    assert table.off_m("next") < 0.03
+    assert table.tracker.take_faulty() == []
+
+
 @pytest.mark.parametrize("columns", [range(5, 9), range(6, 9)], ids=["all of it", "a part"])
 def test_an_unknown_thing_over_cells_that_fall_silent_lies_there_still(table, columns) -> None:
     table.put("thing", BOTTOM, 0.254, 0.0, 0.0)
