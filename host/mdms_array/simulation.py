@@ -231,7 +231,8 @@ def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
         },
         reason=coordinator.fault or coordinator.stuck or coordinator.lost or held or stopped,
         trouble_s=troubles[-1][0] if troubles else -inf,
-        over=coordinator.finished and not coordinator.unsure,
+        # A program may end before a parcel is there whose task it does not await.
+        over=coordinator.finished and coordinator.arrived.keys() == coordinator.goals.keys(),
     )
 
 

@@ -336,6 +336,7 @@ class TableProgram:
             for where, took_s in self.driver.take_blocked()
         ]
         if error is None:
+            self._traffic.forget_refused()
             return
         if isinstance(error, ProgramError):
             where = place_of(error)

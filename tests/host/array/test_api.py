@@ -56,6 +56,28 @@ def test_a_run_with_too_little_time_raises_with_the_distance_left():
     assert raised.value.run is run
 
 
+async def heeds_a_refusal(table):
+    try:
+        await table["box"].move(0.9, 0.0)
+    except mdms.ProgramError:
+        await table.sleep(0.1)
+
+
+async def awaits_nothing(table):
+    table.start(table["box"].move(0.1, 0.0))
+    await table.sleep(0.1)
+
+
+@pytest.mark.parametrize(
+    ("program", "status"), [(heeds_a_refusal, "reached"), (awaits_nothing, "time limit")]
+)
+def test_a_program_that_ends_without_its_parcel_at_its_goal_breaks_no_rule(program, status):
+    """A caught refusal is asked for no more. A task without `await` leaves its goal unreached."""
+    run = mdms.simulate("array18", program=program, limit_s=3.0)
+    assert (run.status, bool(run.reason)) == (status, status != "reached")
+    assert run.violations == ()
+
+
 def test_wheels_are_named_by_their_cells_also_where_a_cell_has_fewer():
     run = mdms.simulate(
         {

@@ -37,8 +37,17 @@ class Hands:
         goal = order.goal
         self.log.append((order.parcel, goal.name if isinstance(goal, Gate) else goal))
 
+    def cancel(self, order):
+        order.replaced = True
+        self.orders.pop(order.parcel)
+
+    def forget_refused(self):
+        pass
+
     def stop(self):
         self.stopped = True
+        for order in self.orders.values():
+            order.replaced = True
 
     def step(self, beliefs, step_s):
         return np.zeros(36)

@@ -128,6 +128,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
         #: Parcels that were reported to wait, and those that have not got on.
         self._waiting: set[str] = set()
         self._stood: dict[str, _Stood] = {}
+        self._refused: set[str] = set()
         self._left: list[str] = []
         self._tracked: Callable[[], Collection[str]] = tuple
         #: Parcels that have set out to leave, on a way that may have been broken off.
@@ -207,6 +208,12 @@ class OrderedTraffic(ABC, Generic[Ride]):
     def forget(self, name: str) -> None:
         """Nobody asks for this parcel to be where it was ordered to any more."""
         self.steered.pop(name, None)
+
+    def forget_refused(self) -> None:
+        """A program goes on though these orders were refused: it asks for them no more."""
+        for name in self._refused - self._orders.keys():
+            self.forget(name)
+        self._refused.clear()
 
     def attend(self, tracked: Callable[[], Collection[str]]) -> None:
         """From now on a parcel without a belief has left only if `tracked()` does not name it."""
@@ -397,6 +404,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
         order = self._orders.pop(name, None)
         if order is not None:
             order.refused = reason
+            if not order.kept:
+                self._refused.add(name)
 
     # Plans
 
