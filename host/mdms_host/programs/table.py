@@ -39,6 +39,10 @@ class Orders(Protocol):
         """Take an order in place of any other for its parcel."""
         ...
 
+    def cancel(self, order: Order) -> None:
+        """Bring the parcel of an order to rest, if the order is in force."""
+        ...
+
     def stop(self) -> None:
         """Bring all parcels to rest, and hold them there."""
         ...
@@ -294,15 +298,33 @@ class Table:
         gate = gate_of(self.gates, name)
         if exit is not None:
             self.asked_exits.add((parcel.kind, exit))
-        order = await self.orders.leave(parcel, gate, lambda goal: self._give(parcel, goal))
+        given: list[Order] = []
+
+        def give(goal: GoalPose | Gate) -> Order:
+            given.append(self._give(parcel, goal))
+            return given[-1]
+
+        try:
+            order = await self.orders.leave(parcel, gate, give)
+        finally:
+            self._cancel(given)
         # A parcel that is not there any more was perhaps refused a place to wait at before.
         if not parcel.has_left:
             _check_done(order)
 
     async def _order(self, parcel: TableParcel, goal: GoalPose | Gate) -> None:
         order = self._give(parcel, goal)
-        await until(lambda: order.over)
+        try:
+            await until(lambda: order.over)
+        finally:
+            self._cancel([order])
         _check_done(order)
+
+    def _cancel(self, orders: Sequence[Order]) -> None:
+        """A task that is broken off orders nothing any more."""
+        for order in orders:
+            if not order.over:
+                self._orders.cancel(order)
 
     def _give(self, parcel: TableParcel, goal: GoalPose | Gate) -> Order:
         if self._parcels.get(parcel.name) is not parcel:
@@ -400,8 +422,8 @@ class TableDriver:
 
     def stop(self) -> None:
         """Break off the program, and bring all parcels to rest."""
-        self.table._script.cancel()
         self.table._orders.stop()
+        self.table._script.cancel()
 
     def in_virtual_time(self) -> None:
         """Take signals from `receive` alone, from now on."""

@@ -178,6 +178,20 @@ class OrderedTraffic(ABC, Generic[Ride]):
         if (ride := self._rides.get(order.parcel)) is not None:
             ride.stopping = True
 
+    def cancel(self, order: Order) -> None:
+        """Bring the parcel of an order to rest: nobody waits for it any more.
+
+        A parcel that hangs over its exit by then leaves all the same.
+        """
+        name = order.parcel
+        if self._orders.get(name) is not order or self._reaches_out(name, order):
+            return
+        order.replaced = True
+        del self._orders[name]
+        self.steered.pop(name, None)
+        if (ride := self._rides.get(name)) is not None:
+            ride.stopping = True
+
     def know(self, parcel: Parcel, mass: Mass) -> None:
         """There is to be another parcel."""
         self._loads[parcel.name] = Load(parcel.footprint, mass)

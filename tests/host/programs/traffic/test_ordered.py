@@ -183,6 +183,35 @@ def test_where_there_is_no_way_that_is_said_before_anything_moves():
     assert np.array_equal(table.pose("box"), start)
 
 
+def test_a_parcel_whose_task_is_broken_off_comes_to_rest_and_is_asked_for_no_more():
+    async def main(table):
+        going = table.start(go_east(table))
+        await table.sleep(1.2)
+        going.cancel()
+        await table.sleep(1.0)
+
+    table = two_boxes(main=main)
+    table.run(1.7)
+    at_rest = table.pose("box")
+    table.run_until(1.0, lambda: table.program.finished)
+    assert table.pose("box") == pytest.approx(at_rest, abs=1e-3)
+    assert -0.35 < at_rest[0] < 0.2
+    assert "box" not in table.program.controllers
+
+
+def test_a_parcel_whose_task_is_broken_off_over_its_exit_leaves_all_the_same():
+    async def main(table):
+        box = table["box"]
+        leaving = table.start(box.leave("east"))
+        await until(lambda: box.pose[0] > 0.45)
+        leaving.cancel()
+        await until(lambda: box.has_left)
+
+    exit = 'exit=[{name="east", side="east"}]'
+    table = two_boxes(exit, "parcel.0.x_m=0.2", "parcel.1.x_m=-0.3", main=main)
+    table.run_until(6.0, lambda: table.program.finished)
+
+
 def test_where_there_is_no_way_even_if_others_move_that_is_said_while_they_do():
     refused = []
 
