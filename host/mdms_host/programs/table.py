@@ -208,7 +208,7 @@ class Table:
         """Have all of these go on beside each other; returns when the last is done.
 
         Then it raises the ProgramError of the first of them that failed. Raises any other error at
-        once.
+        once. They are broken off with the task that waits here.
         """
         tasks = [self.start(routine) for routine in routines]
         for task in tasks:
@@ -218,8 +218,13 @@ class Table:
             errors = (task.error for task in tasks if task.error is not None)
             return next((each for each in errors if not isinstance(each, ProgramError)), None)
 
-        for task in tasks:
-            await until(Done(task, lambda: fault() is not None))
+        try:
+            for task in tasks:
+                await until(Done(task, lambda: fault() is not None))
+        except GeneratorExit:
+            for task in tasks:
+                task.cancel()
+            raise
         if error := fault():
             raise error
         for task in tasks:

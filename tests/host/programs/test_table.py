@@ -225,6 +225,21 @@ def test_an_error_of_the_programs_own_ends_what_goes_on_together_with_it_at_once
     assert "the program failed: IndexError" in (stage.program.stuck or "")
 
 
+def test_what_goes_on_together_is_broken_off_with_the_task_that_waits_for_it():
+    async def main(table):
+        parcels = table["box 1"], table["box 2"]
+        together = table.start(table.together(*(parcel.move(0.1, 0.0) for parcel in parcels)))
+        await table.sleep(0.1)
+        together.cancel()
+
+    stage = Stage(main, lying=["box 1", "box 2"])
+    stage.run(0.05)
+    assert [*stage.hands.orders] == ["box 1", "box 2"]
+    stage.run(0.2)
+    assert not stage.hands.orders
+    assert stage.program.finished
+
+
 async def awaits_in_finally(table):
     try:
         await table.sleep(100.0)
