@@ -93,8 +93,9 @@ async def singulate(
 class Buffer:
     """Places at which parcels wait until they are asked for; first in, first out.
 
-    A parcel that has left otherwise, was found by mistake, or was refused its way to its place
-    frees the place. Raises ProgramError for no places, or one that is given twice.
+    A parcel that has left otherwise, was found by mistake, or does not come to its place frees the
+    place: it was refused its way, or the task of its `put` was broken off. Raises ProgramError for
+    no places, or one that is given twice.
     """
 
     def __init__(self, table: Table, places: Sequence[Place]) -> None:
@@ -131,7 +132,7 @@ class Buffer:
         _, place = self._waiting[parcel.name]
         try:
             await parcel.move(*place)
-        except ProgramError:
+        except (ProgramError, GeneratorExit):
             if self._waiting.get(parcel.name) == (parcel, place):
                 del self._waiting[parcel.name]
                 self._free.append(place)
@@ -150,7 +151,7 @@ class Buffer:
         self._free.append(place)
         try:
             await wanted.leave(exit)
-        except ProgramError:
+        except (ProgramError, GeneratorExit):
             if place in self._free:
                 self._free.remove(place)
                 self._waiting = {wanted.name: (wanted, place), **self._waiting}

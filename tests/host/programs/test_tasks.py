@@ -131,6 +131,26 @@ def test_a_parcel_that_is_refused_its_way_out_of_a_buffer_keeps_its_place():
     assert stage.log[-2:] == [("box 1", "east"), ("box 1", "north")]
 
 
+def test_a_task_that_is_broken_off_leaves_a_buffer_as_one_that_is_refused():
+    async def main(table):
+        store = tasks.Buffer(table, PLACES[:1])
+        put = table.start(store.put(table["box 1"]))
+        await table.sleep(0.1)
+        put.cancel()
+        assert store.parcels == ()
+        await store.put(table["box 2"])
+        take = table.start(store.take("east"))
+        await table.sleep(0.1)
+        take.cancel()
+        assert store.parcels == (table["box 2"],)
+
+    stage = Stage(main, lying=["box 1", "box 2"])
+    stage.run(0.2)
+    stage.arrive("box 2")
+    stage.run(0.2)
+    assert stage.program.finished
+
+
 def test_a_parcel_that_is_refused_its_way_into_a_buffer_has_no_place_there():
     async def main(table):
         store = tasks.Buffer(table, PLACES)
