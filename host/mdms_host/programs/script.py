@@ -141,10 +141,13 @@ class ScriptTask(Generic[Result]):
     def cancel(self) -> None:
         """Break it off where it waits, if it is not done; `finally` in it still runs.
 
-        An error that comes of that is the task's own: whoever breaks it off goes on.
+        An error that comes of that is the task's own: whoever breaks it off goes on. Raises
+        ScriptError if that is the task itself.
         """
         if self.done:
             return
+        if self._routine.cr_running:
+            raise ScriptError(f"{self.where} breaks itself off; write return in place of cancel()")
         self.done = self.cancelled = True
         where = self.where
         try:

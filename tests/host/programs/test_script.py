@@ -77,6 +77,18 @@ def test_a_task_that_is_cancelled_tidies_up_and_goes_no_further():
     assert log == ["tidy"]
 
 
+def test_a_task_that_cancels_itself_is_told_to_return():
+    script, tasks = Script(), []
+
+    async def quits():
+        tasks[0].cancel()
+
+    tasks.append(script.start(quits()))
+    error = script.step()
+    assert isinstance(error, ScriptError)
+    assert re.match(r"quits \(test_script.py, line \d+\) breaks itself off", str(error))
+
+
 def test_a_task_that_waits_on_though_it_is_cancelled_is_over_and_has_failed():
     script, log = Script(), []
 
