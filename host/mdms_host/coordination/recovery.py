@@ -23,6 +23,7 @@ from mdms_host.coordination.run_state import (
 from mdms_host.coordination.supervision import Supervision, Trouble, TroubleNature
 from mdms_host.coordination.wheel_speeds import Odometry
 from mdms_model.arrays import Bools
+from mdms_protocol.codecs import nmt
 from mdms_protocol.emergencies import IN_ANOTHERS_PLACE, LOW_SUPPLY, code_text
 
 
@@ -67,7 +68,8 @@ class CellRecovery:
     Settings are written and verified as when it came up first, and every target begins at 0. `text`
     is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
     asked again only when it has restarted; `has_restarted` is whether it has since it is out, and
-    `had_no_supply` whether its motors have lost their supply.
+    `had_no_supply` whether its motors have lost their supply. `found` is the first NMT state that
+    it has reported since.
     """
 
     def __init__(self, cell: BringUpCell, text: str, now_s: float) -> None:
@@ -78,6 +80,7 @@ class CellRecovery:
         self.refused: str | None = None
         self.has_restarted = cell.restarted
         self.had_no_supply = cell.lacks_supply
+        self.found: int | None = None
         self._step_s = now_s
         cell.begin_again()
 
@@ -91,8 +94,21 @@ class CellRecovery:
         """Whether the cell is up again."""
         return self.phase is Phase.RUNNING
 
+    @property
+    def switched_off(self) -> bool:
+        """Whether another program has stopped the cell while it was not heard.
+
+        No silence leads to 'stopped'. One of the host leads only cells that steer out of
+        'operational'.
+        """
+        stopped = self.found == nmt.STOPPED
+        left = self.found == nmt.PRE_OPERATIONAL and not self.cell.steers
+        return (stopped or left) and not self.has_restarted
+
     def step(self, now_s: float, silent: bool) -> None:
         """Look how far the cell is by now."""
+        if self.found is None:
+            self.found = self.cell.nmt_state
         self.has_restarted |= self.cell.restarted
         self.had_no_supply |= self.cell.lacks_supply
         if self.refused is not None:
@@ -278,6 +294,9 @@ class Recovery:
         self.bring_back(now_s)
         if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
             return Decision(RunSignal.FAULT, _told(each.text for each in troubles))
+        if stopped := [way for way in self._roster.out.values() if way.switched_off]:
+            texts = (f"{way.text}; it was stopped meanwhile" for way in stopped)
+            return Decision(RunSignal.FAULT, _told(texts))
         decision = None
         if phase in TROUBLED:
             decision = self._while_held(phase, now_s)

@@ -423,6 +423,28 @@ def test_a_stop_of_all_by_others_is_obeyed_in_a_pause_too() -> None:
     assert run.moving() == [False] * 3
 
 
+@pytest.mark.parametrize(
+    ("policy", "command", "cut"),
+    [
+        (None, nmt.ENTER_PRE_OPERATIONAL, {0, 1, 2}),
+        (Policy(OnLostCell.HOLD), nmt.STOP, {0, 1, 2}),
+        (GO_ON, nmt.ENTER_PRE_OPERATIONAL, {1}),
+    ],
+)
+def test_a_stop_that_the_host_was_cut_off_from_is_obeyed(policy, command, cut) -> None:
+    run = Run(policy)
+    run.link.cut = cut
+    run.pass_s(0.4)
+    for cell in cut:
+        run.link._bank.deliver(cell, nmt.command(command))
+    run.link.cut = set()
+    run.until(lambda: run.coordinator.stopped)
+    assert "cell 2 (node 2) has fallen silent" in run.coordinator.fault
+    assert "it was stopped meanwhile" in run.coordinator.fault
+    run.pass_s(0.5)
+    assert run.moving() == [False] * 3
+
+
 def test_a_drive_that_somebody_switches_off_is_left_off() -> None:
     run = Run(GO_ON)
     run.link._bank.deliver(1, Frame(pdo.CONTROLWORD.can_id(2), bytes(4)))
