@@ -37,6 +37,7 @@ CODES: Mapping[int, str] = {
     0x8210: "a receive PDO is too short",
     0x8250: f"no setpoint for {_TIMEOUT_MS} ms",
     0x8611: "speed off its reference for too long",
+    0x9000: "stopped by another program while no commands came",
     SUSPICION: "a neighbour contradicts, and is left out",
     IN_ANOTHERS_PLACE: "it stands in the place of another cell, and does not start",
 }

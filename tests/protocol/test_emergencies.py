@@ -15,7 +15,7 @@ SENT = {
     *(code for _bit, code in axes._ERROR_CODES),
     *(runner.BUS_OFF, runner.INTERNAL_ERROR, store.SETTINGS_LOST),
     *(nmt.HEARTBEAT_LOST, nmt.NODE_ID_TAKEN, nmt.RPDO_TOO_SHORT, nmt.RPDO_OVERDUE),
-    *(suspicion.CODE, cell.IN_ANOTHERS_PLACE),
+    *(suspicion.CODE, cell.IN_ANOTHERS_PLACE, axes.STOPPED_MEANWHILE),
 }
 
 

@@ -17,7 +17,8 @@ class Nmt:
 
     It calls the cell's `on_leave()` before each change, while the state and the node id still hold.
     Then it calls `on_reset(command)` with one of the two resets, `on_boot()` or `on_state(state)`.
-    A start is obeyed where its `in_place()` is true.
+    A start is obeyed where its `in_place()` is true. `on_stop_of_all()` follows a stop that is for
+    all nodes, whatever the state was.
     `pending_node_id` is the one that LSS has given; the next reset makes it the `node_id`.
     """
 
@@ -62,6 +63,8 @@ class Nmt:
                 state = nmt.TRANSITIONS[data[0]]
                 if state in (self.state, nmt.STOPPED, nmt.PRE_OPERATIONAL) or self._cell.in_place():
                     self.enter(state)
+                if state != nmt.OPERATIONAL and data[1] == nmt.ALL_NODES:
+                    self._cell.on_stop_of_all()
         return True
 
     def enter(self, state):

@@ -9,7 +9,7 @@ the background, as the speed loop does.
 The neighbour layer enables an axis that is 'switched on' without another controlword. So too low a
 supply, which is an emergency stop, is a fault there as well. Only a controlword of another node
 leads on from the states below. A host that is back resets the fault of its own silence by itself.
-So too low a supply meanwhile takes the place of such a fault.
+So too low a supply meanwhile takes the place of such a fault, and a stop of all nodes does.
 
 A target is valid in the 'operation enabled' in which it came. Every way into and out of that state
 sets it to 0.
@@ -80,6 +80,7 @@ UNDERVOLTAGE = 0x3220
 STALLED = 0x7121
 REVERSED = 0x7302
 FOLLOWING_ERROR = 0x8611
+STOPPED_MEANWHILE = 0x9000
 #: Their upper bytes where communication has failed, and not the axis.
 _COMMUNICATION = (0x81, 0x82)
 
@@ -521,6 +522,12 @@ class Axes:
             if drive.state in _ON:
                 drive.fail(UNDERVOLTAGE)
                 self._emcy.report(source, UNDERVOLTAGE)
+
+    def keep_off(self):
+        """All nodes are stopped: no host that is back resets a fault of its silence by itself."""
+        for drive in self._drives:
+            if drive.state in _FAILED and drive.error_code >> 8 in _COMMUNICATION:
+                drive.error_code = STOPPED_MEANWHILE
 
     def driving(self):
         """Whether any motor is on."""

@@ -99,6 +99,20 @@ def undervoltage_after_silence(bench):
     comes_back(bench, *RESET)
 
 
+def stopped_after_silence(bench):
+    # The host falls silent, and somebody stops all nodes before it is back.
+    bench.pass_ms(60)
+    bench.can.deliver(0x000, b"\x80\x00")
+    bench.pass_ms(600)
+    assert bench.off()
+    bench.can.deliver(0x600 + NODE, b"\x40\x3f\x60\x00\0\0\0\0")
+    bench.pass_ms(2)
+    assert (0x580 + NODE, b"\x4b\x3f\x60\x00\x00\x90\0\0") in world.sent
+    bench.can.deliver(0x000, b"\x01\x00")
+    bench.pass_ms(2)
+    comes_back(bench, *RESET)
+
+
 def enable_without_reset(bench, word):
     """It turns no wheel of a drive that has a fault."""
     for _ in range(100):
