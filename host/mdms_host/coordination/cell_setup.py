@@ -82,6 +82,11 @@ class Identification:
         return None if board is None else boards.cannot_steer(board)
 
     @property
+    def shut_off(self) -> bool:
+        """Whether a drive has shut off, for any reason; after `begin_again`."""
+        return any(self._client.answers.get((read.index, read.sub)) for read in self._errors)
+
+    @property
     def refusal(self) -> str | None:
         """See above; an error stays in a cell's drive until it is reset, or the cell restarts."""
         if self.other_protocol:

@@ -135,6 +135,9 @@ class CellRecovery:
         self.phase, self._step_s = TRANSITIONS[reached, RunSignal.DONE], now_s
         if reached is Phase.WAITING:
             cell.restarted = False
+        elif reached is Phase.IDENTIFYING and self.found == nmt.PRE_OPERATIONAL:
+            # The host's silence leaves a fault, and a restart that was not heard leaves none.
+            self.has_restarted |= not cell.identification.shut_off
         refusal, mismatch = cell.identification.refusal, cell.mismatch
         reason = {Phase.IDENTIFYING: refusal, Phase.CONFIGURING: mismatch}.get(reached)
         if reason is not None:
@@ -295,7 +298,7 @@ class Recovery:
         if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
             return Decision(RunSignal.FAULT, _told(each.text for each in troubles))
         if stopped := [way for way in self._roster.out.values() if way.switched_off]:
-            texts = (f"{way.text}; it was stopped meanwhile" for way in stopped)
+            texts = (f"{way.text}; it was stopped, or restarted, meanwhile" for way in stopped)
             return Decision(RunSignal.FAULT, _told(texts))
         decision = None
         if phase in TROUBLED:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.host.cells_link import CellsLink
 
+from mdms_array.host import Cells, coordinator_of
 from mdms_host.can_link.link import drive
 from mdms_host.coordination import recovery
 from mdms_host.coordination.control_cycle import Following
@@ -17,6 +18,7 @@ from mdms_host.estimation.tracker import Tracker
 from mdms_host.layout import Layout
 from mdms_host.motion.program import FieldProgram
 from mdms_model.arrays import Floats
+from mdms_model.scenario.file import load_scenario
 from mdms_protocol import pdo
 from mdms_protocol.codecs import nmt
 from mdms_protocol.codecs.frame import Frame
@@ -64,10 +66,17 @@ class Steering(Minding):
 class Run:
     """A run that has come up on three cells; `targets` are what cells were to do at each look."""
 
-    def __init__(self, policy: Policy | None = None, program: Minding | None = None) -> None:
-        self.link = CellsLink((1, 2, 3))
+    def __init__(
+        self,
+        policy: Policy | None = None,
+        program: Minding | None = None,
+        *,
+        cells: int = 3,
+        coordinator: Coordinator | None = None,
+    ) -> None:
+        self.link = CellsLink(tuple(range(1, cells + 1)))
         self.program = program or Minding()
-        self.coordinator = Coordinator(LAYOUT, self.program, policy=policy)
+        self.coordinator = coordinator or Coordinator(LAYOUT, self.program, policy=policy)
         self.until(lambda: self.coordinator.phase == Phase.RUNNING)
         self.pass_s(0.1)
 
@@ -440,9 +449,23 @@ def test_a_stop_that_the_host_was_cut_off_from_is_obeyed(policy, command, cut) -
     run.link.cut = set()
     run.until(lambda: run.coordinator.stopped)
     assert "cell 2 (node 2) has fallen silent" in run.coordinator.fault
-    assert "it was stopped meanwhile" in run.coordinator.fault
+    assert "it was stopped, or restarted, meanwhile" in run.coordinator.fault
     run.pass_s(0.5)
     assert run.moving() == [False] * 3
+
+
+def test_a_power_cut_that_the_host_was_cut_off_from_moves_nothing_where_cells_steer() -> None:
+    coordinator = coordinator_of(load_scenario("neighbours"), Cells())
+    run = Run(cells=18, coordinator=coordinator)
+    run.link.cut = {*range(18)}
+    run.pass_s(0.4)
+    run.link.power_off()
+    for cell in run.link.cut:
+        run.link.restart(cell)
+    run.pass_s(0.2)
+    run.link.cut = set()
+    run.until(lambda: coordinator.stopped)
+    assert coordinator.fault == "18 of 18 cells have restarted: their supply was cut; start again"
 
 
 def test_a_drive_that_somebody_switches_off_is_left_off() -> None:
