@@ -15,8 +15,9 @@ _FOLDERS = (".", "../sim_bus", "../protocol", "../firmware")
 _GIT_S = 5.0
 
 
+@cache
 def git_revision() -> str | None:
-    """The revision that a wheel was built from, or that is checked out; None without git."""
+    """The revision that a wheel was built from, or was checked out at first; None without git."""
     built = _HOST / "mdms_host" / "revision.txt"
     if built.is_file():
         return built.read_text(encoding="ascii").strip()
