@@ -40,17 +40,12 @@ from mdms_protocol.dictionary import AXES
 
 
 def array_key(named: Path | None, array: Path | None) -> bytes | None:
-    """The key in the file that was named, made if it is missing; else the one beside the array.
+    """The key in the file that was named, or else in the one beside the array.
 
-    None where neither is there. Raises KeyFileError, OSError.
+    None where the file is missing. Raises KeyFileError, OSError.
     """
-    if named is not None:
-        if not named.exists():
-            say(f"mdms: {named} is the array's new key; keep it safe, and out of version control")
-            return make_key(named)
-        return read_key(named)
-    beside = None if array is None else key_beside(array)
-    return read_key(beside) if beside is not None and beside.exists() else None
+    file = named or (None if array is None else key_beside(array))
+    return read_key(file) if file is not None and file.exists() else None
 
 
 def give_keys(
@@ -111,6 +106,10 @@ def run(arguments: Namespace) -> ExitCode:
         # A run may have begun while the person was asked.
         roll = find_cells(commissioning)
         refuse_busy(commissioning, [*roll.present])
+        if key is None and arguments.key is not None:
+            key = make_key(arguments.key)
+            advice = "keep it safe, and out of version control"
+            say(f"mdms: {arguments.key} is the array's new key; {advice}")
         _give_ids(job, roll, {cell.serial: cell.node_id for cell in cells})
         cells = _nudged(job, cells, file.table.columns if _asks(arguments) else None)
         done = _write(job, cells)

@@ -12,7 +12,7 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.clock import MonotonicClock
 from mdms_host.commissioning.network import Commissioning
-from mdms_host.flashing.bundles import make_key, read_key, sign
+from mdms_host.flashing.bundles import key_id, make_key, read_key, sign
 from mdms_host.flashing.cell_update import CellUpdate
 from mdms_host.flashing.updater import Updater
 from mdms_protocol import indices
@@ -98,6 +98,21 @@ def test_cells_get_the_key_and_then_firmware(commissioned, flash, firmware, tmp_
     assert (code, told["cells"][0]["updated"]) == (ExitCode.OK, True)
     code, told, _ = flash("--list")
     assert {row["counter"] for row in told["cells"]} == {3}
+
+
+def test_only_a_table_that_is_commissioned_gets_a_new_key(commissioned, tmp_path):
+    new = tmp_path / "new.key"
+    listed = tmp_path / "list.txt"
+    right = listed.read_text()
+    for wrong in ("no number\n", right.replace("3", "4")):
+        listed.write_text(wrong)
+        assert commissioned(key=new)[0] == ExitCode.USAGE
+        assert not new.exists()
+    listed.write_text(right)
+    code, printed = commissioned(key=new)
+    assert code == ExitCode.OK
+    assert f"{new} is the array's new key" in printed
+    assert printed.count(f"has the update key {key_id(read_key(new)).hex()}") == 3
 
 
 def test_a_cell_that_was_left_on_trial_does_not_count_as_done(commissioned, flash, cells):
