@@ -204,6 +204,16 @@ def test_settings_that_a_run_has_left_are_no_finding(tmp_path, capsys):
         assert main(["doctor", "--array", str(path), *BUS]) == ExitCode.NODE_FAULT
 
 
+def test_a_wheel_that_cannot_be_turned_is_told_with_its_node_once(capsys):
+    bank = PythonBank(range(1, 19))
+    with virtual_time(SimulatedArray(bank, "fault=[{kind='lift', parcel='box'}]")):
+        bank._cells[1]._axes.fail(0x2310)
+        assert main(["doctor", "--turn", "--node", "2", *BUS]) == ExitCode.NODE_FAULT
+    told = capsys.readouterr().out
+    assert "\n     node 2, axis 1 is in fault, 0x2310" in told
+    assert "node 2: node 2" not in told
+
+
 @pytest.mark.parametrize("event", ["power off", "stop"])
 def test_findings_are_not_lost_with_a_cell_that_dies_or_is_stopped_amid_a_turn(capsys, event):
     bank = PythonBank(range(1, 19))

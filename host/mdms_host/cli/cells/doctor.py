@@ -226,7 +226,9 @@ def _print(cells: int, findings: Sequence[Finding]) -> None:
         print(f"{'!!' if kind.serious else ' !'} {kind.symptom} [{name}]")
         for finding in some:
             bus = f"{finding.bus}: " if finding.bus else ""
-            where = f"node {ranges(finding.nodes)}: " if finding.nodes else ""
+            node = f"node {ranges(finding.nodes)}"
+            is_named = not finding.nodes or finding.text.startswith((f"{node} ", f"{node},"))
+            where = "" if is_named else f"{node}: "
             print(f"     {bus}{where}{finding.text}")
         print(f"   cause: {kind.cause}\n   cure:  {kind.cure}\n")
     serious = sum(finding.row.serious for finding in findings)
