@@ -300,8 +300,11 @@ def open_bus(options: Namespace) -> can.BusABC:
             reason = f"no channel was named for {interface}"
         elif cure is not None and number is not None:
             reason = f"{interface} {channel} cannot be opened: {os.strerror(number)}"
-        else:
+        elif interface in {None, "mdms"} or channel is None:
             reason = f"the CAN bus cannot be opened: {problem}"
+        else:
+            reason = f"{interface} {channel} cannot be opened: {problem}"
+            advice = "look at its plug, its driver and its name"
         # The interface of served arrays says itself what is served.
         told = reason if interface == "mdms" else f"{reason}; {cure or advice}"
         raise NoBusError(told) from None

@@ -302,5 +302,6 @@ def test_interface_that_fails_in_its_own_way_is_no_bus(monkeypatch, error):
         raise error
 
     monkeypatch.setattr("mdms_host.can_link.link.create_bus_from_namespace", fail)
-    with pytest.raises(NoBusError, match="cannot be opened"):
+    with pytest.raises(NoBusError, match="kvaser 0 cannot be opened") as refused:
         open_bus(Namespace(interface="kvaser", channel="0"))
+    assert "-i and -c" not in str(refused.value)
