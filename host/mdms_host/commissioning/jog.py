@@ -25,6 +25,11 @@ _UM_PER_M = steps_per_unit(MICROMETRES_PER_SECOND)
 _SETPOINT_S = 0.01
 _COMMAND_S = 0.02
 _ENABLE_S = 1.0
+#: Reports after which a wheel stands, or this many setpoints without one after which a cell is
+#: silent. A free wheel has a tenth of its speed after two or three.
+_LOOKED_AT = 30
+#: A wheel that goes less than this share of its way stands.
+STANDS = 0.1
 #: The cell's error for a setpoint that did not come in time.
 _OVERDUE = 0x8250
 _TOWARDS_ENABLED: dict[int | None, int] = dict(cia402.TOWARDS_ENABLED.items())
@@ -52,9 +57,10 @@ class Jog:
     until it is off again (0x2010), whatever voltage the loop asks for. A fault that stands at the
     start is reset with `resets` only. `foreign_stops` may be those of a listener that was there
     before: one of them ends it too. `failure` is why it ended early, None if it did not; `stopped`
-    is whether another host, or a restart, has ended it. When it is over the cell is
-    'pre-operational', where no motor runs. `speeds_m_s` are the speeds that the cell has reported,
-    one every `period_s` or so.
+    is whether another host, or a restart, has ended it. A cell that falls `silent`, and a wheel
+    that `stands` by its encoder, end it soon: such a wheel may turn unseen. When it is over the
+    cell is 'pre-operational', where no motor runs. `speeds_m_s` are the speeds that the cell has
+    reported, one every `period_s` or so.
     """
 
     period_s = _SETPOINT_S
@@ -72,12 +78,16 @@ class Jog:
         self.phase = JogPhase.ENABLING
         self.failure: str | None = None
         self.stopped = False
+        self.silent = False
+        self.stands = False
         self.resets = False
         self.foreign_stops = ForeignStops()
         self.wake_s = 0.0
         self.speeds_m_s: list[float] = []
         self._axis = axis
         self._speed_um_s = 0
+        self._reported_before = 0  # the speed of now was given
+        self._unanswered = 0
         self._seconds = seconds
         self._since_s: float | None = None
         self._started = False
@@ -99,7 +109,9 @@ class Jog:
         """Go on with this speed. Raises ValueError above `SPEED_MAX_M_S`."""
         if not abs(speed_m_s) <= SPEED_MAX_M_S:
             raise ValueError(f"{speed_m_s:g} m/s is more than {SPEED_MAX_M_S:g} m/s")
-        self._speed_um_s = round(speed_m_s * _UM_PER_M)
+        before, self._speed_um_s = self._speed_um_s, round(speed_m_s * _UM_PER_M)
+        if self._speed_um_s != before:
+            self._reported_before = len(self.speeds_m_s)
 
     @property
     def setpoint_missed(self) -> bool:
@@ -121,6 +133,7 @@ class Jog:
             speeds = self.cell.speeds_um_s
             if speeds is not None:
                 self.speeds_m_s.append(speeds[self._axis - 1] / _UM_PER_M)
+                self._unanswered = 0
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The frames that are due."""
@@ -200,8 +213,21 @@ class Jog:
             self._fail(f"the drive went off: {self.cell.drive_text}{self._errors}")
         elif elapsed_s >= self._seconds:
             self._enter(JogPhase.STOPPING)
+        elif self._unanswered > _LOOKED_AT and self.speeds_m_s:
+            self.silent = True
+            self._fail("it has fallen silent, and brakes by itself; look at its power and its plug")
+        elif self._is_seen_to_stand():
+            self.stands = True
+            self._enter(JogPhase.STOPPING)
         else:
+            self._unanswered += 1
             yield from self._setpoint(self._speed_um_s)
+
+    def _is_seen_to_stand(self) -> bool:
+        """Whether the last reports add up to less than a share of the way that they should."""
+        reports = self.speeds_m_s[self._reported_before :][-_LOOKED_AT:]
+        way_um = STANDS * abs(self._speed_um_s) * _LOOKED_AT
+        return len(reports) == _LOOKED_AT and abs(sum(reports)) * _UM_PER_M < way_um
 
     def _stop(self) -> Iterator[Frame]:
         """Take away all that may drive the wheel: the cell brakes it with the motor shorted.

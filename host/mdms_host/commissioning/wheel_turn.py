@@ -14,6 +14,7 @@ from mdms_host.commissioning.jog import Jog
 from mdms_host.commissioning.network import (
     Commissioning,
     CommissioningError,
+    SilentError,
     operational_text,
 )
 from mdms_protocol import indices
@@ -111,6 +112,8 @@ def turn_wheel(
             commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
     if jog.stopped:
         raise TurnStoppedError(f"node {node_id} was stopped: {jog.failure}; its wheels are off")
+    if jog.silent:
+        raise SilentError(f"node {node_id}, axis {axis}: {jog.failure}")
     if jog.failure:
         raise WheelError(f"node {node_id}, axis {axis}: {jog.failure}")
     after = _rest_m(commissioning, node_id, axis)

@@ -321,6 +321,33 @@ def test_a_wheel_that_stands_is_said_to_and_is_no_success(capsys):
         assert "axis 1: the encoder does not move; is the wheel free" in told.err
 
 
+@pytest.mark.parametrize(
+    ("fault", "code", "told"),
+    [
+        ("encoder_stuck", ExitCode.NODE_FAULT, "the encoder does not move"),
+        ("off", ExitCode.NO_DEVICE, "it has fallen silent, and brakes by itself"),
+    ],
+)
+def test_a_wheel_that_nobody_measures_turns_for_three_tenths_of_a_second(fault, code, told, capsys):
+    axes = ", axes=[1]" if fault == "encoder_stuck" else ""
+    faults = f"fault=[{{kind='{fault}', cells=[{CELL}]{axes}, start_s=1.0}}]"
+    with virtual_time(SimulatedArray(PythonBank(range(1, 19)), faults)) as time:
+        setpoints_ns = []
+
+        def look(frame):
+            if frame.can_id == pdo.TARGET_VELOCITY.can_id(CELL):
+                setpoints_ns.append(time.array.now_ns)
+
+        time.before_send = look
+        fast = ["jog", "--node", str(CELL), "--axis", "1", "0.2", "--seconds", "3"]
+        assert main([*fast, "-i", "virtual"]) == code
+        assert told in capsys.readouterr().err
+        assert setpoints_ns[0] < 1.0e9 < setpoints_ns[-1] < 1.4e9
+        time.sleep(0.5)
+        speeds_m_s = time.array.simulation.world.scene.state.wheels["speed_m_s"]
+        assert np.abs(speeds_m_s).max() < 0.1
+
+
 def test_cell_without_a_trial_limit_is_not_turned(array, capsys):
     objects = array.array.bank._cells[CELL - 1]._objects
 

@@ -11,7 +11,7 @@ from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
 from mdms_host.commissioning.cell_settings import check_identity
 from mdms_host.commissioning.commissioner import wiring_fault
-from mdms_host.commissioning.jog import Jog
+from mdms_host.commissioning.jog import STANDS, Jog
 from mdms_host.commissioning.table_cells import table_of
 from mdms_host.commissioning.wheel_turn import (
     Direction,
@@ -26,8 +26,6 @@ from mdms_host.commissioning.wheel_turn import (
 KEY_S = 0.6
 #: How long a jog by keys goes on that nobody ends.
 _KEYS_S = 600.0
-#: A wheel that goes less than this share of its way stands.
-_STANDS = 0.1
 _KEYS = {"+": 1, "f": 1, "-": -1, "b": -1}
 
 
@@ -59,11 +57,10 @@ def run(arguments: Namespace) -> ExitCode:
             jog.resets = arguments.reset
             turn = turn_wheel(commissioning, node_id, axis, jog)
     _report(arguments, turn)
-    if not arguments.keys:
-        way_m = abs(arguments.speed) * arguments.seconds
-        if abs(turn.distance_m) < _STANDS * way_m:
-            stands = wiring_fault(axis, Direction.STANDS)
-            raise CommandError(f"node {node_id}, {stands}", ExitCode.NODE_FAULT)
+    way_m = 0.0 if arguments.keys else abs(arguments.speed) * arguments.seconds
+    if jog.stands or abs(turn.distance_m) < STANDS * way_m:
+        stands = wiring_fault(axis, Direction.STANDS)
+        raise CommandError(f"node {node_id}, {stands}", ExitCode.NODE_FAULT)
     return ExitCode.OK
 
 
