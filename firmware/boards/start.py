@@ -31,16 +31,18 @@ def run(board, slots=None, folder="/flash", node_id=NODE_UNSET, watchdog=True):
     if slots is not None and flash.keeps_whole(folder):
         slots.may_write = board.asleep
         board.slots = slots
-    cell = Cell(board, node_id)
-    runner = Runner(board, cell)
-    gc.collect()  # the start leaves garbage between the lasting objects
+    cell = None
     try:
+        cell = Cell(board, node_id)
+        runner = Runner(board, cell)
+        gc.collect()  # the start leaves garbage between the lasting objects
         board.start(runner.tick, watchdog)
         while True:
             runner.turn(time.ticks_ms())
     except BaseException as error:
         board.stop()
-        say_farewell(board, cell)
+        if cell is not None:
+            say_farewell(board, cell)
         # A reset while the log is written may cost the whole file system.
         board.wait_for_flash()
         log(error, folder)

@@ -7,6 +7,7 @@ import stm
 import world
 from bench import NODE, Bench
 
+from boards import start
 from mdms_cell.drive import speed_loop as s
 
 
@@ -76,6 +77,22 @@ def test_boots_and_drives_both_wheels(bench):
     for width in bench.widths():
         assert abs(width - bench.full * 13 // 240) <= 2 + bench.full // 1000, width
     assert (world.levels[bench.phases[0]], world.levels[bench.phases[1]]) == (1, 0)
+
+
+def test_an_error_before_the_first_turn_is_logged_with_the_motors_off(bench):
+    def no_memory(_board, _node_id):
+        raise MemoryError("memory allocation failed")
+
+    start.Cell = no_memory
+    try:
+        start.run(bench.board, None, ".", NODE)
+    except MemoryError:
+        world.told.append("ended")
+    assert world.told[-1] == "ended"
+    assert bench.off()
+    assert not world.levels[bench.wake]
+    with open("crash.log") as file:
+        assert file.read().endswith("MemoryError: memory allocation failed\n")
 
 
 def test_both_leds_blink_together_while_the_board_is_the_one_meant(bench):
