@@ -69,10 +69,10 @@ class CellRecovery:
     is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
     asked again only when it has restarted; `has_restarted` is whether it has since it is out, and
     `had_no_supply` whether its motors have lost their supply. `found` is the first NMT state that
-    it has reported since.
+    it has reported since. `was_up` is whether the cell has come up in this run before.
     """
 
-    def __init__(self, cell: BringUpCell, text: str, now_s: float) -> None:
+    def __init__(self, cell: BringUpCell, text: str, now_s: float, *, was_up: bool = True) -> None:
         self.cell = cell
         self.text = text
         self.since_s = now_s
@@ -81,6 +81,7 @@ class CellRecovery:
         self.has_restarted = cell.restarted
         self.had_no_supply = cell.lacks_supply
         self.found: int | None = None
+        self._was_up = was_up
         self._step_s = now_s
         cell.begin_again()
 
@@ -103,7 +104,7 @@ class CellRecovery:
         """
         stopped = self.found == nmt.STOPPED
         left = self.found == nmt.PRE_OPERATIONAL and not self.cell.steers
-        return (stopped or left) and not self.has_restarted
+        return (stopped or left) and self._was_up and not self.has_restarted
 
     def step(self, now_s: float, silent: bool) -> None:
         """Look how far the cell is by now."""
@@ -177,9 +178,9 @@ class Roster:
         """The ways back of the cells that the run waits for."""
         return [way for cell, way in self.out.items() if cell not in self.given_up]
 
-    def lose(self, cell: BringUpCell, text: str, now_s: float) -> None:
+    def lose(self, cell: BringUpCell, text: str, now_s: float, *, was_up: bool = True) -> None:
         """A cell is out of action, for a reason in words; its way back begins."""
-        self.out[cell] = CellRecovery(cell, text, now_s)
+        self.out[cell] = CellRecovery(cell, text, now_s, was_up=was_up)
         # Its last report is of a wheel that ran.
         cell.speeds_data = None
         self._sort()
@@ -334,7 +335,7 @@ class Recovery:
         if not self._may_lose(len(self._roster.out) + len(late)):
             return False
         for cell in late:
-            self._roster.lose(cell, text, now_s)
+            self._roster.lose(cell, text, now_s, was_up=False)
         self._go_without(late, text, now_s)
         self._report_lost()
         return True

@@ -342,15 +342,18 @@ def test_a_hold_waits_for_a_cell_that_fell_out_just_before_as_well() -> None:
     assert not run.coordinator.lost_cells
 
 
-def test_go_on_begins_without_a_cell_that_does_not_come_up() -> None:
+def test_go_on_begins_without_a_cell_that_does_not_come_up_and_takes_it_later() -> None:
     link = CellsLink((1, 2, 3))
-    link.power_off(1)
+    link.cut = {1}
     one = Coordinator(LAYOUT, Minding(), policy=GO_ON)
     drive(one, link, link, lambda: one.phase == Phase.RUNNING or link.now_s() > 8.0)
     assert one.phase == Phase.RUNNING
     assert [*one.lost_cells] == [2]
     text = "not heard within 5 s: cell 2 (node 2); the run goes on without it"
     assert text in [text for _, text in one.troubles]
+    link.cut = set()
+    drive(one, link, link, lambda: not one.lost_cells or link.now_s() > 10.0)
+    assert (one.phase, one.lost_cells) == (Phase.RUNNING, {})
 
 
 @pytest.mark.parametrize("policy", [Policy(), GO_ON])
