@@ -23,6 +23,9 @@ LOW_SUPPLY = 0x3220
 #: The bit of the error register (0x1001) for any of voltage, by CiA 301; no other code sets it.
 VOLTAGE_ERROR = 0x04
 
+#: The code of a drive of which all cells were stopped while no commands came.
+STOPPED_MEANWHILE = 0x9000
+
 #: The meaning of each code.
 CODES: Mapping[int, str] = {
     0x2310: "over-current, or the bridge has shut off",
@@ -37,7 +40,7 @@ CODES: Mapping[int, str] = {
     0x8210: "a receive PDO is too short",
     0x8250: f"no setpoint for {_TIMEOUT_MS} ms",
     0x8611: "speed off its reference for too long",
-    0x9000: "stopped by another program while no commands came",
+    STOPPED_MEANWHILE: "stopped by another program while no commands came",
     SUSPICION: "a neighbour contradicts, and is left out",
     IN_ANOTHERS_PLACE: "it stands in the place of another cell, and does not start",
 }

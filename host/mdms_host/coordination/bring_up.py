@@ -74,9 +74,10 @@ class BringUpCell(RemoteCell):
         self._ready = _LED if steers else _ENABLED
         self._towards_ready = _TOWARDS_SWITCHED_ON if steers else _TOWARDS_ENABLED
         self._set_back = SdoClient(node_id, taken_back() if steers else (), attempts=PATIENT)
+        # Cells report their state on change, and repeat it, which makes up for a lost frame.
+        repeated = Setting(indices.TPDO_PARAMETERS + 1, 5, round(status_period_s * 1e3))
         self._settings = (
-            # Cells report their state on change, and repeat it, which makes up for a lost frame.
-            Setting(indices.TPDO_PARAMETERS + 1, 5, round(status_period_s * 1e3)),
+            repeated,
             *expected.settings,
             *(_placing(layout, number) if steers else ()),
             *expected.own_settings.get(number, ()),
@@ -86,7 +87,9 @@ class BringUpCell(RemoteCell):
         spare = {} if steers else _spare(layout, number)
         self._configuration = Configuration(node_id, self._settings, spare)
         serial, asks_board = expected.serials.get(number), steers and expected.asks_boards
-        self.identification = Identification(node_id, axes, serial, asks_board=asks_board)
+        self.identification = Identification(
+            node_id, axes, serial, kept=repeated, asks_board=asks_board
+        )
         self._set_up = SetUp(node_id, self._settings, self._configuration)
         self.restarted = False
         self._written = False

@@ -17,7 +17,7 @@ from mdms_protocol import indices
 from mdms_protocol.codecs import cob
 from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.dictionary import ENTRIES
-from mdms_protocol.emergencies import error_text
+from mdms_protocol.emergencies import STOPPED_MEANWHILE, error_text
 from mdms_protocol.entry import Entry
 
 #: Where a cell reports the revision of its object table, its serial number, and its board.
@@ -31,19 +31,26 @@ PASSING_CODES = frozenset((0, 0x8130, 0x8140, 0x8250))
 
 
 class Identification:
-    """Reads a cell's revision and serial number; after `begin_again` its errors besides.
+    """Reads a cell's revision and serial number; after `begin_again` its errors and `kept` besides.
 
     `done` is whether all answers are there. `failure` is why they do not come, None as long as they
     may. `refusal` is the reason to refuse a cell that comes back, None to take it. `serial` is the
     expected serial number, None for any. With `asks_board` it also reads the board. Some
-    boards cannot steer.
+    boards cannot steer. `kept` is a setting of this run, which a restart loses.
     """
 
     def __init__(
-        self, node_id: int, axes: int, serial: int | None = None, *, asks_board: bool = False
+        self,
+        node_id: int,
+        axes: int,
+        serial: int | None = None,
+        *,
+        kept: Setting,
+        asks_board: bool = False,
     ) -> None:
         self._node_id = node_id
         self._serial = serial
+        self._kept = kept
         self._errors = tuple(
             Read(indices.ERROR_CODE + axis * indices.AXIS_OFFSET, 0) for axis in range(axes)
         )
@@ -84,7 +91,22 @@ class Identification:
     @property
     def shut_off(self) -> bool:
         """Whether a drive has shut off, for any reason; after `begin_again`."""
-        return any(self._client.answers.get((read.index, read.sub)) for read in self._errors)
+        return any(self._codes)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether all cells were stopped after a drive had shut off; after `begin_again`."""
+        return STOPPED_MEANWHILE in self._codes
+
+    @property
+    def has_lost_settings(self) -> bool:
+        """Whether the cell has lost the settings of this run; after `begin_again`."""
+        return self._client.answers.get((self._kept.index, self._kept.sub)) != self._kept.value
+
+    @property
+    def _codes(self) -> list[int]:
+        """The codes of the errors that stand, 0 for none; after `begin_again`."""
+        return [self._client.answers.get((read.index, read.sub), 0) for read in self._errors]
 
     @property
     def refusal(self) -> str | None:
@@ -100,8 +122,7 @@ class Identification:
             before, now = (each.get((read.index, read.sub)) for each in (self._first, answers))
             if None not in (before, now) and before != now:
                 return f"its {meaning} is 0x{now:08X}, and was 0x{before:08X}: another cell"
-        for axis, read in enumerate(self._errors, 1):
-            code = answers.get((read.index, read.sub), 0)
+        for axis, code in enumerate(self._codes, 1):
             if code not in PASSING_CODES:
                 return error_text(axis, code)
         return None
@@ -110,7 +131,8 @@ class Identification:
         """Read anew; the answers to the first read are kept for comparison."""
         if self._client.done and not self._first:
             self._first = dict(self._client.answers)
-        self._client = SdoClient(self._node_id, (*self._identity, *self._errors), attempts=PATIENT)
+        reads = (*self._identity, *self._errors, Read(self._kept.index, self._kept.sub))
+        self._client = SdoClient(self._node_id, reads, attempts=PATIENT)
 
     def poll(self, now_s: float) -> Iterator[Frame]:
         """The request to send now, if any."""

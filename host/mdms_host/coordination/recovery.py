@@ -12,6 +12,7 @@ from math import inf
 import numpy as np
 
 from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
+from mdms_host.coordination.cell_setup import Identification
 from mdms_host.coordination.run_state import (
     TRANSITIONS,
     TROUBLED,
@@ -68,8 +69,9 @@ class CellRecovery:
     Settings are written and verified as when it came up first, and every target begins at 0. `text`
     is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
     asked again only when it has restarted; `has_restarted` is whether it has since it is out, and
-    `had_no_supply` whether its motors have lost their supply. `found` is the first NMT state that
-    it has reported since. `was_up` is whether the cell has come up in this run before.
+    `had_no_supply` whether its motors have lost their supply. `switched_off` is whether another
+    program has stopped the cell while it was not heard. `was_up` is whether the cell has come up
+    in this run before.
     """
 
     def __init__(self, cell: BringUpCell, text: str, now_s: float, *, was_up: bool = True) -> None:
@@ -80,8 +82,10 @@ class CellRecovery:
         self.refused: str | None = None
         self.has_restarted = cell.restarted
         self.had_no_supply = cell.lacks_supply
-        self.found: int | None = None
-        self._was_up = was_up
+        self.switched_off = False
+        self._found: int | None = None
+        # 'Pre-operational' is no stop where the cell comes up anew.
+        self._comes_up = cell.restarted or not was_up
         self._step_s = now_s
         cell.begin_again()
 
@@ -95,22 +99,14 @@ class CellRecovery:
         """Whether the cell is up again."""
         return self.phase is Phase.RUNNING
 
-    @property
-    def switched_off(self) -> bool:
-        """Whether another program has stopped the cell while it was not heard.
-
-        No silence leads to 'stopped'. One of the host leads only cells that steer out of
-        'operational'.
-        """
-        stopped = self.found == nmt.STOPPED
-        left = self.found == nmt.PRE_OPERATIONAL and not self.cell.steers
-        return (stopped or left) and self._was_up and not self.has_restarted
-
     def step(self, now_s: float, silent: bool) -> None:
         """Look how far the cell is by now."""
-        if self.found is None:
-            self.found = self.cell.nmt_state
+        if self._found is None:
+            self._found = self.cell.nmt_state
         self.has_restarted |= self.cell.restarted
+        self._comes_up |= self.cell.restarted
+        # Neither a silence nor the host leads there.
+        self.switched_off |= self.cell.nmt_state == nmt.STOPPED and not self._comes_up
         self.had_no_supply |= self.cell.lacks_supply
         if self.refused is not None:
             if self.cell.restarted or silent:
@@ -136,13 +132,24 @@ class CellRecovery:
         self.phase, self._step_s = TRANSITIONS[reached, RunSignal.DONE], now_s
         if reached is Phase.WAITING:
             cell.restarted = False
-        elif reached is Phase.IDENTIFYING and self.found == nmt.PRE_OPERATIONAL:
-            # The host's silence leaves a fault, and a restart that was not heard leaves none.
-            self.has_restarted |= not cell.identification.shut_off
+        elif reached is Phase.IDENTIFYING:
+            self._judge(cell.identification)
         refusal, mismatch = cell.identification.refusal, cell.mismatch
         reason = {Phase.IDENTIFYING: refusal, Phase.CONFIGURING: mismatch}.get(reached)
         if reason is not None:
             self._refuse(reason)
+
+    def _judge(self, found: Identification) -> None:
+        """Tell a stop from the host's silence, and from a restart, that were not heard."""
+        left = self._found == nmt.PRE_OPERATIONAL
+        if self._comes_up:
+            return
+        if left and found.has_lost_settings:
+            self._comes_up = self.has_restarted = True
+        else:
+            # The host's silence leads there only where cells steer, and leaves a fault.
+            silence = self.cell.steers and found.shut_off
+            self.switched_off |= found.stopped or (left and not silence)
 
     def _refuse(self, reason: str) -> None:
         self.refused = f"{self.cell.name} is not taken back: {reason}"
@@ -154,6 +161,9 @@ class CellRecovery:
         return (self.heard and fallen) or now_s >= self._step_s + _STEP_LIMIT_S
 
     def _begin_again(self, now_s: float) -> None:
+        if self.phase in (Phase.ENABLING, Phase.RUNNING):
+            # It was operational again.
+            self._found, self._comes_up = None, self.cell.restarted
         self.phase, self._step_s, self.refused = Phase.WAITING, now_s, None
         self.cell.begin_again()
 
@@ -299,7 +309,7 @@ class Recovery:
         if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
             return Decision(RunSignal.FAULT, _told(each.text for each in troubles))
         if stopped := [way for way in self._roster.out.values() if way.switched_off]:
-            texts = (f"{way.text}; it was stopped, or restarted, meanwhile" for way in stopped)
+            texts = (f"{way.text}; it was stopped meanwhile" for way in stopped)
             return Decision(RunSignal.FAULT, _told(texts))
         decision = None
         if phase in TROUBLED:

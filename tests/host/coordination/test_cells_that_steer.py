@@ -7,6 +7,7 @@ from tests.host.coordination.arrays import BOTTOM, LAYOUT, still
 from mdms_array.host import Cells, coordinator_of, layout_of
 from mdms_cell.canopen.objects import Objects
 from mdms_cell.canopen.sdo_server import SdoServer
+from mdms_host.can_link.sdo_client import Setting
 from mdms_host.coordination.cell_setup import HEARTBEAT_LIMIT_MS, Identification
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import Phase
@@ -94,7 +95,8 @@ def test_the_host_steers_any_board(rolling_array) -> None:
 
 
 def test_cell_that_comes_back_with_a_board_that_cannot_steer_is_not_taken() -> None:
-    identification = Identification(1, axes=2, asks_board=True)
+    kept = Setting(indices.TPDO_PARAMETERS + 1, 5, 200)
+    identification = Identification(1, axes=2, kept=kept, asks_board=True)
     objects = Objects()
     objects.put(indices.UPDATE, 3, update.NUCLEO_G474RE)
     objects.reset(1, record.FROM_NODE)

@@ -1,6 +1,7 @@
 """Cells of real firmware that fall out of action while a field runs on them, and come back."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -452,9 +453,38 @@ def test_a_stop_that_the_host_was_cut_off_from_is_obeyed(policy, command, cut) -
     run.link.cut = set()
     run.until(lambda: run.coordinator.stopped)
     assert "cell 2 (node 2) has fallen silent" in run.coordinator.fault
-    assert "it was stopped, or restarted, meanwhile" in run.coordinator.fault
+    assert "it was stopped meanwhile" in run.coordinator.fault
     run.pass_s(0.5)
     assert run.moving() == [False] * 3
+
+
+def test_a_restart_that_the_host_did_not_hear_is_a_pause() -> None:
+    run = Run()
+    run.link.cut = {1}
+    run.pass_s(0.4)
+    run.link.power_off(1)
+    run.link.restart(1)
+    run.pass_s(0.2)
+    run.link.cut = set()
+    run.until_running()
+    assert (run.coordinator.fault, run.coordinator.pauses) == (None, 1)
+
+
+@pytest.mark.parametrize(
+    ("state", "command"),
+    [(nmt.OPERATIONAL, nmt.ENTER_PRE_OPERATIONAL), (nmt.PRE_OPERATIONAL, nmt.STOP)],
+)
+def test_a_stop_in_a_second_silence_of_a_cell_on_its_way_back_is_obeyed(state, command) -> None:
+    run = Run()
+    silence(run)
+    run.until(lambda: run.link.states[2] == nmt.PRE_OPERATIONAL)
+    run.until(lambda: run.link.states[2] == state)
+    run.link.cut = {1, 2}
+    run.link._bank.deliver(1, nmt.command(command, 2))
+    run.pass_s(0.4)
+    run.link.cut = set()
+    run.until(lambda: run.coordinator.stopped)
+    assert "it was stopped meanwhile" in run.coordinator.fault
 
 
 def test_a_power_cut_that_the_host_was_cut_off_from_moves_nothing_where_cells_steer() -> None:
@@ -469,6 +499,28 @@ def test_a_power_cut_that_the_host_was_cut_off_from_moves_nothing_where_cells_st
     run.link.cut = set()
     run.until(lambda: coordinator.stopped)
     assert coordinator.fault == "18 of 18 cells have restarted: their supply was cut; start again"
+
+
+@pytest.mark.parametrize(
+    ("policy", "cut", "stop_s", "node_id"),
+    [
+        ("go_on", {5}, 0.2, nmt.ALL_NODES),
+        ("hold", {5}, 0.2, nmt.ALL_NODES),
+    ],
+)
+def test_a_stop_that_the_host_was_cut_off_from_is_obeyed_where_cells_steer(
+    policy, cut, stop_s, node_id
+) -> None:
+    scenario = load_scenario("neighbours")
+    scenario = replace(scenario, run=replace(scenario.run, on_lost_cell=policy))
+    run = Run(cells=18, coordinator=coordinator_of(scenario, Cells()))
+    run.link.cut = cut
+    run.pass_s(stop_s)
+    run.link._bank.deliver(5, nmt.command(nmt.ENTER_PRE_OPERATIONAL, node_id))
+    run.pass_s(0.5 - stop_s)
+    run.link.cut = set()
+    run.until(lambda: run.coordinator.stopped)
+    assert "it was stopped meanwhile" in run.coordinator.fault
 
 
 def test_a_drive_that_somebody_switches_off_is_left_off() -> None:
