@@ -309,9 +309,10 @@ class Cell:
             self._layer.stop()
             self._axes.switch_off()
 
-    def on_stop_of_all(self):
-        """A person has stopped the table: a host that was not there is to learn of it."""
-        self._axes.keep_off()
+    def on_stop(self, of_all):
+        """A stop that is not the host's own: a host that was not there is to learn of it."""
+        if of_all or self._consumer.host_lost:
+            self._axes.keep_off()
 
     def on_reset(self, command):
         """The node starts anew, all of it or what concerns communication."""

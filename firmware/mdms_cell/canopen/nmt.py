@@ -17,8 +17,8 @@ class Nmt:
 
     It calls the cell's `on_leave()` before each change, while the state and the node id still hold.
     Then it calls `on_reset(command)` with one of the two resets, `on_boot()` or `on_state(state)`.
-    A start is obeyed where its `in_place()` is true. `on_stop_of_all()` follows a stop that is for
-    all nodes, whatever the state was.
+    A start is obeyed where its `in_place()` is true. `on_stop(of_all)` follows a stop, whatever the
+    state was; `of_all` is whether it is for all nodes.
     `pending_node_id` is the one that LSS has given; the next reset makes it the `node_id`.
     """
 
@@ -63,8 +63,8 @@ class Nmt:
                 state = nmt.TRANSITIONS[data[0]]
                 if state in (self.state, nmt.STOPPED, nmt.PRE_OPERATIONAL) or self._cell.in_place():
                     self.enter(state)
-                if state != nmt.OPERATIONAL and data[1] == nmt.ALL_NODES:
-                    self._cell.on_stop_of_all()
+                if state != nmt.OPERATIONAL:
+                    self._cell.on_stop(data[1] == nmt.ALL_NODES)
         return True
 
     def enter(self, state):
@@ -478,7 +478,9 @@ class Guard:
         if silent:
             emcy.report(SOURCE_CONSUMER, HEARTBEAT_LOST)
             if silent != cob.HOST_NODE or not self._goes_on():
-                self._axes.fall_silent(HEARTBEAT_LOST)
+                # Axes that a stop has switched off before have no fault: a host tells it by that.
+                if self._node.state == nmt.OPERATIONAL:
+                    self._axes.fall_silent(HEARTBEAT_LOST)
                 self._enter()
         elif not consumer.lost:
             emcy.clear(SOURCE_CONSUMER)

@@ -9,7 +9,7 @@ the background, as the speed loop does.
 The neighbour layer enables an axis that is 'switched on' without another controlword. So too low a
 supply, which is an emergency stop, is a fault there as well. Only a controlword of another node
 leads on from the states below. A host that is back resets the fault of its own silence by itself.
-So too low a supply meanwhile takes the place of such a fault, and a stop of all nodes does.
+So too low a supply meanwhile takes the place of such a fault, and a stop does.
 
 A target is valid in the 'operation enabled' in which it came. Every way into and out of that state
 sets it to 0.
@@ -524,7 +524,7 @@ class Axes:
                 self._emcy.report(source, UNDERVOLTAGE)
 
     def keep_off(self):
-        """All nodes are stopped: no host that is back resets a fault of its silence by itself."""
+        """Somebody stops the cell: no host that is back resets a fault of its silence by itself."""
         for drive in self._drives:
             if drive.state in _FAILED and drive.error_code >> 8 in _COMMUNICATION:
                 drive.error_code = STOPPED_MEANWHILE

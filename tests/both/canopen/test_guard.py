@@ -75,6 +75,24 @@ def test_commands_do_not_end_the_braking_but_a_reset_does():
         assert board.registers[speed_loop.MODE] == mode
 
 
+def test_error_code_tells_a_stop_while_the_host_is_silent_from_its_silence():
+    """A stop is for this node alone, `stop_ms` after the host's last heartbeat."""
+    for stop_ms, code in ((100, 0), (250, 0x9000), (None, 0x8130)):
+        cell, board = watching()
+        cell.on_frame(0x77F, b"\x05", cell.now_ms)
+        for now_ms in range(51, 400):
+            cell.on_frame(0x205, bytes(8), cell.now_ms)
+            cell.on_frame(0x080, b"", cell.now_ms)
+            cell.tick()
+            cell.poll(now_ms)
+            if now_ms - 50 == stop_ms:
+                cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
+        board.take()
+        cell.on_frame(0x605, sdo.read_request(0x603F, 0), cell.now_ms)
+        answer = b"\x4b\x3f\x60\x00" + code.to_bytes(2, "little") + b"\0\0"
+        assert board.take() == [(0x585, answer)]
+
+
 def awaiting():
     """A cell that has had its target at 50 ms, and awaits the next within 25 ms."""
     cell, board = operational()

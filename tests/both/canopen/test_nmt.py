@@ -31,6 +31,9 @@ class Cell:
     def on_state(self, state):
         self.told.append(("state", state))
 
+    def on_stop(self, of_all):
+        pass
+
     def send(self, can_id, data):
         self.sent.append((can_id, data))
         return True

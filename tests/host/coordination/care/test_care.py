@@ -504,6 +504,8 @@ def test_a_power_cut_that_the_host_was_cut_off_from_moves_nothing_where_cells_st
 @pytest.mark.parametrize(
     ("policy", "cut", "stop_s", "node_id"),
     [
+        ("stop", {*range(18)}, 0.02, 6),
+        ("stop", {*range(18)}, 0.2, 6),
         ("go_on", {5}, 0.2, nmt.ALL_NODES),
         ("hold", {5}, 0.2, nmt.ALL_NODES),
     ],
