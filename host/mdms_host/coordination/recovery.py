@@ -70,8 +70,8 @@ class CellRecovery:
     is why the cell is out, `refused` why it is not taken back, None as long as it may be. It is
     asked again only when it has restarted; `has_restarted` is whether it has since it is out, and
     `had_no_supply` whether its motors have lost their supply. `switched_off` is whether another
-    program has stopped the cell while it was not heard. `was_up` is whether the cell has come up
-    in this run before.
+    program has stopped the cell while it was not heard, and `restarted_unheard` whether it has
+    restarted then. `was_up` is whether the cell has come up in this run before.
     """
 
     def __init__(self, cell: BringUpCell, text: str, now_s: float, *, was_up: bool = True) -> None:
@@ -82,7 +82,7 @@ class CellRecovery:
         self.refused: str | None = None
         self.has_restarted = cell.restarted
         self.had_no_supply = cell.lacks_supply
-        self.switched_off = False
+        self.switched_off = self.restarted_unheard = False
         self._found: int | None = None
         # 'Pre-operational' is no stop where the cell comes up anew.
         self._comes_up = cell.restarted or not was_up
@@ -145,7 +145,7 @@ class CellRecovery:
         if self._comes_up:
             return
         if left and found.has_lost_settings:
-            self._comes_up = self.has_restarted = True
+            self._comes_up = self.has_restarted = self.restarted_unheard = True
         else:
             # The host's silence leads there only where cells steer, and leaves a fault.
             silence = self.cell.steers and found.shut_off
@@ -308,9 +308,15 @@ class Recovery:
         self.bring_back(now_s)
         if any(each.nature is TroubleNature.DELIBERATE for each in troubles):
             return Decision(RunSignal.FAULT, _told(each.text for each in troubles))
-        if stopped := [way for way in self._roster.out.values() if way.switched_off]:
+        ways = self._roster.out.values()
+        if stopped := [way for way in ways if way.switched_off]:
             texts = (f"{way.text}; it was stopped meanwhile" for way in stopped)
             return Decision(RunSignal.FAULT, _told(texts))
+        unheard, cells = sum(way.restarted_unheard for way in ways), len(self._roster.cells)
+        if 1 < unheard <= cells // 2:
+            # One boot-up message may get lost. Several are a supply, or a reset, of a part.
+            cut = "their supply was cut, or they were reset; start again"
+            return Decision(RunSignal.FAULT, f"{unheard} cells have restarted unheard: {cut}")
         decision = None
         if phase in TROUBLED:
             decision = self._while_held(phase, now_s)

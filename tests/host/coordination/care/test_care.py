@@ -470,6 +470,22 @@ def test_a_restart_that_the_host_did_not_hear_is_a_pause() -> None:
     assert (run.coordinator.fault, run.coordinator.pauses) == (None, 1)
 
 
+def test_a_reset_of_some_cells_that_the_host_was_cut_off_from_moves_nothing() -> None:
+    run = Run(
+        GO_ON,
+        cells=9,
+        coordinator=Coordinator(Layout(9, 1), FieldProgram(np.full(18, 0.05)), policy=GO_ON),
+    )
+    run.link.cut = {1, 2}
+    run.pass_s(0.4)
+    for cell in run.link.cut:
+        run.link._bank.deliver(cell, nmt.command(nmt.RESET_NODE))
+    run.pass_s(0.2)
+    run.link.cut = set()
+    run.until(lambda: run.coordinator.stopped)
+    assert "2 cells have restarted unheard" in run.coordinator.fault
+
+
 @pytest.mark.parametrize(
     ("state", "command"),
     [(nmt.OPERATIONAL, nmt.ENTER_PRE_OPERATIONAL), (nmt.PRE_OPERATIONAL, nmt.STOP)],
