@@ -19,7 +19,7 @@ from mdms_host.commissioning.network import (
 )
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, nmt
-from mdms_protocol.emergencies import code_text
+from mdms_protocol.emergencies import STOPPED_MEANWHILE, code_text
 
 #: Bit of 0x607E: motor and encoder are mounted the other way round.
 REVERSED = 0x40
@@ -27,6 +27,8 @@ REVERSED = 0x40
 _ROOM = 1.2
 #: Faults of which nothing is left but that who drove the wheel has fallen silent.
 _SILENCES = (0x8130, 0x8250)
+#: Those that a person's command resets: a stop before it does not bind it.
+_LEFT_BEHIND = (*_SILENCES, STOPPED_MEANWHILE)
 #: A wheel that is braked stands within a few of them; one with no bridge may roll on.
 _LOOKS = 50
 
@@ -88,15 +90,18 @@ def turn_wheel(
     axis: int,
     jog: Jog,
     over: Callable[[], object] = lambda: None,
+    *,
+    again: bool = False,
 ) -> Turn:
     """Turn a wheel to the jog's end, and measure; `over` is called often on the way.
 
     However it ends early, the cell is sent to 'pre-operational', where no motor runs. A fault that
-    stands is not reset, unless `jog.resets`, or it says only that an earlier host fell silent.
+    stands is not reset, unless `jog.resets`, or it says only that an earlier host fell silent. A
+    stop after that silence counts if this is done `again`, for the host was this one.
     Raises WheelError, StoppedError, SilentError, DeviceGoneError.
     """
     before = _position_m(commissioning, node_id, axis)
-    jog.resets = jog.resets or _fell_silent(commissioning, node_id, axis)
+    jog.resets = jog.resets or _fell_silent(commissioning, node_id, axis, again)
 
     jog.foreign_stops = commissioning.foreign_stops
     _ask_supplies(commissioning, node_id)
@@ -133,8 +138,8 @@ def _ask_supplies(commissioning: Commissioning, node_id: int) -> None:
             stops.forget(other)
 
 
-def _fell_silent(commissioning: Commissioning, node_id: int, axis: int) -> bool:
-    """Whether an axis is in fault only since who drove it fell silent.
+def _fell_silent(commissioning: Commissioning, node_id: int, axis: int, again: bool) -> bool:
+    """Whether an axis is in fault only since who drove it fell silent, before a stop or not.
 
     Raises WheelError for any other fault.
     """
@@ -143,7 +148,7 @@ def _fell_silent(commissioning: Commissioning, node_id: int, axis: int) -> bool:
     if state != cia402.FAULT:
         return False
     code = commissioning.read(node_id, indices.ERROR_CODE + offset)
-    if code not in _SILENCES:
+    if code not in (_SILENCES if again else _LEFT_BEHIND):
         raise WheelError(
             f"node {node_id}, axis {axis} is in fault, {code_text(code)}; remove the cause, then: "
             f"mdms jog --node {node_id} --axis {axis} --reset"
@@ -223,7 +228,8 @@ def _push(  # noqa: PLR0917
                 jog.end()
 
         try:
-            return turn_wheel(commissioning, node_id, axis, jog, look).distance_m
+            again = attempts < _ATTEMPTS - 1
+            return turn_wheel(commissioning, node_id, axis, jog, look, again=again).distance_m
         except WheelError:
             if not jog.setpoint_missed:
                 raise

@@ -257,4 +257,5 @@ def test_fault_of_a_command_that_was_killed_is_reset_by_the_next(serve):
         assert bus.read(3, indices.ERROR_CODE) == 0x8250
         bus.command(nmt.ENTER_PRE_OPERATIONAL)
         array.time.sleep(0.2)
+        assert bus.read(3, indices.ERROR_CODE) == 0x9000
     assert array.commission("--nudge") == ExitCode.OK

@@ -16,7 +16,7 @@ from mdms_host.commissioning.network import Commissioning, CommissioningError, S
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402
 from mdms_protocol.dictionary import AXES, AXIS_OFFSET
-from mdms_protocol.emergencies import code_text
+from mdms_protocol.emergencies import STOPPED_MEANWHILE, code_text
 
 SHORT, CATEGORY_1 = "short", "category_1"
 #: A contact takes less than 0.05 s; the rest is for a look at 126 cells.
@@ -34,7 +34,7 @@ MOVED_M = 0.003
 _LOOK_S = 0.01
 _ON = (cia402.OPERATION_ENABLED, cia402.QUICK_STOP_ACTIVE, cia402.FAULT_REACTION)
 #: Faults that an emergency stop, or the end of a run, leaves behind.
-_LEFT_BEHIND = (0, 0x3220, 0x8130, 0x8250)
+_LEFT_BEHIND = (0, 0x3220, 0x8130, 0x8250, STOPPED_MEANWHILE)
 
 
 class StopTestError(CommissioningError):
