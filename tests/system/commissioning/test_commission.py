@@ -242,6 +242,21 @@ def test_cell_in_fault_is_not_nudged_and_the_message_has_the_cure(serve, capsys)
     assert "3 of 4 cells are done" in message
 
 
+def test_stop_that_the_host_did_not_hear_is_not_undone_by_a_push_that_is_made_again(serve, capsys):
+    array = serve()
+    cut = Cut(array, "amid the push", lambda: array.time.sleep(0.6))
+
+    def look(frame):
+        cut._look(frame)
+        again = cut.fired and frame.data[1:3] == indices.POSITION.to_bytes(2, "little")
+        if again and frame.can_id == cob.SDO_REQUEST_BASE + 3:
+            array.time.array.bank.deliver(2, nmt.command(nmt.ENTER_PRE_OPERATIONAL))
+
+    array.time.before_send = look
+    assert array.commission("--nudge") == ExitCode.NODE_FAULT
+    assert "0x9000: stopped by another program" in capsys.readouterr().err
+
+
 def test_fault_of_a_command_that_was_killed_is_reset_by_the_next(serve):
     array = serve()
 
