@@ -10,6 +10,7 @@ from mdms_sim.physics.plane.touch import Solid, closest
 
 BOX = {"length_m": 0.4, "width_m": 0.2}
 DISC = {"length_m": 0.2, "width_m": 0.2, "shape": "disc"}
+TRIANGLE = BOX | {"shape": "polygon", "corners_m": ((-0.2, -0.1), (0.2, 0.0), (-0.1, 0.1))}
 
 
 def solid(x_m, y_m, yaw_rad=0.0, **values):
@@ -45,6 +46,21 @@ def test_the_other_way_round_turns_the_normal():
     assert back[:2] == pytest.approx([-1.0, 0.0])
     assert there[2:] == pytest.approx([0.2, 0.05, 0.001])
     assert back[4] == pytest.approx(there[4])
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.7])
+@pytest.mark.parametrize("kind", [BOX, TRIANGLE])
+def test_a_disc_meets_every_face_where_it_is_next_to_it(kind, yaw_rad):
+    body = solid(0.3, 0.2, yaw_rad, **kind)
+    turn = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
+    for normal, corner, end in zip(
+        body.edges[:, :2], body.edges[:, 3:], np.roll(body.edges[:, 3:], -1, axis=0), strict=True
+    ):
+        for share in (0.1, 0.5, 0.8):
+            on_face = corner + share * (end - corner)
+            at = turn @ on_face + (0.3, 0.2)
+            (point,) = meet(body, solid(*(at + turn @ normal * 0.102), **DISC))
+            assert point == pytest.approx([*(turn @ normal), *at, 0.002], abs=1e-12)
 
 
 def test_a_disc_meets_a_corner_along_the_line_between_them():
