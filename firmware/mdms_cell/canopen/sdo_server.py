@@ -185,7 +185,7 @@ class BlockDownload(_Transfer):
         self._crc = 0
         self._block = bytearray()
         self._sequence = 0
-        self._complete = False
+        self.complete = False
 
     def takes(self, command):
         """All but an abort belong to a block."""
@@ -193,7 +193,7 @@ class BlockDownload(_Transfer):
 
     def on_request(self, data):
         """Take the next segment, or the end; raises AbortError."""
-        if self._complete:
+        if self.complete:
             return self._end(data)
         sequence = data[0] & sdo.BLOCK_SEQUENCE
         if not 1 <= sequence <= sdo.BLOCK_SEGMENTS:
@@ -207,13 +207,13 @@ class BlockDownload(_Transfer):
     def _take(self, data):
         self._sequence += 1
         self._block.extend(data[1:])
-        self._complete = bool(data[0] & sdo.BLOCK_LAST)
+        self.complete = bool(data[0] & sdo.BLOCK_LAST)
 
     def _acknowledge(self):
         """Tell the last segment that came in order; the client repeats those after it."""
         sequence = self._sequence
         self._sequence = 0
-        if not self._complete:
+        if not self.complete:
             self._flush(len(self._block))
         command = sdo.BLOCK_DOWNLOAD_RESPONSE | sdo.BLOCK_ACKNOWLEDGE
         return bytes((command, sequence, sdo.BLOCK_SEGMENTS, 0, 0, 0, 0, 0))
@@ -408,7 +408,9 @@ class SdoServer:
             self._abort(data[1] | data[2] << 8, data[3], code)
 
     def _abort(self, index, sub, code):
-        if code in _AMID_A_BLOCK and isinstance(self._transfer, BlockDownload):
+        transfer = self._transfer
+        amid = isinstance(transfer, BlockDownload) and not transfer.complete
+        if amid and code in _AMID_A_BLOCK:
             self._strays, self._ended_ms = True, self.now_ms
         self._close()
         self._respond(sdo.abort(index, sub, code))

@@ -381,6 +381,19 @@ def test_segments_of_a_block_that_was_ended_write_nothing_else():
         assert client.ask(segment) == [b"\x60\x00\x30\x00\0\0\0\0"]
 
 
+def test_request_is_served_right_after_a_block_that_was_whole_was_refused():
+    client = Client()
+    client.sink.finish = refuse_in_this_state
+    client.ask(b"\xc6\x00\x50\x01\x04\0\0\0")
+    client.ask(b"\x81" + bytes(7))
+    assert client.ask(b"\xcd" + bytes(7)) == [sdo.abort(0x5000, 1, sdo.WRONG_STATE)]
+    assert client.ask(b"\x2b\x00\x30\x00\x4d\x00\0\0") == [b"\x60\x00\x30\x00\0\0\0\0"]
+
+
+def refuse_in_this_state():
+    raise sdo.AbortError(sdo.WRONG_STATE)
+
+
 def uploading():
     """A client whose server has sent the first block of two segments."""
     client = Client()
