@@ -72,6 +72,10 @@ def mapped(objects, mapping, sub):
     return item >> 16, item >> 8 & 0xFF, item & 0xFF
 
 
+#: An entry that maps nothing, as all are that are not in use.
+_EMPTY = (0, 0, 0)
+
+
 def check_mapping(entries, sub, count, direction):
     """Raises AbortError if entries, as (index, sub-index, bits), may not be mapped.
 
@@ -80,6 +84,8 @@ def check_mapping(entries, sub, count, direction):
     """
     if sub and count:
         raise sdo.AbortError(sdo.WRONG_STATE)
+    if sub and entries == [_EMPTY]:
+        return
     bits = 0
     for entry in entries:
         _check_entry(direction, *entry)

@@ -297,6 +297,17 @@ def test_mapping_is_refused_with_the_right_code():
     assert bench.write(0x1A00, 0, 2) is None
 
 
+def test_entry_is_emptied_as_it_was_by_default_and_then_carries_nothing():
+    for parameters, mapping in ((0x1800, 0x1A00), (0x1400, 0x1600)):
+        bench = Bench()
+        assert bench.write(parameters, 1, 1 << 31 | 0x185) is None
+        assert bench.write(mapping, 0, 0) is None
+        for sub in (2, 3):
+            assert bench.write(mapping, sub, 0) is None
+        assert bench.write(mapping, 0, 2) == sdo.NO_SUCH_OBJECT
+        assert bench.write(mapping, 0, 1) is None
+
+
 def test_parameters_are_refused_with_the_right_code():
     bench = Bench()
     assert bench.write(0x1800, 1, 1 << 31 | 0x185) is None
