@@ -115,7 +115,8 @@ class VirtualTime:
     """The clock of an array, and the way onto its bus.
 
     `before_send(frame)` is called for each frame that a link of the host sends, and may raise;
-    while `mute`, none leaves: the host is dead, whatever its program still does.
+    while `mute`, none leaves: the host is dead, whatever its program still does. `garbled` counts
+    lines that a serial adapter would have garbled.
     """
 
     is_real = False
@@ -124,6 +125,7 @@ class VirtualTime:
         self.array = array
         self.before_send: Callable[[Frame], object] = lambda _frame: None
         self.mute = False
+        self.garbled = 0
 
     def now_s(self) -> float:
         return self.array.now_ns / NS_PER_S
@@ -170,16 +172,17 @@ class _Link:
     def __init__(self, time: VirtualTime, deliver: Deliver) -> None:
         self._time = time
         self._deliver = deliver
-        self._garbled = 0
+        self._foreign = 0
         self._send = time.array.attach(self._sort)
 
     @property
     def counts(self) -> LinkCounts:
-        return LinkCounts(self._garbled, self._time.array.error_frames, 0, 0)
+        errors = self._time.array.error_frames
+        return LinkCounts(self._time.garbled, errors, foreign=self._foreign)
 
     def _sort(self, frame: Frame, now_s: float) -> None:
         if frame.can_id > STANDARD_MASK:
-            self._garbled += 1
+            self._foreign += 1
         else:
             self._deliver(frame, now_s)
 

@@ -134,12 +134,16 @@ class Incidents:
 
 @dataclass(frozen=True, slots=True)
 class LinkCounts:
-    """Frames that were no plain data, and those that the transmit queue delayed or refused."""
+    """Frames that were no plain data, and those that the transmit queue delayed or refused.
+
+    `foreign` are whole frames of other devices, of kinds that no cell sends.
+    """
 
     garbled: int = 0
     error_frames: int = 0
     waited: int = 0
     unsent: int = 0
+    foreign: int = 0
 
     def __add__(self, other: "LinkCounts") -> "LinkCounts":
         return LinkCounts(
@@ -147,6 +151,7 @@ class LinkCounts:
             self.error_frames + other.error_frames,
             self.waited + other.waited,
             self.unsent + other.unsent,
+            self.foreign + other.foreign,
         )
 
     def since(self, before: "LinkCounts") -> "LinkCounts":
@@ -156,6 +161,7 @@ class LinkCounts:
             self.error_frames - before.error_frames,
             self.waited - before.waited,
             self.unsent - before.unsent,
+            self.foreign - before.foreign,
         )
 
     def __str__(self) -> str:
@@ -165,6 +171,7 @@ class LinkCounts:
             (self.error_frames, "error frames"),
             (self.waited, "waited for the transmit queue"),
             (self.unsent, "not sent"),
+            (self.foreign, "with 29 bits, remote or of CAN FD"),
         )
         return ", ".join(f"{count} {text}" for count, text in texts if count)
 
@@ -323,8 +330,8 @@ class Link:
     """An open bus with a reader of its own; frames of 11-bit data only, the rest is counted.
 
     Frames go to `deliver(frame, now_s)` in the reader's thread, if given, else wait for `receive`.
-    `garbled`, `error_frames` and `unsent` count frames; `incidents` has what else the link met, and
-    may be given where it is shared. `delays` has the parts that were held up lately.
+    `garbled`, `error_frames`, `foreign` and `unsent` count frames; `incidents` has what else the
+    link met, and may be given where it is shared. `delays` has the parts that were held up lately.
     """
 
     def __init__(
@@ -336,6 +343,7 @@ class Link:
     ) -> None:
         self.garbled = 0
         self.error_frames = 0
+        self.foreign = 0
         self.delays = Delays()
         self._incidents = incidents or Incidents(clock)
         self._bus = bus
@@ -372,7 +380,7 @@ class Link:
     def counts(self) -> LinkCounts:
         """All counts at this moment."""
         waited = self._transmitter.waited
-        return LinkCounts(self.garbled, self.error_frames, waited, self.unsent)
+        return LinkCounts(self.garbled, self.error_frames, waited, self.unsent, self.foreign)
 
     def send(self, frame: Frame, until_s: float | None = None) -> None:
         """Send a frame; a frame that the device cannot take is counted. Raises DeviceGoneError.
@@ -474,7 +482,7 @@ class Link:
             # Some drivers (gs_usb) return sent frames.
             return
         elif message.is_extended_id or message.is_remote_frame or message.is_fd:
-            self.garbled += 1
+            self.foreign += 1
             self._incidents.note_repeated("frames that are no data or have 29 bits are left out")
         else:
             node_id = message.arbitration_id - cob.HEARTBEAT_BASE

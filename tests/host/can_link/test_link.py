@@ -12,7 +12,14 @@ import pytest
 from can.cli import add_bus_arguments
 from tests.host.can_link.scripted_bus import ScriptedBus
 
-from mdms_host.can_link.link import DeviceGoneError, Link, NoBusError, open_bus, remedy
+from mdms_host.can_link.link import (
+    DeviceGoneError,
+    Link,
+    LinkCounts,
+    NoBusError,
+    open_bus,
+    remedy,
+)
 from mdms_host.clock import MonotonicClock
 from mdms_protocol.codecs.frame import Frame
 
@@ -126,7 +133,8 @@ def test_other_than_plain_data_frames_are_counted_and_dropped(clock) -> None:
     ]
     with Link(ScriptedBus(*strange, MESSAGE), clock) as link:
         assert received(link, clock) == [HEARTBEAT]
-        assert (link.error_frames, link.garbled) == (1, 2)
+        assert link.counts == LinkCounts(error_frames=1, foreign=2)
+        assert str(link.counts) == "1 error frames, 2 with 29 bits, remote or of CAN FD"
 
 
 class SocketcanBus(ScriptedBus):

@@ -60,7 +60,7 @@ def test_incidents_are_listed_as_they_came_under_the_name_of_the_bus():
     with Links([ScriptedBus(), ScriptedBus(remote)], ("a", "b"), clock) as links:
         driven(tool, links, clock, lambda: links.incidents)
         assert links.incidents[0][1].startswith("b: frames that are no data")
-        assert links.counts.garbled == 1
+        assert links.counts.foreign == 1
 
 
 def test_device_that_is_gone_is_named_and_the_others_get_their_frames():

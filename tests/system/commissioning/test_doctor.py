@@ -86,8 +86,9 @@ class Strangers:
     SILENT = 60
     ABORTS = MappingProxyType({61: sdo.NO_SUCH_OBJECT, 62: sdo.TIMED_OUT})
 
-    def __init__(self, array):
+    def __init__(self, array, time):
         self._array = array
+        self._time = time
         self._send = array.attach(self.on_frame)
         self.talk()
 
@@ -101,6 +102,7 @@ class Strangers:
     def talk(self):
         self._send(nmt.heartbeat(self.SILENT, nmt.PRE_OPERATIONAL))
         self._send(Frame(EXTENDED | 0x12345678, b""))
+        self._time.garbled += 1
         kernel = self._array.simulation.kernel
         kernel.at(kernel.now_ns + 100_000_000, 0, self.talk)
 
@@ -113,7 +115,7 @@ def array():
     with virtual_time(simulated) as time:
         time.sleep(0.5)
         spoil(bank)
-        Strangers(simulated)
+        Strangers(simulated, time)
         yield bank
 
 
@@ -273,8 +275,12 @@ def test_an_empty_bus_is_a_finding_and_so_is_another_host(capsys):
         assert found(capsys)[0] == {"silence": [()], "other-host": [()]}
 
 
-def test_a_healthy_array_has_no_findings(capsys):
-    with virtual_time(SimulatedArray(PythonBank(range(1, 19)))):
+def test_a_healthy_array_has_no_findings_though_a_device_beside_it_sends_29_bits(capsys):
+    array = SimulatedArray(PythonBank(range(1, 19)))
+    send, kernel = array.attach(lambda *_frame: None), array.simulation.kernel
+    for time_ms in range(0, 3_000, 50):
+        kernel.at(time_ms * 1_000_000, 0, lambda: send(Frame(EXTENDED | 0x12345678, b"")))
+    with virtual_time(array):
         assert main(["doctor", *BUS]) == ExitCode.OK
         told = capsys.readouterr()
         assert told.out == "18 cells: 0 serious findings, 0 warnings\n"

@@ -85,7 +85,8 @@ def test_scan_finds_all_cells(served, capsys):
 def test_status_shows_drives_and_presence(served, capsys):
     assert main(["status", *served, "--json"]) == ExitCode.OK
     shown = json.loads(capsys.readouterr().out)
-    assert shown["link"] == {"garbled": 0, "error_frames": 0, "waited": 0, "unsent": 0}
+    counts = ("garbled", "error_frames", "waited", "unsent", "foreign")
+    assert shown["link"] == dict.fromkeys(counts, 0)
     cells = shown["cells"]
     assert len(cells) == 18
     assert {cell["drives"][0] for cell in cells} == {"switch on disabled"}
