@@ -131,6 +131,7 @@ def fail_in_time(machine: Machine, turn_s: float) -> None:
 
 
 def test_all_is_as_before_when_a_run_is_over_though_it_failed(machine: Machine) -> None:
+    gc.unfreeze()  # pytest's own have been frozen
     before = settings()
     with pytest.raises(KeyError):
         fail_in_time(machine, before[0])
