@@ -172,7 +172,8 @@ class BringUpCell(RemoteCell):
         if self._set_up.failure:
             return f"{self.name} cannot be set up: {self._set_up.failure}"
         if phase in (Phase.ENABLING, Phase.RUNNING) and self.nmt_state != nmt.OPERATIONAL:
-            return f"{self.name} is no longer operational: it has restarted or was stopped"
+            text = f"{self.name} is no longer operational: it has restarted or was stopped"
+            return "; ".join([text, *self._error_texts])
         if phase == Phase.RUNNING and not self.enabled:
             return f"{self.name} has disabled its drives: {self.drives_text}"
         return None
@@ -180,7 +181,11 @@ class BringUpCell(RemoteCell):
     @property
     def drives_text(self) -> str:
         """The states of the drives in words, and the errors that stand."""
-        return "; ".join([self.drive_text, *(error_text(*error) for error in self.errors.items())])
+        return "; ".join([self.drive_text, *self._error_texts])
+
+    @property
+    def _error_texts(self) -> list[str]:
+        return [error_text(*error) for error in self.errors.items()]
 
     def commands(self, phase: Phase, now_s: float) -> Iterator[Frame]:
         """The commands that the cell still needs in a phase."""

@@ -12,6 +12,7 @@ from mdms_model.run.record import Event
 _ADVICE = (
     ("no cell was heard", "Check that the bus is connected and terminated and the cells powered."),
     ("fallen silent", "Check the cell's power and its bus plug."),
+    ("the same node id", "Give one of the two nodes another id, then reset both."),
     ("no longer operational", "The cell has restarted: check its supply, then start again."),
     ("supply is below its limit", "Release the emergency stop, or mend the supply; start again."),
     ("supply was cut", "Release the emergency stop, look around, then start again."),

@@ -11,6 +11,7 @@ from mdms_host.coordination.run_state import EVENTS_KEPT, EventJournal, Phase
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import FieldProgram
+from mdms_host.page.events import advice_for
 from mdms_protocol import pdo
 from mdms_protocol.codecs import cia402, cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
@@ -90,6 +91,18 @@ def test_a_cell_that_restarts_stops_the_array(rolling_array) -> None:
     array.inject(nmt.heartbeat(5, nmt.INITIALISING))
     array.run(coordinator, array.now_s + 0.2, lambda: coordinator.stopped)
     assert "cell 5 (node 5) is no longer operational" in coordinator.fault
+
+
+def test_a_cell_whose_node_id_another_node_has_too_stops_the_array_by_that_reason(
+    rolling_array,
+) -> None:
+    coordinator = Coordinator(LAYOUT, still(), policy=STRICT)
+    array = running(rolling_array, coordinator)
+    array.inject(Frame(cob.EMCY_BASE + 5, b"\x50\x81\x11\x05\0\0\0\0"))
+    array.inject(nmt.heartbeat(5, nmt.PRE_OPERATIONAL))
+    array.run(coordinator, array.now_s + 0.2, lambda: coordinator.stopped)
+    assert coordinator.fault.endswith("; 0x8150: another node has the same node id")
+    assert advice_for(coordinator.fault).startswith("Give one of the two nodes another id")
 
 
 def test_a_drive_that_trips_stops_the_array(rolling_array) -> None:
