@@ -48,11 +48,15 @@ MakeCodec = Callable[[Callable[..., bool]], Codec]
 
 @dataclass(frozen=True, slots=True)
 class ServedAddresses:
-    """The name for a client: python-can's channel, a serial device, a TCP port if open."""
+    """The name for a client: python-can's channel, a serial device, a TCP port if open.
+
+    `bitrate` is that of the bus [bit/s].
+    """
 
     channel: str
     device: str
     tcp_port: int | None
+    bitrate: int
 
 
 class Server:
@@ -119,21 +123,22 @@ class Server:
         terminal = Terminal()
         opened.callback(terminal.close)
         self._terminals.append(terminal)
-        self._admit("SLCAN terminal", bus, terminal.descriptor, self._codec_now, terminal.forget)
+        make_adapter: MakeCodec = partial(self._codec_now, bitrate=bus.bitrate)
+        self._admit("SLCAN terminal", bus, terminal.descriptor, make_adapter, terminal.forget)
         if tcp_port is not None:
             tcp = opened.enter_context(listen_tcp(tcp_port))
             tcp_port = tcp.getsockname()[1]
-            self._listen(tcp, "SLCAN over TCP", bus, StrictAdapter)
+            self._listen(tcp, "SLCAN over TCP", bus, partial(StrictAdapter, bitrate=bus.bitrate))
         unix = UnixListener(channel)
         opened.callback(unix.close)
         packets = Packets(self.time.epoch_s)
         make_codec = partial(PacketCodec, packets=packets, bitrate=bus.bitrate)
         self._listen(unix.socket, "python-can", bus, make_codec)
-        return ServedAddresses(channel, terminal.name, tcp_port)
+        return ServedAddresses(channel, terminal.name, tcp_port, bus.bitrate)
 
-    def _codec_now(self, send: Callable[[Frame], bool]) -> Codec:
+    def _codec_now(self, send: Callable[[Frame], bool], bitrate: int) -> Codec:
         """Refuse lines with frames while time stands still: nobody sees a terminal's client go."""
-        return VirtualAdapter(lambda frame: self.time.speed > 0 and send(frame))
+        return VirtualAdapter(lambda frame: self.time.speed > 0 and send(frame), bitrate)
 
     def __enter__(self) -> Self:
         return self
@@ -318,9 +323,9 @@ def ways_in(addresses: ServedAddresses) -> tuple[str, ...]:
     ways = [
         f"mdms scan -i mdms -c {addresses.channel}",
         f"python -m can.viewer -i mdms -c {addresses.channel}",
-        f"mdms scan -i slcan -c {addresses.device} -b 1000000",
+        f"mdms scan -i slcan -c {addresses.device} -b {addresses.bitrate}",
     ]
     if addresses.tcp_port is not None:
         url = f"socket://{LOOPBACK}:{addresses.tcp_port}"
-        ways.append(f"mdms scan -i slcan -c {url} -b 1000000")
+        ways.append(f"mdms scan -i slcan -c {url} -b {addresses.bitrate}")
     return tuple(ways)

@@ -19,7 +19,8 @@ _SERIAL = b"NMDMS\r"
 _STATUS = b"F00\r"
 _MS_PER_MINUTE = 60_000
 _DATA_MAX = 8
-_SPEEDS = frozenset(b"012345678")
+#: Bit rates by the digit of `S` [kbit/s].
+_SPEEDS = dict(enumerate((10, 20, 50, 100, 125, 250, 500, 800, 1000), ord("0")))
 _HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 #: Letters of any adapter's lines, possible here or not; FD's letters included.
 _SYNTAX = re.compile(
@@ -38,16 +39,20 @@ class VirtualAdapter:
 
     `garbage` counts lines that were refused, `sessions` open channels that were closed or opened
     again. `is_slcan` is False once something has come that is no line of this protocol at all.
+    A channel that is opened at another bit rate than that of its bus hears nothing and sends
+    nothing. A closed one has that of its bus until it is set.
     """
 
     greeting = b""
 
-    def __init__(self, send: Callable[[Frame], bool]) -> None:
+    def __init__(self, send: Callable[[Frame], bool], bitrate: int = 1_000_000) -> None:
         self.is_open = False
         self.garbage = 0
         self.sessions = 0
         self.is_slcan = True
         self._send = send
+        self._bitrate = bitrate
+        self._is_in_step = True
         self._listen_only = False
         self._stamped = False
         self._line = bytearray()
@@ -89,7 +94,9 @@ class VirtualAdapter:
 
     def encode(self, frame: Frame, sim_ns: int) -> bytes:
         """A received frame as a line for the client; nothing while the channel is closed."""
-        if not self.is_open or frame.can_id & ~(EXTENDED | REMOTE | EXTENDED_MASK):
+        if not (self.is_open and self._is_in_step) or frame.can_id & ~(
+            EXTENDED | REMOTE | EXTENDED_MASK
+        ):
             return b""
         remote = frame.can_id & REMOTE
         if frame.can_id & EXTENDED:
@@ -121,12 +128,14 @@ class VirtualAdapter:
     def _set_speed(self, line: bytes) -> bytes:
         if self.is_open or len(line) != 2 or line[1] not in _SPEEDS:
             raise SlcanError
+        self._is_in_step = 1000 * _SPEEDS[line[1]] == self._bitrate
         return OK
 
     def _set_timing(self, line: bytes) -> bytes:
         if self.is_open:
             raise SlcanError
         _require_hex(line[1:])
+        self._is_in_step = True
         return OK
 
     def _set_stamps(self, line: bytes) -> bytes:
@@ -148,11 +157,12 @@ class VirtualAdapter:
 
     def _close(self, line: bytes) -> bytes:
         self.sessions += self.is_open
-        self.is_open = False
+        self.is_open, self._is_in_step = False, True
         return OK
 
     def _transmit(self, line: bytes) -> bytes:
-        if not self.is_open or self._listen_only or not self._send(_frame_of(line)):
+        may_send = self.is_open and self._is_in_step and not self._listen_only
+        if not may_send or not self._send(_frame_of(line)):
             raise SlcanError
         return b"z\r" if line[0] in b"tr" else b"Z\r"
 

@@ -12,7 +12,7 @@ import pytest
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.kernel import Kernel
-from mdms_sim.serve.server import Server
+from mdms_sim.serve.server import ServedAddresses, Server, ways_in
 
 MS = 1_000_000
 PATIENCE_S = 20.0
@@ -98,6 +98,11 @@ def test_each_bus_has_its_terminal_and_its_port(path):
             with can.Bus(url, interface="slcan", bitrate=1_000_000) as client:
                 client.send(can.Message(arbitration_id=0x10, data=b"?", is_extended_id=False))
                 assert client.recv(PATIENCE_S).arbitration_id == 0x700 + number
+
+
+def test_lines_to_copy_have_the_bit_rate_of_the_bus():
+    lines = ways_in(ServedAddresses("slow", "/dev/pts/1", 4001, 500_000))
+    assert [line.endswith(" -b 500000") for line in lines] == [False, False, True, True]
 
 
 def test_doors_are_shut_at_the_end(path):

@@ -55,6 +55,14 @@ def test_lines_for_the_client():
     assert slcan.encode(Frame(0x701 | REMOTE, bytes(1)), 0) == b"r7011\r"
 
 
+def test_channel_at_another_bit_rate_than_the_bus_hears_and_sends_nothing_until_it_is_closed():
+    slcan, sent = adapter()
+    assert slcan.feed(b"C\rS6\rO\rt7010\r") == b"\r\r\r\x07"
+    assert (slcan.encode(Frame(0x181, b""), 0), sent) == (b"", [])
+    assert slcan.feed(b"C\rO\rt7010\r") == b"\r\rz\r"
+    assert (slcan.encode(Frame(0x181, b""), 0), sent) == (b"t1810\r", [Frame(0x701, b"")])
+
+
 def test_closed_channel_is_silent():
     slcan, _ = adapter()
     assert slcan.encode(Frame(0x181, b""), 0) == b""
