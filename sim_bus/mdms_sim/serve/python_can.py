@@ -146,6 +146,12 @@ def _connect(channel: str) -> tuple[socket.socket, int]:
         hello = connection.recv(packet.GREETING_SIZE, socket.MSG_WAITALL)
     except (BrokenPipeError, ConnectionResetError):
         hello = b""
+    except (TimeoutError, BlockingIOError) as error:
+        connection.close()
+        raise can.CanInitializationError(
+            f"{channel!r} is served, but its server does not answer within {_HELLO_TIMEOUT_S:g} s: "
+            "it is suspended or too busy; have it go on, or end it"
+        ) from error
     except OSError as error:
         connection.close()
         raise can.CanInitializationError(_no_bus(channel, error)) from error
@@ -176,6 +182,8 @@ def _error_frame() -> can.Message:
 def _no_bus(channel: str, error: OSError) -> str:
     """Nothing is served under a name; the message lists the served ones."""
     names = sorted(path.stem for path in packet.runtime_folder().glob("*.sock"))
+    # A server that was killed has left its socket.
+    names = [name for name in names if name != channel]
     buses = [name for name in names if name.rpartition(".")[0] == channel]
     if buses:
         return f"{channel} is a table of several buses; name one: {', '.join(buses)}"

@@ -2,9 +2,10 @@
 
 import os
 import socket
+import sys
 import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from types import SimpleNamespace
 
 import can
@@ -14,6 +15,7 @@ from tests.sim_bus.bus.ear import Ear
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import ErrorState
 from mdms_sim.kernel import Kernel
+from mdms_sim.serve import python_can
 from mdms_sim.serve.client import BACKLOG_BYTES
 from mdms_sim.serve.endpoint import Acceptor, FullError, ServeError, UnixListener, listen_tcp
 from mdms_sim.serve.packet import HELLO
@@ -112,6 +114,36 @@ def test_a_socket_whose_owner_is_too_busy_to_answer_is_not_taken_for_dead(path):
             with pytest.raises(ServeError, match="in use"):
                 UnixListener(str(path))
     assert path.is_socket()
+
+
+FULL = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a full queue is a refusal")
+
+
+@pytest.mark.parametrize("waiting", [0, pytest.param(2, marks=FULL)])
+def test_a_bus_whose_server_does_not_answer_is_not_said_to_be_served_by_nobody(
+    path, monkeypatch, waiting
+):
+    monkeypatch.setattr(python_can, "_HELLO_TIMEOUT_S", 0.01)
+    with socket.socket(socket.AF_UNIX) as busy, ExitStack() as others:
+        busy.bind(str(path))
+        busy.listen(0)
+        for _ in range(waiting):
+            with suppress(BlockingIOError):
+                other = others.enter_context(socket.socket(socket.AF_UNIX))
+                other.setblocking(False)
+                other.connect(str(path))
+        with pytest.raises(can.CanInitializationError, match="its server does not answer within"):
+            can.Bus(str(path), interface="mdms")
+
+
+def test_a_socket_that_a_killed_server_has_left_is_not_said_to_be_served(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "mdms").mkdir()
+    dead_socket(tmp_path / "mdms" / "killed.sock")
+    with pytest.raises(
+        can.CanInitializationError, match=r"\(Connection refused\); nothing is served"
+    ):
+        can.Bus("killed", interface="mdms")
 
 
 def test_a_file_that_took_the_name_meanwhile_stays_at_the_end(path):
