@@ -452,7 +452,7 @@ class WheelReferee:
 
     def _on_page(self, cell: int, data: bytes) -> None:
         """A page has reached a cell: the wheels under a parcel that is ended rest."""
-        if self._ended[cell] or data[0] >> 6 == wire.END:
+        if self._ended[cell] or (data and data[0] >> 6 == wire.END):
             page = messages.decode_page(data)
             if isinstance(page, messages.End):
                 self._end_reached_ns[cell, page.identity] = self._now_ns

@@ -10,6 +10,7 @@ from mdms_cell.drive.axes import TRANSITIONS, Drive
 from mdms_model.scenario.fault import Fault
 from mdms_protocol import indices
 from mdms_protocol.codecs import cia402, cob, nmt
+from mdms_protocol.codecs.frame import Frame
 
 PUSH_UV = (3_000_000, 0)
 #: A stop is seen to fail so much later [s].
@@ -51,6 +52,12 @@ def stop_all(word):
 )
 def test_firmware_that_stops_as_documented_violates_nothing(doing):
     assert judge(**doing) == []
+
+
+def test_frames_of_another_length_are_looked_at_as_others():
+    watched = (cob.NMT, cob.SYNC, cob.PROGRAM, cob.SDO_REQUEST_BASE + 1, 0x201, 0x301)
+    frames = [(0.2, Frame(can_id, bytes(size))) for can_id in watched for size in (0, 1)]
+    assert judge(more=frames, until_s=0.3) == []
 
 
 @pytest.mark.parametrize(
