@@ -125,6 +125,11 @@ class Figures:
         """Parcels that have left by any exit."""
         return sum(self.out.values())
 
+    @property
+    def parcels_remaining(self) -> int:
+        """Parcels that have come, and neither left nor been lost."""
+        return self.parcels_in - self.parcels_out - self.parcels_lost
+
     def count(self, report: Report) -> None:
         """A parcel has come, left or been lost."""
         self.parcels_rejected += report.rejected
@@ -258,6 +263,7 @@ class Machine:
                 self.states.reason = values["reason"]
                 # Nobody looked while there was no host.
                 self.orders.was_clear = False
+                self.orders.remaining = self.figures.parcels_remaining
             case _:
                 raise CommandRefusedError(f"there is no request {name!r:.40}")
 
@@ -376,7 +382,8 @@ class Machine:
         """End the orders of the run, if there was one, and forget its parcels."""
         program = None if self._run is None else self._run.program
         if isinstance(program, TableProgram):
-            self.orders.end_run(program.table.parcels, program.is_clear)
+            table = program.table
+            self.orders.end_run(table.parcels, program.is_clear, len(table.unknown))
 
     def _change_run(self) -> None:
         """End the run of another recipe, which has moved nothing, and begin one of the chosen."""
@@ -387,8 +394,10 @@ class Machine:
             self._on(Command.STOP, "stopped by hand")
         elif not self._slot.busy:
             if self._run is not None and isinstance(self._run.program, TableProgram):
-                program = self._run.program
-                self._passed_on = self.orders.begin_again(program.table.parcels, program.is_clear)
+                program, table = self._run.program, self._run.program.table
+                self._passed_on = self.orders.begin_again(
+                    table.parcels, program.is_clear, len(table.unknown)
+                )
             # A refusal leads to Stopping, with its reason.
             with suppress(CommandRefusedError):
                 self._reset()

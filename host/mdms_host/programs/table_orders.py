@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 MOST_EXPECTED = 1000
 #: Reports that nobody has taken yet.
 _MOST_REPORTS = 10_000
+#: The text of a parcel that is lost between two runs.
+_NOT_FOUND = "a parcel of a run before was not found again"
 #: A parcel waits for a full exit so far before it [m], beside half of its own length.
 _BEFORE_EXIT_M = 0.03
 
@@ -107,6 +109,8 @@ class TableOrders:
         self._unscanned: dict[str, str] = {}
         #: Names of parcels that lay there from a run before.
         self._old: set[str] = set()
+        #: Parcels that have come, and neither left nor been lost.
+        self.remaining = 0
         #: Whether nothing lay on the table when it was seen last.
         self.was_clear = True
         self._expected: deque[tuple[str, str]] = deque()
@@ -199,20 +203,28 @@ class TableOrders:
             self._reports.append(Report("unannounced", identity))
         self._expected.clear()
 
-    def end_run(self, parcels: Sequence[TableParcel] = (), is_clear: bool | None = None) -> None:
+    def end_run(
+        self, parcels: Sequence[TableParcel] = (), is_clear: bool | None = None, unknown: int = 0
+    ) -> None:
         """The run has ended: its parcels are unknown, and orders under way are in doubt.
 
         Of its `parcels` those are lost that sensors do not show any more. `is_clear` is whether
-        nothing lay on the table in the end; None where nobody knows.
+        nothing lay on the table in the end; None where nobody knows. So many things that lay there
+        are `unknown`. Any of them may be a parcel of a run before; others of those are lost.
         """
         if not self._runs:
             return
         self._runs = False
         for parcel in parcels:
             if not parcel.found:
+                self.remaining -= 1
                 self._report("lost", parcel, rejected=True)
         if is_clear is not None:
             self.was_clear = is_clear
+            there = 0 if is_clear else unknown + sum(parcel.found for parcel in parcels)
+            while self.remaining > there:
+                self.remaining -= 1
+                self._reports.append(Report("lost", "", text=_NOT_FOUND, rejected=True))
         for order, _ in self._under_way.values():
             self.open.pop(order.key, None)
             self.in_doubt[order.key] = order
@@ -231,7 +243,7 @@ class TableOrders:
         self._serves = False
 
     def begin_again(
-        self, parcels: Sequence[TableParcel], is_clear: bool | None = None
+        self, parcels: Sequence[TableParcel], is_clear: bool | None = None, unknown: int = 0
     ) -> dict[str, str]:
         """The run has ended without having moved any of its parcels, and another one follows.
 
@@ -248,7 +260,7 @@ class TableOrders:
             for parcel in parcels
             if parcel.name in self.identities and kinds[parcel.kind] == 1
         }
-        self.end_run(parcels, False if parcels else is_clear)
+        self.end_run(parcels, False if parcels else is_clear, unknown)
         return passed_on
 
     # What a program may ask ----------------------------------------------------------------------
@@ -314,8 +326,11 @@ class TableOrders:
             is_taken = parcel.name in (*self.identities.values(), *expected)
             suffix = " (not scanned)" if is_taken else ""
             self._unscanned[parcel.name] = parcel.name + suffix
-        is_old = lay_there and not self.was_clear
+        # All parcels of this run have an identity, so others that remain came in a run before.
+        known = self.identities.keys() | self._unscanned.keys()
+        is_old = lay_there and self.remaining >= len(known)
         (self._old.add if is_old else self._old.discard)(parcel.name)
+        self.remaining += not is_old
         self._report("found", parcel, new=not is_old)
 
     def _take_passed_on(self, parcel: TableParcel, identities: dict[str, str]) -> None:
@@ -338,7 +353,9 @@ class TableOrders:
         if under_way is not None:
             self._report("accepted", parcel, key=under_way[0].key)
         kind = self._announced.pop(parcel.name, None)
-        self._report("withdrawn", parcel, new=parcel.name not in self._old)
+        is_new = parcel.name not in self._old
+        self.remaining -= is_new
+        self._report("withdrawn", parcel, new=is_new)
         self._unscanned.pop(parcel.name, None)
         identity = self.identities.pop(parcel.name, None)
         if identity is not None and kind is not None:
@@ -352,6 +369,7 @@ class TableOrders:
         if order is not None:
             # It is over by this, also where its task was broken off with the program.
             self.open.pop(order.key, None)
+        self.remaining -= 1
         if exit is None:
             self._report("lost", parcel, key=order.key if order else "", rejected=True)
         elif order is not None and order.exit == exit:

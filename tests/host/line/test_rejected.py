@@ -96,3 +96,26 @@ def test_a_parcel_without_identity_is_rejected_where_a_scanner_announces(scans) 
     figures, _ = figures_of(orders)
     assert figures.parcels_rejected == (1 if scans else 0)
     assert quality(figures) == (0.5 if scans else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("is_clear", "unknown", "lost"), [(True, 0, 2), (False, 0, 1), (False, 1, 0), (None, 0, 0)]
+)
+def test_a_parcel_of_a_run_before_is_lost_where_the_next_run_does_not_find_it(
+    is_clear, unknown, lost
+) -> None:
+    orders = TableOrders()
+    orders.end_run(there_are(orders, 2), False)
+    orders.begin_run()
+    box = TableParcel("box 1", "box", 0.3, 0.3, "rectangle")
+    if not is_clear:
+        box._see(SimpleNamespace())  # type: ignore[arg-type]
+        orders.on_parcel(box, lay_there=True)
+    orders.end_run([] if is_clear else [box], is_clear, unknown)
+    figures, _ = figures_of(orders)
+    assert (figures.parcels_in, figures.parcels_lost, figures.parcels_rejected) == (2, lost, lost)
+    assert figures.parcels_in - figures.parcels_lost == 2 - lost
+    # One that comes to a table on which nothing is left to be found is another one.
+    orders.begin_run()
+    orders.on_parcel(box, lay_there=True)
+    assert figures_of(orders)[0].parcels_in == (1 if lost == 2 else 0)
