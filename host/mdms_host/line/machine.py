@@ -55,6 +55,7 @@ _WITHOUT_RUN = (State.STOPPED, State.COMPLETED, State.ABORTED, *_ENDS)
 _BLOCKED = "no parcel can go on; full exits: {exits}"
 _STARVED = "no parcel comes"
 _CURE_ABORTED = "run `mdms doctor`, mend its findings, then Clear and Reset"
+_CAUSE_COMMANDED, _CURE_COMMANDED = "a client's command", "Clear and Reset"
 #: A run has the bus then, so no doctor may look at the cells.
 _CURE_HELD = "mend it, then Unhold (or Stop)"
 
@@ -197,6 +198,8 @@ class Machine:
         self._passing = ""
         #: Why it is held, if not by a command alone.
         self._trouble = ""
+        #: Whether the last Abort was a command, and no fault.
+        self._abort_commanded = False
         self._run: Coordinator | None = None
         #: The slot's count of stops since the run is replaced.
         self._stops: int | None = None
@@ -223,6 +226,7 @@ class Machine:
                 f"{self._run.troubles[-1][1]}; give {command.name.capitalize()} when it is back"
             )
         self._on(command, f"{command.name.capitalize()} by {by}")
+        self._abort_commanded = command is Command.ABORT
         if command in MOVES:
             self._in_control = by
         self._passing = self._trouble = ""
@@ -491,6 +495,7 @@ class Machine:
 
     def _on(self, command: Command, reason: str) -> None:
         """Take a command: the state changes, and the table follows at once where it has to."""
+        self._abort_commanded = False
         self.states.on(command, self._now_s(), reason)
         if command is Command.RESET:
             self._reset()
@@ -562,6 +567,8 @@ class Machine:
         """The alarm of a machine that was aborted, or is held for trouble, with cause and cure."""
         if self.states.state in (State.ABORTING, State.ABORTED):
             text, cure = self.states.reason, _CURE_ABORTED
+            if self._abort_commanded:
+                return {"text": text, "cause": _CAUSE_COMMANDED, "cure": _CURE_COMMANDED}
         elif self.states.state in (State.HOLDING, State.HELD) and self._trouble:
             text, cure = self._trouble, _CURE_HELD
         else:

@@ -614,8 +614,11 @@ def test_a_person_sees_state_counters_and_orders_those_under_way_first(line) -> 
     line.command(Command.ABORT)
     line.until_state(State.ABORTED)
     shown = line.machine.shown()
-    assert shown["alarm"]["text"].startswith("Abort by plc")
-    assert shown["alarm"]["cure"].endswith("Clear and Reset")
+    assert shown["alarm"] == {
+        "text": "Abort by plc",
+        "cause": "a client's command",
+        "cure": "Clear and Reset",
+    }
     assert shown["orders"][0] == ("o1", "P-1", "north", "in doubt")
     line.do("cancel", key="o1")
     assert [row[0] for row in line.machine.shown()["orders"]] == ["o0"]

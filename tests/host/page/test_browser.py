@@ -301,3 +301,10 @@ def test_a_table_in_a_line_shows_its_state_and_counters(serve, open_page, tmp_pa
         "(held) => (page.line.take(held), document.querySelector('#line .advice').innerText)", held
     )
     assert advice == "cell 3 is gone · mend it"
+    told_once = {**held, "reason": "no heartbeat", "alarm": dict.fromkeys(alarm, "no heartbeat")}
+    told_once["alarm"]["cure"] = "mend it"
+    shown = page.evaluate(
+        "(held) => (page.line.take(held), document.querySelector('#line').innerText)", told_once
+    )
+    assert shown.count("no heartbeat") == 1
+    assert "mend it" in shown

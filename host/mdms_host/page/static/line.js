@@ -17,8 +17,8 @@ export class LinePanel {
     this.chip.title = reason;
     this.panel.replaceChildren(
       make("h2", {}, state),
-      make("p", { class: "help" }, [mode, reason].filter(Boolean).join(" · ")),
-      ...(alarm ? [make("p", { class: "trouble" }, alarm.text), make("p", { class: "advice" }, `${alarm.cause} · ${alarm.cure}`)] : []),
+      make("p", { class: "help" }, [mode, alarm?.text !== reason && reason].filter(Boolean).join(" · ")),
+      ...(alarm ? [make("p", { class: "trouble" }, alarm.text), make("p", { class: "advice" }, [alarm.cause !== alarm.text && alarm.cause, alarm.cure].filter(Boolean).join(" · "))] : []),
       make("table", {}, make("tbody", {}, ...counters.map(([name, value]) => make("tr", {}, make("th", { scope: "row" }, name), make("td", { class: "number" }, String(value)))))),
       make("h2", {}, orders.length ? "Orders" : "No orders"),
       ...(orders.length ? [make("table", { "aria-label": "Orders" },
