@@ -281,8 +281,8 @@ class Machine:
             doubtful = self.orders.in_doubt.pop(values["key"], None)
             if doubtful is None and not self.orders.cancel(values["key"]):
                 raise ProgramError(
-                    f"order {values['key']} is under way, or over: it can be cancelled while its "
-                    "parcel waits before a full exit; else hold or stop"
+                    f"order {values['key']} is under way, or over: it can be cancelled in Idle, and "
+                    "while its parcel waits before a full exit; else hold or stop"
                 )
 
     def _set_exit(self, name: str, full: bool) -> None:
@@ -338,6 +338,7 @@ class Machine:
             self._on(*self._ended(run, now_s))
         else:
             run.keep(state is not State.EXECUTE and state not in _GOES_ON)
+            self.orders.started |= state not in (State.RESETTING, State.IDLE)
             self._steer(run, state, now_s)
 
     def _take_on_run(self) -> None:
@@ -352,6 +353,7 @@ class Machine:
         program = run.program
         assert isinstance(program, TableProgram)
         self.orders.begin_run(self._passed_on)
+        self.orders.started = False
         program.table.orders = self.orders
         program.table.recipe = self.recipes.running
         program.serve_orders()

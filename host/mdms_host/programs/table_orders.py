@@ -109,6 +109,8 @@ class TableOrders:
         self._unscanned: dict[str, str] = {}
         #: Names of parcels that lay there from a run before.
         self._old: set[str] = set()
+        #: Whether the run may move parcels; until then those with orders lie where they are.
+        self.started = True
         #: Parcels that have come, and neither left nor been lost.
         self.remaining = 0
         #: Whether nothing lay on the table when it was seen last.
@@ -142,7 +144,7 @@ class TableOrders:
         self.open[order.key] = order
 
     def cancel(self, key: str) -> bool:
-        """Drop an order that has not begun, or whose parcel waits before its full exit.
+        """Drop an order that has not begun to move its parcel, or that waits before its full exit.
 
         Returns whether it was dropped. Such a parcel stands there, until it is ordered elsewhere.
         """
@@ -152,7 +154,8 @@ class TableOrders:
         for name, (each, _) in list(self._under_way.items()):
             if each.key == key:
                 # Of an exit that has just become free, the parcel is about to leave.
-                if name not in self.waiting or order.exit not in self.full:
+                waits = name in self.waiting and order.exit in self.full
+                if self.started and not waits:
                     return False
                 del self._under_way[name]
                 self._tasks.pop(name).cancel()
@@ -423,6 +426,7 @@ class TableOrders:
         self, parcel: TableParcel, order: LineOrder, move: Move, leave: Leave
     ) -> None:
         self._report("under way", parcel, key=order.key)
+        await until(lambda: self.started)
         identity = self.identity(parcel)
         is_there, text = False, "the program or a person has ordered the parcel elsewhere"
         try:

@@ -437,6 +437,23 @@ def test_a_recipe_chosen_in_idle_keeps_the_order_of_the_scanned_parcel(choosing)
     assert choosing.machine.figures.out["north"] == 1
 
 
+def test_an_order_that_is_cancelled_in_idle_moves_nothing_after_start(choosing) -> None:
+    choosing.do("chosen", recipe="slow")
+    choosing.do("order", **order("o1", "box 1", exit="north"))
+    choosing.command(Command.RESET)
+    choosing.until(lambda: "under way" in choosing.of_order("o1"), 10.0)
+    choosing.pass_s(0.5)
+    choosing.do("cancel", key="o1")
+    choosing.command(Command.START)
+    choosing.until_state(State.EXECUTE)
+    choosing.pass_s(2.0)
+    assert not choosing.moving()
+    choosing.do("order", **order("o2", "box 1", exit="north"))
+    choosing.until(choosing.moving, 5.0)
+    with pytest.raises(ProgramError, match="o2 is under way, or over"):
+        choosing.do("cancel", key="o2")
+
+
 def test_an_order_under_way_when_the_program_fails_is_in_doubt() -> None:
     async def main(table: Table) -> None:
         await table.arrival()
