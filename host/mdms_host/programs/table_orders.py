@@ -225,7 +225,8 @@ class TableOrders:
         if is_clear is not None:
             self.was_clear = is_clear
             there = 0 if is_clear else unknown + sum(parcel.found for parcel in parcels)
-            while self.remaining > there:
+            # A run that ends before it has started has not looked for all of them.
+            while self.remaining > there and (is_clear or self.started):
                 self.remaining -= 1
                 self._reports.append(Report("lost", "", text=_NOT_FOUND, rejected=True))
         for order, _ in self._under_way.values():

@@ -99,14 +99,22 @@ def test_a_parcel_without_identity_is_rejected_where_a_scanner_announces(scans) 
 
 
 @pytest.mark.parametrize(
-    ("is_clear", "unknown", "lost"), [(True, 0, 2), (False, 0, 1), (False, 1, 0), (None, 0, 0)]
+    ("is_clear", "unknown", "started", "lost"),
+    [
+        (True, 0, False, 2),
+        (False, 0, True, 1),
+        (False, 0, False, 0),
+        (False, 1, True, 0),
+        (None, 0, True, 0),
+    ],
 )
 def test_a_parcel_of_a_run_before_is_lost_where_the_next_run_does_not_find_it(
-    is_clear, unknown, lost
+    is_clear, unknown, started, lost
 ) -> None:
     orders = TableOrders()
     orders.end_run(there_are(orders, 2), False)
     orders.begin_run()
+    orders.started = started
     box = TableParcel("box 1", "box", 0.3, 0.3, "rectangle")
     if not is_clear:
         box._see(SimpleNamespace())  # type: ignore[arg-type]
