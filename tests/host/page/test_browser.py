@@ -279,6 +279,25 @@ def test_page_fits_a_phone_and_both_themes(demo, open_page):
         assert page.is_visible("#stop-all")
 
 
+def test_a_name_of_one_long_word_has_its_end_in_the_picture_and_a_choice_that_fits(
+    serve, open_page
+):
+    long = "PARCEL-0123456789-0123456789-0123456789-0123456789-0000012345678"
+    page = open_page(
+        serve("serve", "array18", "--name", "page-long", "--set", f"parcel.0.name={long}")
+    )
+    page.evaluate(
+        "(window.drawn = new Set(), ((one) => { const fill = one.fillText; one.fillText = function "
+        "(text, ...at) { drawn.add(text); fill.call(this, text, ...at); }; })"
+        "(CanvasRenderingContext2D.prototype))"
+    )
+    page.click("#start")
+    wait_until(page, "[...drawn].some((text) => /^…[-0-9]*12345678/.test(text))")
+    page.select_option("#chosen", label=f"parcel {long}")
+    fits = "document.querySelector('#chosen').getBoundingClientRect().right <= innerWidth"
+    assert page.evaluate(fits)
+
+
 def test_files_of_the_page_are_small():
     static = Path(__file__).parents[3] / "host/mdms_host/page/static"
     assert sum(path.stat().st_size for path in static.iterdir()) <= 165_000

@@ -64,11 +64,17 @@ export class ParcelsPicture {
     context.fillText(...at);
   }
 
-  /** As many of a name's last words as there is room for [pixels]; the number of a parcel is the last. */
+  /** As many of a name's last words as there is room for [pixels], or the end of a long one; the number of a parcel is the last. */
   fitting(name, room) {
+    const fits = (text) => this.context.measureText(text).width <= room;
     const words = name.split(" ");
-    while (words.length && this.context.measureText(words.join(" ")).width > room) words.shift();
-    return words.join(" ");
+    while (words.length > 1 && !fits(words.join(" "))) words.shift();
+    let text = words.join(" ");
+    for (let rest = text.slice(1); !fits(text); rest = rest.slice(1)) {
+      if (rest.length < 3) return "";
+      text = `…${rest}`;
+    }
+    return text;
   }
 
   /** Where the centre is with 95 %: an ellipse of 2.45 standard deviations; and a nose for the yaw. */
