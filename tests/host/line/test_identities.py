@@ -71,7 +71,7 @@ def test_a_parcel_that_came_to_a_clear_table_in_stopped_is_the_announced_one() -
 
 @pytest.mark.slow
 def test_after_a_restart_a_parcel_that_lies_there_has_no_identity(line) -> None:
-    line.do("restore", figures={}, spent_s={}, reason="")
+    line.do("restore", figures={"parcels_in": 1}, spent_s={}, reason="")
     line.pass_s(1.5)
     assert [e.kind for e in line.simulation.world.events] == ["arrival"]
     line.command(Command.RESET)
@@ -81,6 +81,8 @@ def test_after_a_restart_a_parcel_that_lies_there_has_no_identity(line) -> None:
     line.until(lambda: "left" in line.of_order("o1"), 40.0)
     first, second = [e.parcel for e in line.simulation.world.events if e.kind == "arrival"][:2]
     assert exits(line)[:2] == [(first, left_by_kind(first)), (second, "north")]
+    # The one that lay there had come before.
+    assert line.machine.figures.parcels_in == [r.event for r in line.reports].count("found")
 
 
 def parcel(name: str, kind: str = "box") -> TableParcel:
