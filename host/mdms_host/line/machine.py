@@ -281,8 +281,8 @@ class Machine:
             doubtful = self.orders.in_doubt.pop(values["key"], None)
             if doubtful is None and not self.orders.cancel(values["key"]):
                 raise ProgramError(
-                    f"order {values['key']} is under way, or over: it can be cancelled in Idle, and "
-                    "while its parcel waits before a full exit; else hold or stop"
+                    f"order {values['key']} is under way, or over: it can be cancelled in Idle, "
+                    "and while its parcel waits before a full exit; else hold or stop"
                 )
 
     def _set_exit(self, name: str, full: bool) -> None:
