@@ -72,8 +72,8 @@ class OrderBook:
             except BaseException:
                 self._connection.close()
                 raise
-        except sqlite3.DatabaseError as error:
-            if error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY:
+        except (sqlite3.DatabaseError, ValueError) as error:
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY:
                 raise OrderBookError(
                     f"{path}: another mdms has this book open; end that one, or choose another "
                     "folder with --state"
@@ -98,6 +98,7 @@ class OrderBook:
             for statement in _SCHEMA.split(";"):
                 self._connection.execute(statement)
             self._connection.execute(f"PRAGMA user_version = {VERSION}")
+        self._look_through()
         now_s = time()
         self._connection.execute(
             "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? WHERE state = ?",
@@ -105,6 +106,17 @@ class OrderBook:
         )
         self._forget_old(now_s)
         self._connection.execute("COMMIT")
+
+    def _look_through(self) -> None:
+        """Read everything once: a disk may have spoilt it, and no error is to come amid a run."""
+        (found,) = self._connection.execute("PRAGMA integrity_check(1)").fetchone()
+        if found != "ok":
+            raise sqlite3.DatabaseError(found.splitlines()[-1])
+        query = f"SELECT {', '.join(_FIELDS)}, text, state FROM orders"
+        for *_order, state in self._connection.execute(query):
+            OrderState(state)
+        for (value,) in self._connection.execute("SELECT value FROM machine"):
+            json.loads(value)
 
     def _forget_old(self, now_s: float) -> None:
         closed = ", ".join("?" * len(CLOSED))

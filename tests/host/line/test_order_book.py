@@ -30,6 +30,29 @@ def test_an_order_is_accepted_once_and_gets_the_same_answer_again(tmp_path: Path
         assert book.accept(ORDER) == (OrderState.LEFT, False)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (b"P-1", b"P-\xff"),
+        (b"accepted", b"acbepted"),
+        (b'["x"]', b'["x"}'),
+        (b"\r\0\0\0", b"\3\0\0\0"),
+    ],
+)
+def test_a_book_that_the_disk_has_spoilt_is_refused_at_once(
+    tmp_path: Path, before: bytes, after: bytes
+) -> None:
+    path = tmp_path / "book"
+    with OrderBook(path) as book:
+        book.accept(ORDER)
+        book.keep("recipe", ["x"])
+    whole = path.read_bytes()
+    assert before in whole
+    path.write_bytes(whole.replace(before, after))
+    with pytest.raises(OrderBookError, match="move the file away"):
+        OrderBook(path)
+
+
 def test_another_order_of_the_same_key_is_refused(tmp_path: Path) -> None:
     with OrderBook(tmp_path / "book") as book:
         book.accept(ORDER)
