@@ -122,7 +122,6 @@ def test_a_parcel_of_a_run_before_is_lost_where_the_next_run_does_not_find_it(
     orders.end_run([] if is_clear else [box], is_clear, unknown)
     figures, _ = figures_of(orders)
     assert (figures.parcels_in, figures.parcels_lost, figures.parcels_rejected) == (2, lost, lost)
-    assert figures.parcels_in - figures.parcels_lost == 2 - lost
     # One that comes to a table on which nothing is left to be found is another one.
     orders.begin_run()
     orders.on_parcel(box, lay_there=True)

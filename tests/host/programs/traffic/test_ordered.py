@@ -203,7 +203,7 @@ def test_a_parcel_whose_task_is_broken_off_over_its_exit_leaves_all_the_same():
     async def main(table):
         box = table["box"]
         leaving = table.start(box.leave("east"))
-        await until(lambda: box.pose[0] > 0.45)
+        await until(lambda: box.pose[0] > 0.40)
         leaving.cancel()
         await until(lambda: box.has_left)
 
