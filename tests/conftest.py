@@ -24,7 +24,7 @@ settings.load_profile("mdms")
 # which these are, and so the examples of a law. Hypothesis has no setting against it.
 providers._get_local_constants = lambda: providers._local_constants
 
-# Python looks for garbage in all that is collected again and again: a seventh of the tests' time.
+# Python looks for garbage in all that is collected again and again: a seventh of some tests' time.
 gc.set_threshold(50_000, 20, 50)
 
 # Tests end servers as Ctrl-C does; a shell that starts them in the background has that ignored.

@@ -310,7 +310,7 @@ class Cell:
             self._axes.switch_off()
 
     def on_stop(self, of_all):
-        """A stop that is not the host's own: a host that was not there is to learn of it."""
+        """A stop. A host that was not there is to learn of it, unless it may be that host's own."""
         if of_all or self._consumer.host_lost:
             self._axes.keep_off()
 

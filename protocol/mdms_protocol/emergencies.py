@@ -23,7 +23,7 @@ LOW_SUPPLY = 0x3220
 #: The bit of the error register (0x1001) for any of voltage, by CiA 301; no other code sets it.
 VOLTAGE_ERROR = 0x04
 
-#: The code of a drive of which all cells were stopped while no commands came.
+#: The code of a drive that was stopped while no commands came.
 STOPPED_MEANWHILE = 0x9000
 
 #: The meaning of each code.

@@ -86,7 +86,8 @@ class Jog:
         self.speeds_m_s: list[float] = []
         self._axis = axis
         self._speed_um_s = 0
-        self._reported_before = 0  # the speed of now was given
+        #: Reports that came before the present speed was given.
+        self._reported_before = 0
         self._unanswered = 0
         self._seconds = seconds
         self._since_s: float | None = None

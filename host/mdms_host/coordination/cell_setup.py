@@ -95,7 +95,7 @@ class Identification:
 
     @property
     def stopped(self) -> bool:
-        """Whether all cells were stopped after a drive had shut off; after `begin_again`."""
+        """Whether the cell was stopped after a drive had shut off; after `begin_again`."""
         return STOPPED_MEANWHILE in self._codes
 
     @property

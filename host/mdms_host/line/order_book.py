@@ -78,8 +78,9 @@ class OrderBook:
                     f"{path}: another mdms has this book open; end that one, or choose another "
                     "folder with --state"
                 ) from None
+            told = error if isinstance(error, sqlite3.DatabaseError) else f"it is spoilt, {error}"
             raise OrderBookError(
-                f"{path}: {error}; choose another folder with --state, or move the file away"
+                f"{path}: {told}; choose another folder with --state, or move the file away"
             ) from None
 
     def _open(self) -> None:

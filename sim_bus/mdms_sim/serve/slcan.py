@@ -40,7 +40,7 @@ class VirtualAdapter:
     `garbage` counts lines that were refused, `sessions` open channels that were closed or opened
     again. `is_slcan` is False once something has come that is no line of this protocol at all.
     A channel that is opened at another bit rate than that of its bus hears nothing and sends
-    nothing. A closed one has that of its bus until it is set.
+    nothing. A closed one has that of its bus until it is set. Timing registers are always right.
     """
 
     greeting = b""
