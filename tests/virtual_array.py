@@ -18,7 +18,7 @@ from mdms_host.clock import MonotonicClock
 from mdms_model.scenario.file import load_scenario
 from mdms_protocol.codecs import cob, nmt, sdo
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.wire import STANDARD_MASK
+from mdms_sim.bus.identifier import STANDARD_MASK
 from mdms_sim.nodes import CellBank
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.simulation import Simulation

@@ -44,7 +44,10 @@ def test_deciding_packages_need_no_bus_library(package):
 
 def test_a_stop_waits_for_no_compiler():
     """Loading it takes as long as all else before the first frame of `mdms stop`."""
-    assert imported_by(["mdms_host.cli.array.cells"]).isdisjoint(FORBIDDEN)
+    stop = ["mdms_host.cli.array.cells"]
+    assert imported_by(stop).isdisjoint(FORBIDDEN)
+    served = imported_by([*stop, "mdms_sim.serve.python_can"])
+    assert served.isdisjoint(FORBIDDEN - {"mdms_sim"})
 
 
 #: Verbs for a table of real cells, and their reading of a scenario.

@@ -6,7 +6,7 @@ from typing import BinaryIO
 
 from mdms_model.run.folder import START_S
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
+from mdms_sim.bus.identifier import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 NS_PER_S = 1_000_000_000
 NS_PER_US = 1000

@@ -11,13 +11,12 @@ from functools import partial
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.controller import Confinement, ErrorState
+from mdms_sim.bus.identifier import EXTENDED, REMOTE
 from mdms_sim.bus.wire import (
     CRC_BITS,
     CRC_MASK,
     CRC_POLYNOMIAL,
-    EXTENDED,
     INTERFRAME_BITS,
-    REMOTE,
     STUFF_RUN,
     stuffed_bits,
 )

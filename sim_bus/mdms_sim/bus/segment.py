@@ -19,7 +19,8 @@ from mdms_sim.bus.controller import (
     SendRequests,
 )
 from mdms_sim.bus.exchange import UNDISTURBED, Exchange, ExchangeOutcome, Party, parties
-from mdms_sim.bus.wire import INTERFRAME_BITS, arbitration_field, frame_bits
+from mdms_sim.bus.identifier import arbitration_field
+from mdms_sim.bus.wire import INTERFRAME_BITS, frame_bits
 from mdms_sim.kernel import Action
 
 if TYPE_CHECKING:

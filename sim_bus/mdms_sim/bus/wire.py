@@ -1,11 +1,10 @@
-"""A frame as bits on the wire: arbitration field, CRC, stuff bits (ISO 11898-1), and its length.
+"""A frame as bits on the wire: CRC, stuff bits (ISO 11898-1), and its length.
 
 Every frame of a run goes through `frame_bits`, which works a byte at a time by table. The functions
 that give the bits themselves are what tests hold it against.
 """
 
 from collections.abc import Iterable
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,7 @@ from numpy.typing import NDArray
 
 from mdms_model.compiled import compiled, for_types_of
 from mdms_protocol.codecs.frame import Frame
-
-# The flags of Linux SocketCAN, above the identifier in a `can_id`. A plain 11-bit number is a plain
-# data frame. A remote frame's `data` has the length it asks for.
-EXTENDED = 0x8000_0000
-REMOTE = 0x4000_0000
-#: An error frame; only tools get those.
-ERROR = 0x2000_0000
-STANDARD_MASK = 0x7FF
-EXTENDED_MASK = 0x1FFF_FFFF
+from mdms_sim.bus.identifier import EXTENDED, REMOTE, STANDARD_MASK
 
 CRC_POLYNOMIAL = 0x4599
 CRC_BITS = 15
@@ -30,16 +21,6 @@ CRC_MASK = (1 << CRC_BITS) - 1
 TAIL_BITS = 10
 INTERFRAME_BITS = 3
 STUFF_RUN = 5
-
-
-@lru_cache(maxsize=4096)
-def arbitration_field(can_id: int) -> int:
-    """The bits that stations compare, as one number of 32 bits: the lowest wins the bus."""
-    remote = 1 if can_id & REMOTE else 0
-    if not can_id & EXTENDED:
-        return (can_id & STANDARD_MASK) << 21 | remote << 20
-    identifier = can_id & EXTENDED_MASK
-    return (identifier >> 18) << 21 | 0b11 << 19 | (identifier & 0x3FFFF) << 1 | remote
 
 
 @compiled

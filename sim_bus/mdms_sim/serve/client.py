@@ -13,7 +13,7 @@ from typing import Protocol
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.controller import ErrorState
-from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
+from mdms_sim.bus.identifier import ERROR, EXTENDED, EXTENDED_MASK, STANDARD_MASK
 from mdms_sim.nodes.bank import PRIORITY, RESTART_NS
 from mdms_sim.serve import packet
 from mdms_sim.serve.slcan import VirtualAdapter

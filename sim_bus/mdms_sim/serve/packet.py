@@ -1,7 +1,7 @@
 """The protocol between a served bus and the python-can interface, over a Unix socket.
 
 Both sides begin with `HELLO`, behind which the server tells the bit rate of its bus. Then packets
-of fixed size follow, one a frame. The identifier carries the flags of `mdms_sim.bus.wire` above it.
+of fixed size follow, one a frame. The identifier carries the flags of `mdms_sim.bus.identifier`.
 """
 
 import os

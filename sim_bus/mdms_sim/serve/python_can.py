@@ -14,7 +14,7 @@ from typing import Any
 import can
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.wire import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
+from mdms_sim.bus.identifier import ERROR, EXTENDED, EXTENDED_MASK, REMOTE
 from mdms_sim.serve import packet
 from mdms_sim.serve.clock import epoch_now_s
 

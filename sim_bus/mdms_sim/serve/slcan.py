@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.wire import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
+from mdms_sim.bus.identifier import EXTENDED, EXTENDED_MASK, REMOTE, STANDARD_MASK
 
 OK = b"\r"
 ERROR = b"\x07"

@@ -5,7 +5,8 @@ from tests.sim_bus.bus.ear import Ear
 
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
-from mdms_sim.bus.wire import EXTENDED, REMOTE, frame_bits
+from mdms_sim.bus.identifier import EXTENDED, REMOTE
+from mdms_sim.bus.wire import frame_bits
 from mdms_sim.kernel import Kernel
 
 

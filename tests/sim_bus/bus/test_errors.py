@@ -172,7 +172,7 @@ def test_one_identifier_with_two_contents_is_an_error_until_a_sender_is_passive(
 
 
 def test_remote_and_data_frame_of_one_identifier_do_not_clash(bench_of):
-    from mdms_sim.bus.wire import REMOTE
+    from mdms_sim.bus.identifier import REMOTE
 
     bench = bench_of(3)
     bench.nodes[0].send(Frame(0x123 | REMOTE, bytes(2)))

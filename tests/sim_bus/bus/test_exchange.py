@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.bus.bus import Bus
 from mdms_sim.bus.exchange import Disturbance, Exchange, parties
-from mdms_sim.bus.wire import EXTENDED, INTERFRAME_BITS, REMOTE, frame_bits
+from mdms_sim.bus.identifier import EXTENDED, REMOTE
+from mdms_sim.bus.wire import INTERFRAME_BITS, frame_bits
 from mdms_sim.kernel import Kernel
 
 identifiers = st.integers(0, 0x7FF) | st.integers(0, 0x1FFF_FFFF).map(lambda each: each | EXTENDED)

@@ -6,8 +6,8 @@ from can.io.canutils import CanutilsLogReader
 
 from mdms_model.run.folder import INTERFACE, START_S
 from mdms_protocol.codecs.frame import Frame
+from mdms_sim.bus.identifier import EXTENDED, REMOTE
 from mdms_sim.bus.log import BusLog
-from mdms_sim.bus.wire import EXTENDED, REMOTE
 
 FRAMES = [
     (Frame(0x181, b"\x00\x11\xab"), 1_234_567),

@@ -4,14 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.wire import (
-    EXTENDED,
-    REMOTE,
-    TAIL_BITS,
-    arbitration_field,
-    frame_bits,
-    stuffed_bits,
-)
+from mdms_sim.bus.identifier import EXTENDED, REMOTE, arbitration_field
+from mdms_sim.bus.wire import TAIL_BITS, frame_bits, stuffed_bits
 
 standard = st.builds(
     lambda i, remote: i | (REMOTE if remote else 0), st.integers(0, 0x7FF), st.booleans()

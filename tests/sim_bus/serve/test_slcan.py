@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.wire import EXTENDED, REMOTE
+from mdms_sim.bus.identifier import EXTENDED, REMOTE
 from mdms_sim.serve.slcan import VirtualAdapter
 
 FRAMES = st.builds(

@@ -15,7 +15,7 @@ from mdms_host.commissioning.doctor.findings import KINDS, known_issues
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo, update
 from mdms_protocol.codecs.frame import Frame
-from mdms_sim.bus.wire import EXTENDED
+from mdms_sim.bus.identifier import EXTENDED
 from mdms_sim.nodes.python_bank import PythonBank
 
 BUS = ("-i", "virtual")
