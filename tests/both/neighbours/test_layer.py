@@ -418,6 +418,7 @@ class Behind(Middle):
     placed_x_um = -135_000
     other = IDENTITY + 2
     its_x_um = None
+    its_state = wire.UNDER
 
     def _pages(self):
         length, width = LENGTH_UM // wire.STEP_UM, WIDTH_UM // wire.STEP_UM
@@ -434,14 +435,22 @@ class Behind(Middle):
         if self.its_x_um is None:
             return None
         fields[wire.IDENTITY] = self.other
+        fields[wire.STATE] = self.its_state
         fields[wire.X] = (self.its_x_um - PITCH_UM) // wire.STEP_UM
         return fields
 
 
 def test_parcel_that_comes_within_6_mm_of_another_asks_for_the_cells_of_that():
     in_the_east = 1 << 0 | 1 << 1 | 1 << 7
-    for gap_um, asked in ((8_000, in_the_east), (30_000, 0)):
+    # Cells that have just lost their promise to a third parcel are near before they are under it.
+    cases = (
+        (8_000, wire.UNDER, in_the_east),
+        (8_000, wire.NEAR, in_the_east),
+        (30_000, wire.UNDER, 0),
+    )
+    for gap_um, its_state, asked in cases:
         middle = Behind(0)
+        middle.its_state = its_state
         run(middle, 12)
         assert not estimates(middle)[-1][wire.WANTS] & in_the_east
         middle.its_x_um = middle.placed_x_um + LENGTH_UM + gap_um
