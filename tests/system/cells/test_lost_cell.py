@@ -14,7 +14,7 @@ CUT_OFF = "{kind='cut', cells=[6], start_s=1.2, duration_s=2.6}"
 CUT_OFF_FOR_A_SECOND = "{kind='cut', cells=[6], start_s=1.2, duration_s=1.0}"
 
 
-def run_of(*faults, duration_s=12.0):
+def run_of(*faults, duration_s=7.0):
     """The run of a box that lies on cell 6 all the way."""
     more = (GO_ON, f"run.duration_s={duration_s}", f"fault=[{', '.join(faults)}]")
     return mdms.simulate(load_scenario("array18", [*TABLE, *more]))
