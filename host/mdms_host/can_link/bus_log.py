@@ -43,14 +43,24 @@ def read_buses(path: Path) -> Iterator[tuple[float, Frame, str]]:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such bus log; runs of the firmware have one")
-    try:
-        with can.CanutilsLogReader(path) as reader:
-            for message in reader:
+    with _Numbered(path.open("rb"), "utf-8-sig", "replace") as file:
+        try:
+            for message in can.CanutilsLogReader(file):
                 other = message.is_remote_frame or message.is_error_frame or message.is_fd
                 if not (message.is_extended_id or other):
                     yield _read(message)
-    except (ValueError, IndexError) as error:
-        raise InputError(f"{path}: not a candump log: {error}") from None
+        except (ValueError, IndexError) as error:
+            raise InputError(f"{path}: not a candump log: {error} (line {file.number})") from None
+
+
+class _Numbered(io.TextIOWrapper):
+    """A text; `number` is that of the line that was read last, from 1."""
+
+    number = 0
+
+    def __next__(self) -> str:  # type: ignore[override]
+        self.number += 1
+        return super().__next__()
 
 
 def _read(message: can.Message) -> tuple[float, Frame, str]:
@@ -59,7 +69,9 @@ def _read(message: can.Message) -> tuple[float, Frame, str]:
     if not isfinite(time_s):
         raise ValueError(f"a time is {time_s}")
     frame = Frame(message.arbitration_id, bytes(message.data))
-    if frame.can_id > cob.IDENTIFIER or len(frame.data) > _DATA_MAX:
+    # Half a byte is left of a line that was cut off.
+    whole = len(frame.data) == message.dlc <= _DATA_MAX
+    if frame.can_id > cob.IDENTIFIER or not whole:
         raise ValueError(f"{frame.can_id:X}#{frame.data.hex().upper()} is no frame of CAN")
     # Logs of older runs begin at 0.
     return time_s - (START_S if time_s >= START_S else 0), frame, str(message.channel)

@@ -238,11 +238,14 @@ def test_player_keeps_the_times_of_the_log():
         ("(1e400) can1 080#\n", "not a candump log: a time is inf"),
         ("(1.0) can1 701#000102030405060708\n", "701#000102030405060708 is no frame of CAN"),
         ("(1.0) can1 FFF#\n", "FFF# is no frame of CAN"),
+        ("(1.0) can1 080#\n(1.1) can1 181#0\n", "181#00 is no frame of CAN (line 2)"),
+        ("(1.0) can1 080#\n\nno frame\n", "expected 3, got 2) (line 3)"),
+        ("(1.0) can1 080#\n(1.1) can1 181#\udcff0\n", "(line 2)"),
     ],
 )
 def test_log_that_is_none_is_refused(tmp_path, capsys, text, told):
     if text is not None:
-        (tmp_path / "bus.log").write_text(text)
+        (tmp_path / "bus.log").write_text(text, errors="surrogateescape")
     assert main(["replay", str(tmp_path), "-i", "virtual", "-c", "nobody"]) == 2
     assert told in capsys.readouterr().err
 
