@@ -100,9 +100,9 @@ def _merged(base: Any, own: Any) -> Any:
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises `InputError` that names the file."""
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        return tomllib.loads(path.read_text("utf-8-sig"))
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is no text; give a TOML file") from None
+        raise InputError(f"{path}: is no text in UTF-8; give a TOML file") from None
     except ValueError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
@@ -131,7 +131,7 @@ def _locate(name_or_path: str | Path) -> Path:
         return SCENARIOS / f"{name_or_path}.toml"
     path = Path(name_or_path)
     try:
-        if (path / "meta.json").is_file():
+        if path.is_dir():
             return path / "meta.json"
         there = path.exists()
     except OSError as error:

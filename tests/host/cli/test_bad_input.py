@@ -88,7 +88,7 @@ def test_a_file_that_no_reader_takes(mdms, tmp_path, verb):
     (tmp_path / "binary.toml").write_bytes(bytes(range(256)))
     files = ["binary.toml", "deep.toml"]
     assert_refused(mdms(*verb, "deep.toml"), "deep.toml: is nested too deeply", tmp_path, files)
-    told = "binary.toml: is no text; give a TOML file"
+    told = "binary.toml: is no text in UTF-8; give a TOML file"
     assert_refused(mdms(*verb, "binary.toml"), told, tmp_path, files)
     assert_refused(mdms(*verb, "a" * 5000), "File name too long", tmp_path, files)
 

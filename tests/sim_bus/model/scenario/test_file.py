@@ -239,9 +239,15 @@ def test_bad_toml_is_refused_with_its_line(row):
 
 def test_file_that_is_none_is_refused(tmp_path, row):
     assert "no such scenario file; built-in scenarios: array18" in refusal(tmp_path / "none.toml")
-    assert "Is a directory" in refusal(tmp_path)
+    assert "meta.json: cannot be read: No such file" in refusal(tmp_path)
     row.write_bytes(b"\xff\xfe\x00")
-    assert "is no text; give a TOML file" in refusal(row)
+    assert "is no text in UTF-8; give a TOML file" in refusal(row)
+
+
+def test_file_that_an_editor_has_marked_as_utf_8_is_read(row):
+    plainly = load_scenario(row)
+    row.write_bytes(b"\xef\xbb\xbf" + ROW.replace("\n", "\r\n").encode())
+    assert load_scenario(row) == plainly
 
 
 def test_message_names_the_file(row):
