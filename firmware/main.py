@@ -47,11 +47,17 @@ def enter(slots):
 def begin(slots):
     """Run the firmware on this board, unless its button is held."""
     from boards.detect import board_module
-    from boards.start import run
+    from boards.start import log, run
 
     module = board_module(sys.implementation._machine)
-    if not module.held():
-        run(module.board(), slots)
+    if module.held():
+        return
+    try:
+        board = module.board()
+    except Exception as error:
+        log(error, ROOT)
+        raise
+    run(board, slots)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,8 @@ import stm
 import world
 from bench import NODE, Bench
 
-from boards import start
+import main
+from boards import detect, start
 from mdms_cell.drive import speed_loop as s
 
 
@@ -93,6 +94,26 @@ def test_an_error_before_the_first_turn_is_logged_with_the_motors_off(bench):
     assert not world.levels[bench.wake]
     with open("crash.log") as file:
         assert file.read().endswith("MemoryError: memory allocation failed\n")
+
+
+def test_a_board_that_cannot_be_made_is_logged_with_the_motors_off(bench):
+    def no_bus(_board, _pins):
+        raise OSError("no CAN")
+
+    type(bench.board).connected = no_bus
+    detect.board_module = lambda _machine: bench.module
+    main.ROOT = "."
+    # As a reset of MicroPython alone may leave it.
+    world.levels[bench.wake] = 1
+    try:
+        main.begin(None)
+    except OSError:
+        world.told.append("ended")
+    assert world.told[-1] == "ended"
+    assert bench.widths() == (0, 0)
+    assert not world.levels[bench.wake]
+    with open("crash.log") as file:
+        assert file.read().endswith("OSError: no CAN\n")
 
 
 def test_both_leds_blink_together_while_the_board_is_the_one_meant(bench):

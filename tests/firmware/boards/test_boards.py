@@ -16,6 +16,7 @@ OF_ONE = {"on_sectors": "pybv11", "on_littlefs": "teensy41"}
 NAMES = ("teensy41", "weact_h743", "nucleo_g474re", "pybv11")  # as in the table of the wiring
 FILES = (
     BOARDS,
+    ROOT / "firmware" / "main.py",
     *(HERE / f"{module}.py" for module in (*MODULES, *OF_ONE)),
     *sorted((HERE.parent / "fakes").glob("*.py")),
     ROOT / "tests" / "both" / "bench" / "refusal.py",
