@@ -9,6 +9,7 @@ from tests.system.links.serving import serving
 from tests.virtual_array import OtherHost, SimulatedArray, StandingArray, virtual_time
 
 from mdms_cell.canopen.objects import find
+from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.commissioning.doctor.findings import KINDS, known_issues
@@ -236,6 +237,24 @@ def test_findings_are_not_lost_with_a_cell_that_dies_or_is_stopped_amid_a_turn(c
     assert kinds.pop("no-drive") == [(2,)]
     assert kinds.pop("silent-node", None) == ([(2,)] if event == "power off" else None)
     assert (3 in started) == (event == "power off")
+
+
+def test_findings_are_not_lost_with_an_adapter_that_is_unplugged_amid_a_turn(capsys):
+    jammed = "{kind='wheel_jammed', cells=[1], axes=[2]}"
+    array = SimulatedArray(
+        PythonBank(range(1, 19)), f"fault=[{{kind='lift', parcel='box'}}, {jammed}]"
+    )
+
+    def look(frame):
+        if frame == nmt.command(nmt.START, 2):
+            raise DeviceGoneError("the CAN device is gone")
+
+    with virtual_time(array) as time:
+        time.before_send = look
+        assert main(["doctor", "--json", "--turn", *BUS]) == ExitCode.NO_DEVICE
+    printed = capsys.readouterr()
+    assert [each["kind"] for each in json.loads(printed.out)["findings"]] == ["stands"]
+    assert "the CAN device is gone" in printed.err
 
 
 def test_findings_are_not_lost_with_a_cell_that_hangs_while_its_settings_are_read(tmp_path, capsys):

@@ -2,11 +2,12 @@
 
 import json
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import NoReturn
 
 from mdms_array.host import settings_of
+from mdms_host.can_link.link import LinkError
 from mdms_host.cli.array.table import named_table
 from mdms_host.cli.cell_options import nodes_of
 from mdms_host.cli.cells.asking import AtTerminal, pressed_keys
@@ -44,18 +45,26 @@ from mdms_model.scenario.scenario import Scenario
 
 
 def run(arguments: Namespace) -> ExitCode:
-    """Examine the bus and its cells, and print the findings; exit code 5 if any is serious."""
+    """Examine the bus and its cells, and print the findings; exit code 5 if any is serious.
+
+    Raises LinkError after the findings so far.
+    """
     if arguments.stop:
         return _stop(arguments)
     table = named_table(arguments)
     heard: list[HeardCells] = []
     findings: list[Finding] = []
-    for bus in table.buses:
-        examined, found = _examine(table, bus, arguments)
-        heard.append(_heard(bus, examined))
-        findings += [replace(each, bus=bus.name) if table.is_split else each for each in found]
+    gone: LinkError | None = None
+    try:
+        for bus in table.buses:
+            for each in _examine(table, bus, arguments, heard):
+                findings.append(replace(each, bus=bus.name) if table.is_split else each)
+    except LinkError as error:
+        if not heard:
+            raise
+        gone = error
     # The array file knows more of its cells: their serial numbers.
-    if table.file is None or arguments.cells is not None:
+    if gone is None and (table.file is None or arguments.cells is not None):
         findings += map(_absent, missing_cells(heard, arguments.cells))
     findings.sort(key=lambda each: (not each.row.serious, list(KINDS).index(each.kind), each.nodes))
     cells = {each.bus.name: sorted(each.node_ids) for each in heard}
@@ -69,23 +78,25 @@ def run(arguments: Namespace) -> ExitCode:
         say(f"how many cells there are to be: {source}")
         if not arguments.turn:
             say("wheels were not turned, so motors and encoders are not checked (--turn)")
+    if gone is not None:
+        raise gone
     return ExitCode.NODE_FAULT if any(each.row.serious for each in findings) else ExitCode.OK
 
 
 def _examine(
-    table: TableBuses, bus: TableBus, arguments: Namespace
-) -> tuple[Examination, list[Finding]]:
-    """The examination of one bus, and its findings."""
+    table: TableBuses, bus: TableBus, arguments: Namespace, heard: list[HeardCells]
+) -> Iterator[Finding]:
+    """The findings of one bus as they come, behind its cells among those that are heard."""
     scenario = load_scenario(arguments.scenario)
     listed = None if table.file is None else _listed(table.file, bus.number, scenario)
     with open_commissioning(bus.options) as commissioning:
         examined = examine(commissioning, MonotonicClock())
-        findings = diagnose(examined, listed, empty=arguments.empty)
+        heard.append(_heard(bus, examined))
+        yield from diagnose(examined, listed, empty=arguments.empty)
         if listed is not None:
-            findings += _settings(commissioning, examined, listed)
+            yield from _settings(commissioning, examined, listed)
         if arguments.turn:
-            findings += _wheels(commissioning, examined, arguments)
-    return examined, findings
+            yield from _wheels(commissioning, examined, arguments)
 
 
 def _heard(bus: TableBus, examined: Examination) -> HeardCells:
@@ -122,15 +133,13 @@ def _listed(file: ArrayFile, bus: int, scenario: Scenario) -> dict[int, FiledCel
 
 def _settings(
     commissioning: Commissioning, examined: Examination, listed: Mapping[int, FiledCell]
-) -> list[Finding]:
-    findings: list[Finding] = []
+) -> Iterator[Finding]:
     with progress("settings") as share:
         for done, (node_id, cell) in enumerate(examined.cells.items(), 1):
             filed = listed.get(cell.identity.serial)
             if filed is not None:
-                findings += _off_the_file(commissioning, node_id, filed)
+                yield from _off_the_file(commissioning, node_id, filed)
             share(done / len(examined.cells))
-    return findings
 
 
 def _off_the_file(commissioning: Commissioning, node_id: int, filed: FiledCell) -> list[Finding]:
@@ -151,7 +160,7 @@ def _off_the_file(commissioning: Commissioning, node_id: int, filed: FiledCell) 
 
 def _wheels(
     commissioning: Commissioning, examined: Examination, arguments: Namespace
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Wheels of the cells that `--node` names are turned where nobody else drives.
 
     After a stop no other wheel is turned.
@@ -159,21 +168,19 @@ def _wheels(
     motor = motor_of(load_scenario(arguments.scenario).cell)
     wanted = nodes_of(arguments.nodes)
     node_ids = [node for node in examined.cells if wanted is None or node in wanted]
-    findings: list[Finding] = []
     with progress("wheels") as share:
         for done, node_id in enumerate(node_ids, 1):
             try:
                 refuse_busy(commissioning, [node_id])
-                findings += examine_wheels(commissioning, node_id, motor)
+                yield from examine_wheels(commissioning, node_id, motor)
             except BusyError as error:
-                findings.append(Finding("no-drive", str(error), (node_id,)))
+                yield Finding("no-drive", str(error), (node_id,))
             except TurnStoppedError as error:
-                findings.append(Finding("no-drive", str(error), (node_id,)))
+                yield Finding("no-drive", str(error), (node_id,))
                 # Nor is a wheel of the other buses.
                 arguments.turn = False
                 break
             share(done / len(node_ids))
-    return findings
 
 
 def _row(finding: Finding) -> dict[str, object]:
