@@ -19,6 +19,8 @@ _SERIAL = b"NMDMS\r"
 _STATUS = b"F00\r"
 _MS_PER_MINUTE = 60_000
 _DATA_MAX = 8
+#: Time quanta of an SJA1000 at 16 MHz.
+_SJA1000_HZ = 8_000_000
 #: Bit rates by the digit of `S` [kbit/s].
 _SPEEDS = dict(enumerate((10, 20, 50, 100, 125, 250, 500, 800, 1000), ord("0")))
 _HEX_DIGITS = frozenset(b"0123456789ABCDEFabcdef")
@@ -40,7 +42,9 @@ class VirtualAdapter:
     `garbage` counts lines that were refused, `sessions` open channels that were closed or opened
     again. `is_slcan` is False once something has come that is no line of this protocol at all.
     A channel that is opened at another bit rate than that of its bus hears nothing and sends
-    nothing. A closed one has that of its bus until it is set. Timing registers are always right.
+    nothing. A closed one has that of its bus until it is set. Timing registers are BTR0 and BTR1 of
+    an SJA1000 at 16 MHz, as of the CAN232; those of other adapters have another length, and are
+    always right.
     """
 
     greeting = b""
@@ -135,7 +139,9 @@ class VirtualAdapter:
         if self.is_open:
             raise SlcanError
         _require_hex(line[1:])
-        self._is_in_step = True
+        prescaler, segments = int(line[1:3], 16) & 0x3F, int(line[3:5] or b"0", 16)
+        quanta = (prescaler + 1) * (3 + (segments & 0xF) + (segments >> 4 & 7))
+        self._is_in_step = len(line) != 5 or quanta * self._bitrate == _SJA1000_HZ
         return OK
 
     def _set_stamps(self, line: bytes) -> bytes:

@@ -63,6 +63,14 @@ def test_channel_at_another_bit_rate_than_the_bus_hears_and_sends_nothing_until_
     assert (slcan.encode(Frame(0x181, b""), 0), sent) == (b"t1810\r", [Frame(0x701, b"")])
 
 
+def test_timing_registers_have_a_bit_rate_too():
+    slcan, _ = adapter()
+    # 1 Mbit/s and 500 kbit/s; eight digits are the registers of another adapter.
+    for registers, heard in ((b"s0014", True), (b"s001C", False), (b"s00140000", True)):
+        assert slcan.feed(b"C\r" + registers + b"\rO\r") == b"\r\r\r"
+        assert bool(slcan.encode(Frame(0x181, b""), 0)) == heard, registers
+
+
 def test_closed_channel_is_silent():
     slcan, _ = adapter()
     assert slcan.encode(Frame(0x181, b""), 0) == b""
