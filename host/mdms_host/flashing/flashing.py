@@ -117,6 +117,7 @@ def _mpremote(*arguments: str) -> None:
             text=True,
             check=False,
             timeout=_LIMIT_S,
+            start_new_session=True,  # Ctrl-C is for this program, which ends the board in hand
         )
     except subprocess.TimeoutExpired:
         raise BoardError("mpremote does not come to an end; flash it again") from None

@@ -246,8 +246,8 @@ def _chosen(arguments: Namespace) -> "list[BoardPort]":
 
 
 def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[FlashOutcome]":
-    """The results of the boards, in the order of the ports."""
-    from concurrent.futures import ThreadPoolExecutor, as_completed
+    """The results of the boards, in the order of the ports, each told as soon as it is there."""
+    from concurrent.futures import ThreadPoolExecutor
 
     from mdms_host.flashing.firmware import compiler
 
@@ -257,15 +257,22 @@ def _flash(arguments: Namespace, ports: "Sequence[BoardPort]") -> "list[FlashOut
     devices = [port.device for port in ports]
     with bars(devices) as share, ThreadPoolExecutor(arguments.jobs) as pool:
         compiled = _Compiled()
-        work = [
-            pool.submit(
-                flash_board, FlashJob(port, arguments, compiled, partial(share, port.device))
+        jobs = (FlashJob(port, arguments, compiled, partial(share, port.device)) for port in ports)
+        try:
+            return list(pool.map(_flashed, jobs))
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            say(
+                "mdms: boards that have begun are finished first; Ctrl-C again breaks them off, "
+                "and they do not start then"
             )
-            for port in ports
-        ]
-        for done in as_completed(work):
-            _tell(done.result(), arguments)
-    return [done.result() for done in work]
+            raise
+
+
+def _flashed(job: FlashJob) -> FlashOutcome:
+    outcome = flash_board(job)
+    _tell(outcome, job.arguments)
+    return outcome
 
 
 class _Compiled:

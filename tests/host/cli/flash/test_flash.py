@@ -1,12 +1,15 @@
 """`mdms flash` where there is nothing to flash; tests/system has it on boards."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Event
 
 import pytest
 
 from mdms_host.cli import main
-from mdms_host.cli.exits import ExitCode
+from mdms_host.cli.cells import flash
+from mdms_host.cli.exits import INTERRUPTED, ExitCode
 
 
 @dataclass
@@ -74,3 +77,29 @@ def test_package_that_is_missing_is_told_with_how_to_get_it(connect, capsys, mon
 def test_bad_usage_is_told(capsys, arguments):
     assert main(["flash", *arguments]) == ExitCode.USAGE
     assert "mdms flash" in capsys.readouterr().err
+
+
+def test_after_ctrl_c_the_board_in_hand_is_finished_and_no_other_is_begun(
+    connect, capsys, monkeypatch
+):
+    connect("/dev/none0", "/dev/none1", "/dev/none2")
+    ports, has_begun, told = [], Event(), Event()
+
+    def flash_board(job):
+        ports.append(job.port)
+        has_begun.set()
+        assert told.wait(60.0)
+        return flash.FlashOutcome(job.port)
+
+    def interrupted(pool, *work):
+        usual(pool, *work)
+        assert has_begun.wait(60.0)
+        raise KeyboardInterrupt
+
+    usual = ThreadPoolExecutor.map
+    monkeypatch.setattr(ThreadPoolExecutor, "map", interrupted)
+    monkeypatch.setattr(flash, "flash_board", flash_board)
+    monkeypatch.setattr(flash, "say", lambda _text: told.set())
+    assert main(["flash", "--all", "--jobs", "1"]) == INTERRUPTED
+    assert len(ports) == 1
+    assert capsys.readouterr().out == "/dev/none0\n"
