@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from mdms_host.cli.cells.asking import ask_directions, ask_places, confirmed
 from mdms_host.cli.cells.configure_cells import open_commissioning
 from mdms_host.cli.cells.plate import watch_plate
 from mdms_host.cli.exits import CommandError, ExitCode
-from mdms_host.cli.files import check_own, replacing
+from mdms_host.cli.files import check_own, replacing, writing
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import MonotonicClock
@@ -94,6 +95,10 @@ def run(arguments: Namespace) -> ExitCode:
     out: Path | None = arguments.out or (None if listed else Path("array.toml"))
     if out is not None:
         check_own(out, MARK.encode(), arguments.force)
+        if out.is_file() or not out.exists():
+            # What cannot be made at the end is told before a person places cells.
+            with writing(out), TemporaryFile(dir=out.parent):
+                pass
     key = array_key(arguments.key, arguments.file or out)
     with open_commissioning(arguments) as commissioning:
         job = _Job(commissioning, arguments, {})

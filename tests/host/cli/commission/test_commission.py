@@ -121,6 +121,15 @@ def test_fewer_and_more_cells_than_places_change_nothing(commission, listed, bus
     assert serials(bus) == [1, 2, 3]
 
 
+def test_a_file_that_cannot_be_made_is_told_before_anything_is_written(
+    commission, listed, bus, tmp_path, capsys
+):
+    out = tmp_path / "none" / "array.toml"
+    assert commission("--list", listed, *GRID, "--yes", "--out", out, out=False) == ExitCode.USAGE
+    assert f"{out}: cannot be written: No such file or directory" in capsys.readouterr().err
+    assert serials(bus) == [1, 2, 3]
+
+
 def test_a_file_of_other_cells_names_both_sides(commission, bus, tmp_path, capsys):
     path = tmp_path / "other.toml"
     path.write_text('[[cell]]\nserial = "00000001"\nnode=1\n[[cell]]\nserial = "0A"\nnode=2\n')
