@@ -4,6 +4,7 @@ A table is named by its array file, or as a served one: `a54` has the buses a54.
 One bus alone may be named too, and says then which share of the table it is.
 """
 
+import configparser
 from argparse import Namespace
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -142,7 +143,7 @@ def _served_names(options: Namespace) -> tuple[tuple[str, ...], str | None]:
     given = {name: getattr(options, name, None) for name in ("interface", "channel")}
     try:
         config = load_config(config={name: value for name, value in given.items() if value})
-    except (can.CanError, ValueError):
+    except (can.CanError, configparser.Error, ValueError):
         # Opening the bus says what is wrong.
         return (), None
     if config["interface"] != _SERVED or config.get("channel") is None:

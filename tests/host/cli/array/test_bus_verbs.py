@@ -216,6 +216,14 @@ def test_no_interface_is_told_in_one_line(monkeypatch, tmp_path, capsys, verb):
     assert told.count("\n") == 1
 
 
+def test_a_file_of_python_can_with_a_mistake_is_named(monkeypatch, tmp_path, capsys):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "can.conf").write_text("[default]\nchannel = a\nchannel = b\n")
+    for verb in ("stop", "status", "scan", "doctor"):
+        assert main([verb]) == ExitCode.NO_DEVICE
+        assert f"{tmp_path}/can.conf' [line  3]: option 'channel'" in capsys.readouterr().err
+
+
 def test_run_without_cells_gives_up(channel, capsys):
     assert on(channel, "run", "array18", "--json") == ExitCode.NO_DEVICE
     told = capsys.readouterr()
