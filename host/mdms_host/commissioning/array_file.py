@@ -155,7 +155,7 @@ def read_array(path: Path) -> ArrayFile:
             )
         table: FiledTable = build(FiledTable, document.get("array", {}), "array")
         stop: Stop | None = build(Stop, document["stop"], "stop") if "stop" in document else None
-        cells = tuple(_cell(each) for each in _tables(document))
+        cells = tuple(_cells(document))
         _refuse_duplicates(cells)
         _check_buses(table, cells)
     except (ArrayFileError, ParameterError, ScenarioError) as error:
@@ -210,18 +210,24 @@ def _tables(document: Mapping[str, Any]) -> list[dict[str, Any]]:
     return list(cells)
 
 
+def _cells(document: Mapping[str, Any]) -> Iterator[FiledCell]:
+    for item, table in enumerate(_tables(document)):
+        try:
+            yield _cell(table)
+        except (ArrayFileError, ParameterError) as error:
+            raise ArrayFileError(f"cell.{item}.{error}") from None
+
+
 def _cell(table: dict[str, Any]) -> FiledCell:
     unknown = table.keys() - {"serial", "node", "bus", "settings", *_PLACE}
     if unknown:
-        raise ArrayFileError(f"cell.{min(unknown)}: unknown key")
+        raise ArrayFileError(f"{min(unknown)}: unknown key")
     serial, node_id = _serial(table.get("serial")), table.get("node")
     if type(node_id) is not int or not cob.NODE_MIN <= node_id <= cob.NODE_MAX:
-        raise ArrayFileError(
-            f"cell.node: expected {cob.NODE_MIN} to {cob.NODE_MAX}, got {node_id!r}"
-        )
+        raise ArrayFileError(f"node: expected {cob.NODE_MIN} to {cob.NODE_MAX}, got {node_id!r}")
     bus = table.get("bus", 0)
     if type(bus) is not int or not 0 <= bus < _BUSES_MOST:
-        raise ArrayFileError(f"cell.bus: expected 0 to {_BUSES_MOST - 1}, got {bus!r}")
+        raise ArrayFileError(f"bus: expected 0 to {_BUSES_MOST - 1}, got {bus!r}")
     values = dict(_values(table.get("settings", {}), ""))
     return FiledCell(serial, node_id, values, bus=bus, **_place(table))
 
@@ -230,11 +236,10 @@ def _place(table: dict[str, Any]) -> dict[str, int]:
     place = {name: table[name] for name in _PLACE if name in table}
     for name, value in place.items():
         if type(value) is not int or value < 1:
-            raise ArrayFileError(f"cell.{name}: expected a whole number from 1, got {value!r}")
+            raise ArrayFileError(f"{name}: expected a whole number from 1, got {value!r}")
     if place and place.keys() not in ({"number"}, {"column", "row"}):
         raise ArrayFileError(
-            f"cell.{min(place)}: a place is column and row, or number alone; got "
-            f"{' and '.join(place)}"
+            f"{min(place)}: a place is column and row, or number alone; got {' and '.join(place)}"
         )
     return place
 
@@ -254,21 +259,21 @@ def _serial(value: object) -> int:
     except ValueError:
         serial = -1
     if not 0 <= serial <= 0xFFFFFFFF:
-        raise ArrayFileError(f'cell.serial: expected 8 hex digits as "0000001A", got {value!r}')
+        raise ArrayFileError(f'serial: expected 8 hex digits as "0000001A", got {value!r}')
     return serial
 
 
 def _values(table: object, prefix: str) -> Iterable[tuple[Parameter, int]]:
     if not isinstance(table, dict):
-        raise ArrayFileError(f"cell.settings{prefix and '.' + prefix}: expected a table")
+        raise ArrayFileError(f"settings{prefix and '.' + prefix}: expected a table")
     for key, value in table.items():
         name = f"{prefix}.{key}" if prefix else key
         if isinstance(value, dict):
             yield from _values(value, name)
         elif name not in BY_NAME:
-            raise ArrayFileError(f"cell.settings.{name}: there is no such setting")
+            raise ArrayFileError(f"settings.{name}: there is no such setting")
         elif type(value) not in (int, float):
-            raise ArrayFileError(f"cell.settings.{name}: expected a number, got {value!r}")
+            raise ArrayFileError(f"settings.{name}: expected a number, got {value!r}")
         else:
             yield BY_NAME[name], BY_NAME[name].parse(repr(value))
 
