@@ -51,7 +51,7 @@ def run(arguments: Namespace) -> ExitCode:
     """
     if arguments.stop:
         return _stop(arguments)
-    table = named_table(arguments)
+    table, turns = named_table(arguments), arguments.turn
     heard: list[HeardCells] = []
     findings: list[Finding] = []
     gone: LinkError | None = None
@@ -76,7 +76,7 @@ def run(arguments: Namespace) -> ExitCode:
     else:
         _print(sum(map(len, cells.values())), findings)
         say(f"how many cells there are to be: {source}")
-        if not arguments.turn:
+        if not turns:
             say("wheels were not turned, so motors and encoders are not checked (--turn)")
     if gone is not None:
         raise gone
