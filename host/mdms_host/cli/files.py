@@ -71,11 +71,13 @@ def replacing(path: Path, mark: bytes, force: bool) -> Iterator[Path]:
         with writing(path):
             yield path
         return
-    partial = path.with_name(f".{os.getpid()}-partial-{path.name}")
+    # A link stays, and leads to the new file.
+    place = Path(os.path.realpath(path))
+    partial = place.with_name(f".{os.getpid()}-partial-{path.name}")
     try:
         with writing(path):
             yield partial
-            partial.replace(path)
+            partial.replace(place)
     finally:
         with suppress(OSError):
             partial.unlink()

@@ -80,6 +80,17 @@ def test_own_file_is_written_again_and_others_only_by_force(run, tmp_path, capsy
     assert path.read_text() != "mine"
 
 
+def test_a_link_stays_and_leads_to_the_new_file(run, tmp_path):
+    link, file = tmp_path / "link.png", tmp_path / "kept" / "file"
+    file.parent.mkdir()
+    link.symlink_to(file)
+    for _ in range(2):
+        assert main(["plot", run, "--out", str(link)]) == 0
+        assert link.is_symlink()
+        assert file.read_bytes().startswith(BEGINS["png"])
+        assert list(file.parent.iterdir()) == [file]
+
+
 def full(*_arguments, **_options):
     raise OSError(errno.ENOSPC, "No space left on device")
 

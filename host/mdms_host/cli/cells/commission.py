@@ -4,6 +4,7 @@ The array's key, with which bundles are signed, is made and given to cells that 
 """
 
 import json
+import os
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Mapping, Sequence
@@ -97,7 +98,7 @@ def run(arguments: Namespace) -> ExitCode:
         check_own(out, MARK.encode(), arguments.force)
         if out.is_file() or not out.exists():
             # What cannot be made at the end is told before a person places cells.
-            with writing(out), TemporaryFile(dir=out.parent):
+            with writing(out), TemporaryFile(dir=Path(os.path.realpath(out)).parent):
                 pass
     key = array_key(arguments.key, arguments.file or out)
     with open_commissioning(arguments) as commissioning:
