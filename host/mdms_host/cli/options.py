@@ -19,7 +19,7 @@ NODES = ("cpython", "micropython")
 BUS_FORMATS = ("log", "blf", "asc")
 LAWS = ("sliding", "at_rest")
 NO_NODES = (
-    "nobody is heard on the bus; is it connected, are the cells powered, and is the bit rate "
+    "no cell is heard on the bus; is it connected, are the cells powered, and is the bit rate "
     "theirs (-b)? "
     "`mdms serve array18` starts a virtual one"
 )

@@ -173,6 +173,7 @@ def _numbered(name: str, there: Collection[str]) -> tuple[str, ...]:
 class MissingCells:
     """Cells that should answer on a bus, and do not: their node ids, and how that is known.
 
+    Without node ids it is all cells of the bus, or where `bus` is empty some of the table.
     `is_sure` is whether they exist for certain: a gap in the node ids is only a hint.
     """
 
@@ -183,8 +184,9 @@ class MissingCells:
 
     def text(self, *, with_bus: bool) -> str:
         """Which cells they are, and how that is known."""
-        where = f"{self.bus}, " if with_bus else ""
-        named = f"{where}node {ranges(self.node_ids)}" if self.node_ids else "some cells"
+        where = f"{self.bus}, " if with_bus and self.bus else ""
+        some = f"{where}all cells" if self.bus else "some cells"
+        named = f"{where}node {ranges(self.node_ids)}" if self.node_ids else some
         if self.is_sure:
             return f"missing: {named} ({self.source})"
         return (
@@ -217,6 +219,10 @@ def missing_cells(heard: Sequence[HeardCells], cells: int | None = None) -> list
         elif named := _of_this_bus(each.neighbours):
             absent = frozenset(named) - each.node_ids
             source = "cells beside it name it as their neighbour"
+        elif not each.node_ids and len(heard) > 1:
+            source = "no cell is heard there"
+            missing.append(MissingCells(each.bus.name, (), source, is_sure=True))
+            continue
         else:
             missing += _gaps(each)
             continue

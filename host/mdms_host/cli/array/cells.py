@@ -152,7 +152,7 @@ def stop(arguments: Namespace) -> ExitCode:
         split = {"buses": figures, "not_stopped": errors}
         told = split if table.is_split else figures[table.buses[0].name]
         print(json.dumps({**told, **figures_of(missing)}))
-    heard = any(end.report.heard for _, end in stopped)
+    heard = any(end.cells or end.report.not_off for _, end in stopped)
     if not heard and not failed:
         raise CommandError(f"nobody knows what is off, so {CUT}: {NO_NODES}", ExitCode.NO_DEVICE)
     texts = [
@@ -162,7 +162,8 @@ def stop(arguments: Namespace) -> ExitCode:
     ]
     if heard and not texts and not arguments.json:
         cells = sum(len(end.cells) for _, end in stopped)
-        print(f"{counted(cells, 'cell is', 'cells are')} off{_over(table, len(stopped))}")
+        buses = sum(bool(end.cells) for _, end in stopped)
+        print(f"{counted(cells, 'cell is', 'cells are')} off{_over(table, buses)}")
     if failed:
         names = ", ".join(f"{bus.name} ({error})" for bus, error in failed)
         texts.insert(0, f"not stopped: {names}; {CUT}")

@@ -65,7 +65,9 @@ def run(arguments: Namespace) -> ExitCode:
         gone = error
     # The array file knows more of its cells: their serial numbers.
     if gone is None and (table.file is None or arguments.cells is not None):
-        findings += map(_absent, missing_cells(heard, arguments.cells))
+        missing = missing_cells(heard, arguments.cells)
+        # A bus on which no cell answers has a finding of its own.
+        findings += [_absent(each) for each in missing if each.node_ids or not each.bus]
     findings.sort(key=lambda each: (not each.row.serious, list(KINDS).index(each.kind), each.nodes))
     cells = {each.bus.name: sorted(each.node_ids) for each in heard}
     source = how_known(heard, arguments.cells)

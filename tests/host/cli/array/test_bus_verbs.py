@@ -165,6 +165,27 @@ def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
     assert capsys.readouterr().err.startswith("mdms: not stopped, so cut the motors' power: ")
 
 
+@pytest.mark.parametrize("verb", ["stop", "status", "scan"])
+def test_a_bus_of_several_on_which_no_cell_is_heard_is_named(channel, capsys, monkeypatch, verb):
+    channels = (f"{channel}.0", f"{channel}.1")
+    served = "mdms_host.commissioning.table_cells._served_names"
+    monkeypatch.setattr(served, lambda _options: (channels, None))
+    with Nodes(channels[0], {1: nmt.PRE_OPERATIONAL}):
+        assert on(channel, verb) == ExitCode.NODE_FAULT
+    told = capsys.readouterr()
+    assert f"missing: {channels[1]}, all cells (no cell is heard there); " in told.err
+    assert told.err.endswith("cut the motors' power\n") == (verb == "stop")
+    assert verb != "stop" or told.out == "1 cell is off on 1 of 2 buses\n"
+
+
+def test_a_stop_that_only_a_stranger_hears_is_none(channel, capsys):
+    with Nodes(channel, {40: nmt.PRE_OPERATIONAL}, strangers=(40,)):
+        assert on(channel, "stop") == ExitCode.NO_DEVICE
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith("mdms: nobody knows what is off, so cut the motors' power: no cell")
+
+
 def test_status_shows_every_node_that_is_heard(channel, capsys):
     with Nodes(channel, {1: nmt.OPERATIONAL, 7: nmt.STOPPED}):
         assert on(channel, "status", "--json") == ExitCode.OK
@@ -198,7 +219,7 @@ def test_empty_bus_is_told_with_the_way_out(channel, capsys, verb):
     assert on(channel, verb) == ExitCode.NO_DEVICE
     told = capsys.readouterr()
     assert told.out == ""
-    assert "nobody is heard on the bus" in told.err
+    assert "no cell is heard on the bus" in told.err
     assert "mdms serve" in told.err
     assert ("cut the motors' power" in told.err) == (verb == "stop")
 

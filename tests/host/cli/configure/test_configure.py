@@ -526,7 +526,7 @@ def test_empty_bus_is_told_with_the_way_out(request, capsys, arguments):
     )
     told = capsys.readouterr()
     assert told.out == ""
-    assert "nobody is heard on the bus" in told.err
+    assert "no cell is heard on the bus" in told.err
     assert "mdms serve" in told.err
 
 
