@@ -35,12 +35,14 @@ _NAMES = {
 class ForeignStops:
     """Notes them as they come in, by the node that they are for.
 
-    An emergency stop is one of them: most cells lack their supply.
+    An emergency stop is one of them: most cells lack their supply, or have lacked it, or restarted.
+    Letting go of it is to turn no wheel.
     """
 
     def __init__(self) -> None:
         self._codes: dict[int, int] = {}
         self._has_supply: dict[int, bool] = {}
+        self._was_cut: set[int] = set()
 
     def on_frame(self, frame: Frame) -> None:
         """Note a command, a heartbeat, and an emergency; any other frame is left alone."""
@@ -49,6 +51,8 @@ class ForeignStops:
         node = frame.can_id & cob.NODE_MAX
         is_cell = node not in (0, cob.HOST_NODE)
         if is_cell and frame.can_id == cob.HEARTBEAT_BASE + node:
+            if node in self._has_supply and nmt.decode_heartbeat(frame.data) == nmt.INITIALISING:
+                self._was_cut.add(node)
             self._has_supply.setdefault(node, True)
         elif is_cell and frame.can_id == cob.EMCY_BASE + node and len(frame.data) == _WHOLE:
             self.note_supply(node, frame.data[2])
@@ -56,6 +60,12 @@ class ForeignStops:
     def note_supply(self, node_id: int, error_register: int) -> None:
         """Note whether a cell has its supply, by its error register (0x1001)."""
         self._has_supply[node_id] = not error_register & VOLTAGE_ERROR
+        if error_register & VOLTAGE_ERROR:
+            self._was_cut.add(node_id)
+
+    def turns_agreed(self) -> None:
+        """A person lets wheels turn from now on: only supplies that are lost later were cut."""
+        self._was_cut.clear()
 
     def forget(self, node_id: int) -> None:
         """A node answers no more; its next heartbeat brings it back."""
@@ -74,10 +84,10 @@ class ForeignStops:
         # Frames come in by another thread.
         others = dict(self._has_supply)
         others.pop(node_id, None)
-        low = [node for node, has in others.items() if not has]
+        low = [node for node, has in others.items() if not has or node in self._was_cut]
         if 2 * len(low) <= len(others):
             return None
-        return f"an emergency stop: {code_text(LOW_SUPPLY)}, at node {ranges(low)}"
+        return f"an emergency stop: {code_text(LOW_SUPPLY)}, or a restart, at node {ranges(low)}"
 
     def reason(self, node_id: int | None = None) -> str | None:
         """Which command another host has sent to a node, or to all; None if it has sent none.

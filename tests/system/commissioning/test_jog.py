@@ -211,6 +211,18 @@ def test_no_wheel_is_turned_while_an_emergency_stop_is_pressed(pressed, capsys):
         assert ("at node 1-4, 6-18" in told) == pressed
 
 
+@pytest.mark.parametrize("kind", ["supply", "off"])
+def test_no_wheel_is_turned_once_an_emergency_stop_was_pressed_and_let_go_of(kind, capsys):
+    """It cuts the motors' supply, or the cells' own too, while the jog still asks for settings."""
+    fault = f"fault=[{{kind='{kind}', start_s=0.4, duration_s=0.2}}]"
+    with virtual_time(SimulatedArray(PythonBank(range(1, 19)), fault)) as time:
+        sent = []
+        time.before_send = sent.append
+        assert main(JOG) == ExitCode.NODE_FAULT
+    assert "an emergency stop: 0x3220" in capsys.readouterr().err
+    assert not [frame for frame in sent if frame.can_id == pdo.TARGET_VELOCITY.can_id(CELL)]
+
+
 @pytest.mark.parametrize("more", [[], ["--reset"]])
 def test_a_cell_whose_fuse_had_blown_before_says_so(more, capsys):
     with virtual_time(

@@ -260,6 +260,7 @@ def _nudged(job: _Job, cells: list[FiledCell], columns: int | None) -> list[File
     if not _may_nudge(job, columns is not None):
         say("mdms: wheels were not nudged, so motors and encoders are not checked (--nudge)")
         return cells
+    job.commissioning.foreign_stops.turns_agreed()
     size = len(cells) if columns is None else columns
     going = []
     for start in range(0, len(cells), max(size, 1)):
