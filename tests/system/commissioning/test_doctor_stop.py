@@ -279,6 +279,16 @@ def test_a_cell_that_loses_its_controllers_supply_is_named(table, capsys):
     assert [row[:2] for row in found(capsys)[0]] == [("stop-silent", (5,))]
 
 
+@pytest.mark.parametrize("late_s", [0.0, 1.0])
+def test_a_cell_that_falls_silent_at_the_release_or_after_it_is_named(table, capsys, late_s):
+    def lose():
+        table.simulation.faults.begin(Fault("off", cells=(5,)))
+
+    table.on_release = lambda: table.after(late_s, lose)
+    assert main([*STOP, "--json"]) == ExitCode.FAILURE
+    assert [row[:2] for row in found(capsys)[0]] == [("stop-silent", (5,))]
+
+
 def test_a_cell_in_a_fault_of_its_own_is_no_candidate(table, capsys):
     table.bank._cells[2]._axes.fail(0x2310)
     assert main(STOP) == ExitCode.NODE_FAULT

@@ -90,7 +90,13 @@ class StopTest:
         findings = self._pressed(cells)
         if findings:
             return findings
-        return self._released(cells) or self._stayed_off(cells)
+        try:
+            return self._released(cells) or self._stayed_off(cells)
+        except SilentError:
+            self._look(cells)
+            if silent := _silent(cells):
+                return silent
+            raise
 
     # Before ----------------------------------------------------------------------------------
 
@@ -166,10 +172,9 @@ class StopTest:
                 each.gone_s = min(each.gone_s, now_s)
 
     def _after_the_press(self, cells: dict[int, _Watched], first_s: float) -> list[Finding]:
-        silent = _of(cells, lambda each: each.silent is not None)
-        if silent:
+        if silent := _silent(cells):
             # Those that were looked at after a silent one were looked at too late to be judged.
-            return [Finding("stop-silent", cells[node].silent or "", (node,)) for node in silent]
+            return silent
         late = _of(cells, lambda each: each.fell_s == inf or each.fell_s > first_s + FALLS_S)
         if len(late) == len(cells):
             text = f"no cell has lost its supply; they measure {_span(cells, late)}"
@@ -193,6 +198,8 @@ class StopTest:
         end_s, first_s = self.clock.now_s() + self.limit_s, inf
         while True:
             self._look(cells)
+            if silent := _silent(cells):
+                return silent
             now_s = self.clock.now_s()
             without = _of(cells, lambda each: each.supply_mv < each.limit_mv)
             if len(without) < len(cells):
@@ -248,6 +255,11 @@ class StopTest:
 
 def _of(cells: dict[int, _Watched], such: Callable[[_Watched], bool]) -> list[int]:
     return [node_id for node_id, each in cells.items() if such(each)]
+
+
+def _silent(cells: dict[int, _Watched]) -> list[Finding]:
+    silent = _of(cells, lambda each: each.silent is not None)
+    return [Finding("stop-silent", cells[node].silent or "", (node,)) for node in silent]
 
 
 def _lateness(cell: _Watched, first_s: float) -> str:
