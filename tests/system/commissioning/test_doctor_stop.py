@@ -332,3 +332,12 @@ def test_q_at_a_terminal_breaks_the_test_off():
             with pytest.raises(CommandError, match="broken off"):
                 person.answered()
     os.close(ours)
+
+
+def test_a_terminal_that_is_gone_ends_all_as_q_does():
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs) as terminal, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.stdin", terminal)
+        with pressed_keys("no terminal") as pressed:
+            os.close(ours)
+            assert pressed() == "q"

@@ -9,7 +9,7 @@ import select
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from mdms_host.cli.cells.configure_cells import found_cells, refuse_failed
@@ -216,14 +216,17 @@ def pressed_keys(without: str) -> Iterator[Callable[[], str]]:
     def pressed() -> str:
         if not select.select([descriptor], [], [], 0)[0]:
             return ""
-        # The end of the input ends all as q does.
-        return os.read(descriptor, 64).decode("ascii", "replace") or LEAVE[0]
+        # The end of the input, or of the terminal, ends all as q does.
+        with suppress(OSError):
+            return os.read(descriptor, 64).decode("ascii", "replace") or LEAVE[0]
+        return LEAVE[0]
 
     try:
         tty.setcbreak(descriptor)
         yield pressed
     finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        with suppress(termios.error):
+            termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
 class AtTerminal:
