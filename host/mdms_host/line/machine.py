@@ -201,6 +201,8 @@ class Machine:
         #: Whether the last Abort was a command, and no fault.
         self._abort_commanded = False
         self._run: Coordinator | None = None
+        #: The run that comes to its end now, in a state that has none.
+        self._ending: Coordinator | None = None
         #: The slot's count of stops since the run is replaced.
         self._stops: int | None = None
         #: Identities that go over from that run to the one in its place.
@@ -379,9 +381,13 @@ class Machine:
         self._stops = None
         if self._slot.busy:
             self._slot.stop()
+            self._ending = self._slot.coordinator
             return
         self._end_orders()
-        if state in _ENDS:
+        ended, self._ending = self._ending, None
+        if state is State.STOPPING and ended is not None and ended.fault is not None:
+            self._on(Command.ABORT, ended.fault)
+        elif state in _ENDS:
             self.states.on(DONE, self._now_s())
 
     def _end_orders(self) -> None:

@@ -141,6 +141,18 @@ def test_an_emergency_stop_aborts_and_its_release_moves_nothing(line) -> None:
     line.until_state(State.EXECUTE)
 
 
+def test_a_stop_whose_cells_fall_silent_aborts(line) -> None:
+    line.bring_to_execute()
+    cut = line.begin("cut", cells=(1, 2, 3))
+    line.command(Command.STOP)
+    line.until_state(State.ABORTED)
+    assert "has fallen silent" in line.machine.snapshot()["alarm"]["text"]
+    line.simulation.faults.end(cut)
+    line.command(Command.CLEAR)
+    line.until_state(State.STOPPED)
+    line.bring_to_execute()
+
+
 def test_a_full_exit_stops_its_own_parcels_only_and_all_of_them_suspend(line, impatient) -> None:
     line.do("exit", exit="east", full=True)
     line.do("exit", exit="south", full=True)
