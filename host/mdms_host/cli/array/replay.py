@@ -13,6 +13,7 @@ from mdms_host.commissioning.stop import not_off_text, stop_all
 from mdms_host.coordination.other_host import OtherHost, refuse_other_host
 from mdms_host.coordination.supervision import OTHER_HOST
 from mdms_model.run.folder import BUS_LOG
+from mdms_protocol.codecs import nmt
 from mdms_protocol.codecs.frame import Frame
 
 
@@ -93,7 +94,8 @@ def _send(arguments: Namespace) -> ExitCode:
 class _YieldingPlayer(LogPlayer):
     """A player whose cells another program may stop, as those of a run.
 
-    `ended_by` is which command it has sent, or that it is another host; None without one.
+    `ended_by` is which command it has sent, or that it is another host, or the emergency stop that
+    cells report: the log may reset their faults. None without one.
     """
 
     def __init__(self, frames: list[tuple[float, Frame]], start_s: float) -> None:
@@ -108,3 +110,4 @@ class _YieldingPlayer(LogPlayer):
         self._other.on_frame(frame, now_s)
         if self.ended_by is None:
             self.ended_by = OTHER_HOST if self._other.speaks(now_s) else self._stops.reason()
+            self.ended_by = self.ended_by or self._stops.emergency_stop(nmt.ALL_NODES)

@@ -120,6 +120,7 @@ def test_frames_are_sent_again_in_order_and_then_all_is_off(
         (nmt.command(nmt.ENTER_PRE_OPERATIONAL), "another host has sent 'enter pre-operational'"),
         (nmt.command(nmt.STOP, 3), "another host has sent 'stop'"),
         (nmt.heartbeat(cob.NODE_MAX, nmt.OPERATIONAL), "another host runs on this bus"),
+        (Frame(cob.EMCY_BASE + 1, b"\x20\x32\x04\x01" + bytes(4)), "an emergency stop: 0x3220"),
     ],
 )
 def test_another_program_ends_a_replay_and_all_is_off(tmp_path, capsys, monkeypatch, frame, told):
