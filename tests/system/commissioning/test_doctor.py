@@ -239,16 +239,13 @@ def test_findings_are_not_lost_with_a_cell_that_dies_or_is_stopped_amid_a_turn(c
     assert (3 in started) == (event == "power off")
 
 
-def test_a_turn_that_is_stopped_is_not_said_to_be_none(capsys):
-    array = SimulatedArray(PythonBank(range(1, 19)))
+def test_wheels_that_were_turned_before_a_stop_are_not_said_to_stand(capsys):
+    array = SimulatedArray(PythonBank(range(1, 19)), "fault=[{kind='lift', parcel='box'}]")
+    other = OtherHost(array)
     with virtual_time(array) as time:
-        time.before_send = lambda frame: (
-            frame == nmt.command(nmt.START, 2) and OtherHost(array).stop()
-        )
-        assert main(["doctor", "--turn", "--node", "2", *BUS]) == ExitCode.NODE_FAULT
-    told = capsys.readouterr()
-    assert "node 2 was stopped: another host has sent" in told.out
-    assert "wheels were not turned" not in told.err
+        time.before_send = lambda frame: frame == nmt.command(nmt.START, 2) and other.stop()
+        assert main(["doctor", "--turn", "--node", "1-2", *BUS]) == ExitCode.NODE_FAULT
+    assert "\nfurther wheels were not turned, so" in capsys.readouterr().err
 
 
 def test_findings_are_not_lost_with_an_adapter_that_is_unplugged_amid_a_turn(capsys):

@@ -78,8 +78,9 @@ def run(arguments: Namespace) -> ExitCode:
     else:
         _print(sum(map(len, cells.values())), findings)
         say(f"how many cells there are to be: {source}")
-        if not turns:
-            say("wheels were not turned, so motors and encoders are not checked (--turn)")
+        if not arguments.turn:
+            which = "further wheels" if turns else "wheels"
+            say(f"{which} were not turned, so motors and encoders are not checked (--turn)")
     if gone is not None:
         raise gone
     return ExitCode.NODE_FAULT if any(each.row.serious for each in findings) else ExitCode.OK
