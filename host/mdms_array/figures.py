@@ -111,9 +111,7 @@ def believed_run(
     and `interrupted` whether a person has ended it.
     """
     outcomes = _believed_outcomes(scenario, coordinator)
-    # Off the wheels a parcel may roll on a little; that undoes no good end.
-    judged = () if coordinator.finished and not late else outcomes
-    unsure = coordinator.unsure
+    judged, unsure = _judged(outcomes, coordinator, late=late), coordinator.unsure
     status, reason = _status(record.events, coordinator, fault, judged, late=late, unsure=unsure)
     if interrupted and status == "time limit":
         status, reason = "stopped", "stopped by a person"
@@ -129,14 +127,25 @@ def believed_run(
     return _run(scenario, (status, reason), record, figures, coordinator, outcomes=outcomes)
 
 
+def _judged(
+    outcomes: Iterable[GoalOutcome], coordinator: Coordinator, *, late: bool
+) -> list[GoalOutcome]:
+    """Those that count: off the wheels a parcel may roll on a little, and has arrived all the same.
+
+    A program may have ended before a parcel is there whose task it does not await.
+    """
+    there = coordinator.arrived if coordinator.finished and not late else ()
+    return [each for each in outcomes if each.parcel not in there]
+
+
 def raise_for_end(scenario: Scenario, coordinator: Coordinator, *, late: bool) -> None:
     """Raise the `RunError` of a run on a table that nobody has recorded, unless it ended well.
 
     `late` is whether its program was to end and has not.
     """
-    outcomes = () if coordinator.finished else _believed_outcomes(scenario, coordinator)
+    judged = _judged(_believed_outcomes(scenario, coordinator), coordinator, late=late)
     fault, unsure = coordinator.fault, coordinator.unsure
-    status, reason = _status((), coordinator, fault, outcomes, late=late, unsure=unsure)
+    status, reason = _status((), coordinator, fault, judged, late=late, unsure=unsure)
     if status in ERRORS and not (status == "time limit" and coordinator.endless):
         raise ERRORS[status](reason)
 

@@ -111,3 +111,17 @@ def test_a_run_has_not_reached_a_goal_where_nobody_knows_that_the_parcel_is_ther
     assert run.reason in ("goal not reached: " + incident.text for incident in run.incidents)
     with pytest.raises(TimeLimitError, match="parcel 2 may be beside its goal"):
         raise_for_end(scenario, coordinator, late=False)
+
+
+def test_a_program_that_ends_before_its_parcel_is_there_has_not_reached_a_goal_on_a_table_either():
+    async def main(table):
+        table.start(table["box"].move(0.1, 0.0))
+
+    scenario = load_scenario("array18")
+    coordinator = coordinator_of(scenario, main=main)
+    ended = simulate(scenario, [coordinator], "cpython", over=lambda: coordinator.finished)
+    run = believed_run(scenario, ended.record, coordinator, fault=None)
+    assert run.status == "time limit"
+    assert run.reason.startswith("goal not reached: box is 195")
+    with pytest.raises(TimeLimitError, match="goal not reached: box is 195"):
+        raise_for_end(scenario, coordinator, late=False)
