@@ -18,7 +18,7 @@ from mdms_array.host import coordinator_of, estimates_of
 from mdms_array.operation import check_array
 from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
 from mdms_array.source import Source, open_source
-from mdms_array.table import BlockingTable, wait_for_ever
+from mdms_array.table import BlockingTable, for_one_block, wait_for_ever
 from mdms_host.can_link.link import AnyLink
 from mdms_host.can_link.links import open_links
 from mdms_host.clock import Clock
@@ -41,7 +41,7 @@ LOOK_S = 0.1
 ENDS = ("fault", "lost", "stopped", "failed")
 
 
-@contextmanager
+@for_one_block
 def connect(
     array_file: str | Path | None = None,
     interface: str | None = None,

@@ -35,7 +35,7 @@ from mdms_array.source import (
     check_time,
     open_source,
 )
-from mdms_array.table import BlockingTable, wait_for_ever
+from mdms_array.table import BlockingTable, for_one_block, wait_for_ever
 from mdms_host.clock import MonotonicClock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import TROUBLED
@@ -367,7 +367,7 @@ def _listed(signals: Signals | None) -> tuple[Signal, ...]:
     return tuple(listed)
 
 
-@contextmanager
+@for_one_block
 def virtual(scenario: Source, signals: Signals | None = None) -> Iterator[BlockingTable]:
     """A table by hand, in virtual time: time passes only inside its calls.
 

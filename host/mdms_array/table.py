@@ -1,7 +1,9 @@
 """A table for programs without `await`: each call returns when its order is done."""
 
-from collections.abc import Callable, Coroutine
-from typing import Any, Protocol, TypeVar
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import wraps
+from typing import Any, ParamSpec, Protocol, TypeVar
 
 from mdms_array.run import Run
 from mdms_array.source import check_program, check_time
@@ -9,7 +11,9 @@ from mdms_host.programs.program import Main
 from mdms_host.programs.script import until
 from mdms_host.programs.table import Table, TableParcel
 from mdms_host.programs.table_parcel import ProgramError
+from mdms_model.errors import InputError
 
+Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
 
@@ -150,6 +154,35 @@ def call(
             "is given, and of several threads let one call at a time"
         )
     return driver.call(routine, None if limit_s is None else check_time("limit_s", limit_s))
+
+
+class OneBlock(AbstractContextManager[BlockingTable]):
+    """A table for one `with` block. Entering it again raises `InputError`."""
+
+    def __init__(self, opened: AbstractContextManager[BlockingTable]) -> None:
+        self._opened = opened
+        self._was_entered = False
+
+    def __enter__(self) -> BlockingTable:
+        if self._was_entered:
+            raise InputError("a table is for one `with` block; open another one for the next")
+        self._was_entered = True
+        return self._opened.__enter__()
+
+    def __exit__(self, *raised: Any) -> bool | None:
+        return self._opened.__exit__(*raised)
+
+
+def for_one_block(
+    opens: Callable[Given, Iterator[BlockingTable]],
+) -> Callable[Given, OneBlock]:
+    """Make a function that yields a table once one that returns it for a `with` block."""
+
+    @wraps(opens)
+    def opened(*args: Given.args, **options: Given.kwargs) -> OneBlock:
+        return OneBlock(contextmanager(opens)(*args, **options))
+
+    return opened
 
 
 async def wait_for_ever(_table: Table) -> None:

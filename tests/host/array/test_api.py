@@ -172,6 +172,14 @@ def test_a_table_that_was_interrupted_within_a_step_does_not_go_on(monkeypatch):
     """The next step of time was not asked for yet, so no later call would come to its end."""
 
     def interrupt(*_arguments):
+@pytest.mark.parametrize("opens", [mdms.virtual, partial(mdms.connect, channel="none")])
+def test_a_table_is_for_one_block(opens):
+    opened = opens(scenario="no such")
+    for told in ("no such scenario file", "for one `with` block; open another one for the next"):
+        with pytest.raises(mdms.InputError, match=told), opened:
+            pass
+
+
         raise KeyboardInterrupt
 
     with mdms.virtual("array18") as table:
