@@ -107,12 +107,13 @@ class Table:
 
     def __getitem__(self, name: str) -> TableParcel:
         """The parcel of that name on the table. Raises ProgramError without one."""
-        if name not in self._parcels:
+        parcel = self._parcels.get(name) if isinstance(name, str) else None
+        if parcel is None:
             there = ", ".join(self._parcels) or "none"
-            close = get_close_matches(name, self._parcels, n=1)
+            close = get_close_matches(str(name), self._parcels, n=1)
             hint = f"did you mean {close[0]!r}? there are: " if close else "there are: "
             raise ProgramError(f"no parcel {name!r} is on the table; {hint}{there}")
-        return self._parcels[name]
+        return parcel
 
     @property
     def unknown(self) -> Mapping[str, tuple[float, float]]:
@@ -172,6 +173,7 @@ class Table:
 
         Raises ProgramError if no unknown thing lies there, or none of that size.
         """
+        x_m, y_m = _place_of(newcomer.name, x_m, y_m)
         unknown = self.unknown_at(x_m, y_m)
         if unknown is None:
             raise ProgramError(f"nothing unknown lies at ({x_m:g} m, {y_m:g} m)")
@@ -445,9 +447,10 @@ def _place_of(name: str, x_m: object, y_m: object) -> tuple[float, float]:
 
 def gate_of(gates: Mapping[str, Gate], name: str) -> Gate:
     """The exit of that name. Raises ProgramError without one."""
-    if name not in gates:
+    gate = gates.get(name) if isinstance(name, str) else None
+    if gate is None:
         raise ProgramError(f"no exit {name!r}; there are: {', '.join(gates) or 'none'}")
-    return gates[name]
+    return gate
 
 
 def _check_done(order: Order) -> None:

@@ -160,18 +160,18 @@ def test_a_table_by_hand_goes_on_after_a_call_that_failed():
         before_s = table.now_s
         with pytest.raises(mdms.ProgramError, match=r"0\.900 m"):
             box.move(0.9, 0.0)
-        with pytest.raises(mdms.ProgramError, match="no parcel 'bx'"):
-            table["bx"]
+        for wrong in ("bx", 3, ["box"]):
+            named = re.escape(repr(wrong))
+            with pytest.raises(mdms.ProgramError, match=f"no parcel {named} is on the table"):
+                table[wrong]
+            with pytest.raises(mdms.ProgramError, match=f"no exit {named}"):
+                box.leave(wrong)
         box.move(-0.10, 0.0)
         assert table.now_s > before_s
         true_pose = table.run_so_far.parcels["box"].true_pose
         assert true_pose == pytest.approx((-0.10, 0.0, 0.2), abs=5e-3)
 
 
-def test_a_table_that_was_interrupted_within_a_step_does_not_go_on(monkeypatch):
-    """The next step of time was not asked for yet, so no later call would come to its end."""
-
-    def interrupt(*_arguments):
 @pytest.mark.parametrize("opens", [mdms.virtual, partial(mdms.connect, channel="none")])
 def test_a_table_is_for_one_block(opens):
     opened = opens(scenario="no such")
@@ -180,6 +180,10 @@ def test_a_table_is_for_one_block(opens):
             pass
 
 
+def test_a_table_that_was_interrupted_within_a_step_does_not_go_on(monkeypatch):
+    """The next step of time was not asked for yet, so no later call would come to its end."""
+
+    def interrupt(*_arguments):
         raise KeyboardInterrupt
 
     with mdms.virtual("array18") as table:

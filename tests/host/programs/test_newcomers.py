@@ -103,6 +103,7 @@ def test_without_a_size_that_of_the_sensors_is_taken():
     ("newcomer", "x_m", "size", "text"),
     [
         (CRATE, -0.3, SEEN, "nothing unknown lies at (-0.3 m, 0.05 m)"),
+        (CRATE, "-0.3", SEEN, "x_m of crate is '-0.3', but must be a number"),
         (Newcomer("crate"), 0.15, None, "unknown-1 is no rectangle: crate needs a size"),
         (Newcomer("box 1", 0.3), 0.15, SEEN, "there is a parcel 'box 1' already"),
         (CRATE, 0.15, SEEN, "unknown-1 has not the outline of crate"),
