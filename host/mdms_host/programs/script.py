@@ -171,7 +171,7 @@ class ScriptTask(Generic[Result]):
         except Exception as error:
             self._fail(error)
             return True
-        with _dropped_coroutines(dropped):
+        with _dropped_coroutines(dropped, self):
             self._resume()
         return True
 
@@ -271,8 +271,8 @@ class Script:
 
 
 @contextmanager
-def _dropped_coroutines(dropped: list[str]) -> Iterator[None]:
-    """Add the messages of coroutines that nobody awaited, in the end.
+def _dropped_coroutines(dropped: list[str], task: ScriptTask[Any]) -> Iterator[None]:
+    """Add the messages of coroutines that nobody awaited in a task, in the end.
 
     Python warns of each where it is dropped; other warnings go their way.
     """
@@ -282,9 +282,13 @@ def _dropped_coroutines(dropped: list[str]) -> Iterator[None]:
     for each in caught:
         if _DROPPED in str(each.message):
             name = str(each.message).split("'")[1].rpartition(".")[2]
+            # One that has a name in the task is dropped here, at the task's end.
+            is_ours = each.filename.startswith(_OURS)
+            line = f" ({Path(each.filename).name}, line {each.lineno})"
+            where = f", in {task.where}" if is_ours else line
             dropped.append(
-                f"{name}() has no await before it, so it does nothing ({Path(each.filename).name}, "
-                f"line {each.lineno}); write await before it, or give it to table.start()"
+                f"{name}() has no await before it, so it does nothing{where}; write await before "
+                "it, or give it to table.start()"
             )
         else:
             warnings.warn_explicit(each.message, each.category, each.filename, each.lineno)
@@ -320,4 +324,5 @@ def failure_text(error: BaseException) -> str:
             "asyncio is of no use in a program, whose time is the table's; write await "
             f"table.sleep(1.0) in place of asyncio.sleep, and table.start() for tasks{behind}"
         )
-    return f"{type(error).__name__}: {error}{behind}"
+    told = " ".join((type(error).__name__ + (f": {error}" if str(error) else "")).split())
+    return f"{told}{behind}"

@@ -10,7 +10,7 @@ import pytest
 from mdms_host.can_link.link import NoBusError, open_bus
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
-from mdms_host.programs.script import BLOCKED_S, Script, until
+from mdms_host.programs.script import BLOCKED_S, Script, ScriptError, until
 
 
 def test_a_misspelt_scenario_is_answered_with_the_name_that_was_meant(capsys):
@@ -62,6 +62,8 @@ def test_steering_without_any_push_or_speed_is_refused(capsys, override, told):
     [
         ("await table['bx'].move(0, 0)", ExitCode.TIME_LIMIT, "did you mean 'box'?"),
         ("table['box'].move(0.0, 0.0)", ExitCode.FAILURE, "move() has no await before it"),
+        ("raise ValueError('two\\nlines')", ExitCode.FAILURE, "ValueError: two lines, in main (wr"),
+        ("raise ValueError", ExitCode.FAILURE, "failed: ValueError, in main (wrong.py, line 4)"),
         ("await asyncio.sleep(1)", ExitCode.FAILURE, "await table.sleep(1.0) in place of asyncio"),
     ],
 )
@@ -74,6 +76,21 @@ def test_a_wrong_line_of_a_program_is_named_with_its_place(tmp_path, capsys, lin
     assert told in err
     assert "wrong.py, line 4)" in err
     assert "RuntimeWarning" not in err
+
+
+def test_a_call_without_await_whose_value_has_a_name_is_named_with_its_task():
+    async def job():
+        pass
+
+    async def main():
+        kept = job()
+        await until(lambda: kept is not None)
+
+    script = Script()
+    script.start(main())
+    line = main.__code__.co_firstlineno
+    with pytest.raises(ScriptError, match=rf"nothing, in main \(test_mistakes.py, line {line}"):
+        script.step()
 
 
 def test_the_print_of_a_program_leaves_the_json_alone(tmp_path, capsys):
