@@ -77,7 +77,9 @@ class RunStateMachine:
         elif self.phase in UP:
             self._look_after_cells(now_s)
         elif fault := self._supervision.fault(self.phase, self._roster.taking_part, now_s):
-            self._fail(fault, now_s)
+            silent = self.phase in BRING_UP and self._supervision.silent(fault.cell, now_s)
+            if not (silent and self._recovery.do_without([fault.cell], fault.text, now_s)):
+                self._fail(fault.text, now_s)
         elif low := self._without_supply(now_s):
             text = self._supervision.low_supply_text(low)
             if not self._recovery.do_without(low, text, now_s):

@@ -94,11 +94,13 @@ class Supervision:
         """The phase, the cells that take part, or a state that a cell reports, has changed."""
         self._valid_until_s = -inf
 
-    def fault(self, phase: Phase, taking_part: Collection[BringUpCell], now_s: float) -> str | None:
+    def fault(
+        self, phase: Phase, taking_part: Collection[BringUpCell], now_s: float
+    ) -> Trouble | None:
         """The fault of the first cell that has one while all come up, or end; None without any."""
         for cell in taking_part:
             if text := self._silence_of(cell, now_s) or cell.fault(phase):
-                return text
+                return Trouble(cell, text)
         return None
 
     def without_supply(

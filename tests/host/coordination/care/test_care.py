@@ -357,6 +357,18 @@ def test_go_on_begins_without_a_cell_that_does_not_come_up_and_takes_it_later() 
     assert (one.phase, one.lost_cells) == (Phase.RUNNING, {})
 
 
+def test_go_on_begins_without_a_cell_that_falls_silent_while_it_comes_up() -> None:
+    link = CellsLink((1, 2, 3))
+    one = Coordinator(LAYOUT, Minding(), policy=GO_ON)
+    drive(one, link, link, lambda: one.phase == Phase.CONFIGURING)
+    link.cut = {1}
+    drive(one, link, link, lambda: one.phase == Phase.RUNNING or one.stopped)
+    assert (one.phase, one.fault) == (Phase.RUNNING, None)
+    text = "cell 2 (node 2) has fallen silent: no heartbeat for 0.3 s"
+    assert one.lost_cells == {2: text}
+    assert f"{text}; the run goes on without it" in [text for _, text in one.troubles]
+
+
 @pytest.mark.parametrize("policy", [Policy(), GO_ON])
 def test_another_board_under_the_same_node_id_is_not_taken_back(policy) -> None:
     run = Run(policy)
