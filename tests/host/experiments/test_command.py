@@ -6,6 +6,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pandas
 import pytest
@@ -187,7 +188,10 @@ def test_arguments_that_cannot_be_are_refused(file, capsys):
 def test_a_sweep_of_which_every_run_fails_ends_with_1(file, capsys):
     (file.parent / "own.py").write_text("def end_m(run): raise ValueError('no end')\n")
     assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.FAILURE
-    assert "mdms: ValueError: no end" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert "mdms: ValueError: no end" in told.err
+    # There is no picture, and no line for one.
+    assert told.out.endswith(f"8 failed: {Path('runs', 'fig8', 'table.csv')}\n")
     assert main(["sweep", "fig8.toml", "--again", "2"]) == ExitCode.FAILURE
     assert "row 2 fails again: ValueError: no end" in capsys.readouterr().out
 

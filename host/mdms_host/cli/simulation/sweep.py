@@ -46,7 +46,8 @@ def run(arguments: Namespace) -> ExitCode:
     else:
         _print(result)
         print(f"  {len(result.rows)} runs, {result.failed} failed: {folder / CSV}")
-        print(*(f"  picture: {path}" for path in pictures), sep="\n")
+        for path in pictures:
+            print(f"  picture: {path}")
     tell_failures(result.rows)
     failed = result.failed == len(result.rows) or len(pictures) < len(plots)
     return ExitCode.FAILURE if failed else ExitCode.OK
