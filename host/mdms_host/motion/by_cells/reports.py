@@ -333,5 +333,6 @@ class Observed:
     def _note_blocked(self) -> None:
         held = self._blocked.held
         lacked = set().union(*held.values())
-        lacks = f" and lack {cells_text(lacked)}" if lacked else ""
-        self._note(f"{self._name} is blocked: {cells_text(held)} want the way ahead{lacks}")
+        one = "s" if len(held) == 1 else ""
+        lacks = f" and lack{one} {cells_text(lacked)}" if lacked else ""
+        self._note(f"{self._name} is blocked: {cells_text(held)} want{one} the way ahead{lacks}")

@@ -54,7 +54,7 @@ def test_box_that_is_held_is_reported_with_the_cells_that_it_lacks():
     table.run(0.5, reports=reports(UNDER))
     held = reports(UNDER) | reports((10,), hold=0, wants=east)
     table.run(3.0, reports=held)
-    assert table.notices == ["box is blocked: cell 10 want the way ahead and lack cell 11"]
+    assert table.notices == ["box is blocked: cell 10 wants the way ahead and lacks cell 11"]
     assert not table.followed.stopped
 
 
