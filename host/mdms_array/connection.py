@@ -14,7 +14,7 @@ import numpy as np
 
 from mdms_array.array import BelievedArray, believe
 from mdms_array.figures import believed_run
-from mdms_array.host import coordinator_of, estimates_of
+from mdms_array.host import break_off, coordinator_of, estimates_of
 from mdms_array.operation import check_array
 from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
 from mdms_array.source import Source, open_source
@@ -123,6 +123,7 @@ class ThreadDriver:
         finally:
             self._asked.put(self._coordinator.stop)
             self._thread.join()
+            break_off(self._coordinator)
         if self._error is not None or self._coordinator.fault is not None:
             # It came while the script was thinking, and no call has said so.
             raise self._ended()

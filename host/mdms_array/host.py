@@ -254,6 +254,12 @@ def has_failed(coordinator: Coordinator) -> bool:
     return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
 
 
+def break_off(coordinator: Coordinator) -> None:
+    """Break off what is left of a run's program once the run is over: `finally` in it runs now."""
+    if isinstance(coordinator.program, TableProgram):
+        coordinator.program.driver.stop()
+
+
 def late_text(coordinator: Coordinator) -> str:
     """Why a run has not come to its end, though no parcel is known to be off its goal."""
     program = coordinator.program

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mdms_array.extras import COMPILER, RECORDING, require
 from mdms_array.figures import REPORTED_S, simulated_run
 from mdms_array.host import (
+    break_off,
     coordinator_of,
     estimates_of,
     has_failed,
@@ -170,7 +171,7 @@ def _firmware(
 
     with planner_compiled_beside():
         (coordinator, outcome), wall_s, compile_s = timed(prepare)
-    return simulated_run(
+    run = simulated_run(
         scenario,
         outcome.record,
         coordinator,
@@ -181,6 +182,8 @@ def _firmware(
         wall_s=wall_s,
         compile_s=compile_s,
     )
+    break_off(coordinator)
+    return run
 
 
 def _simulated(
@@ -422,6 +425,7 @@ class VirtualDriver:
 
     def close(self) -> None:
         """Let no more time pass."""
+        break_off(self._coordinator)
         self._ended = "its `with` block has ended"
 
     @property

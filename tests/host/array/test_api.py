@@ -180,6 +180,27 @@ def test_a_table_is_for_one_block(opens):
             pass
 
 
+def test_a_program_that_has_not_come_to_its_end_is_broken_off_with_the_run():
+    ended = []
+
+    async def main(table):
+        try:
+            await table.signal("never")
+        finally:
+            ended.append(table.now_s)
+
+    async def start(table):
+        table.start(main(table))
+
+    assert mdms.simulate("array18", program=main, limit_s=0.6).endless
+    assert len(ended) == 1
+    with mdms.virtual("array18") as table:
+        table.run(start)
+        assert len(ended) == 1
+    assert len(ended) == 2
+    assert table.run_so_far.status == "reached"
+
+
 def test_a_table_that_was_interrupted_within_a_step_does_not_go_on(monkeypatch):
     """The next step of time was not asked for yet, so no later call would come to its end."""
 
