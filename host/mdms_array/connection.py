@@ -1,7 +1,7 @@
 """A real or served table, and a thread that drives it while a program thinks."""
 
 from argparse import Namespace
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from pathlib import Path
@@ -159,7 +159,7 @@ class ThreadDriver:
 
         self._asked.put(start)
         try:
-            self._wait_for(done.is_set, limit_s, done)
+            self._wait_for(done.is_set, limit_s, done, started)
         except BaseException:
             self._asked.put(cancel)
             raise
@@ -214,15 +214,21 @@ class ThreadDriver:
             self._error = error
 
     def _wait_for(
-        self, over: Callable[[], bool], limit_s: float | None, event: Event | None = None
+        self,
+        over: Callable[[], bool],
+        limit_s: float | None,
+        event: Event | None = None,
+        tasks: Sequence[ScriptTask[Any]] = (),
     ) -> None:
-        """Wait at most so long. Raises `RunError` where the table does not go on."""
+        """Wait at most so long for tasks. Raises `RunError` where the table does not go on."""
         end_s = np.inf if limit_s is None else monotonic() + limit_s
         while not over():
             if self._operation is not None or self._error is not None:
                 raise self._ended()
             if monotonic() > end_s:
-                raise TimeLimitError(f"not done within {limit_s:g} s", self.run_so_far)
+                where = (f"it waits in {task.where}" for task in tasks)
+                told = ": ".join((f"not done within {limit_s:g} s", *where))
+                raise TimeLimitError(told, self.run_so_far)
             (event or Event()).wait(LOOK_S)
 
     def _ended(self) -> RunError:

@@ -81,7 +81,7 @@ def test_leaving_the_block_turns_the_cells_off_also_by_an_error(tmp_path):
         stood.append(simulation)
         with pytest.raises(mdms.ProgramError, match=r"0\.900 m"):
             table["box"].move(0.9, 0.0, limit_s=20.0)
-        with pytest.raises(mdms.TimeLimitError):
+        with pytest.raises(mdms.TimeLimitError, match=r"within 0.2 s: it waits in signal \("):
             table.signal("never", limit_s=0.2)
         table.send_signal("scanner", "A")
         assert table.signal("scanner", limit_s=5.0) == "A"
