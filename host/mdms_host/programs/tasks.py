@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 from mdms_host.programs.program import Main
 from mdms_host.programs.script import Outside, ScriptTask, until
@@ -99,10 +99,12 @@ class Buffer:
     """
 
     def __init__(self, table: Table, places: Sequence[Place]) -> None:
+        # Arrays of numpy are not equal to each other as places are.
+        places = cast("list[Place]", [tuple(place) for place in places])
         if not places:
             raise ProgramError("a buffer needs places for parcels to wait at")
-        if len({tuple(place) for place in places}) < len(places):
-            raise ProgramError(f"a buffer has one of {list(places)} twice; give each place once")
+        if len(set(places)) < len(places):
+            raise ProgramError(f"a buffer has one of {places} twice; give each place once")
         self._table = table
         self._free: deque[Place] = deque(places)
         self._waiting: dict[str, tuple[TableParcel, Place]] = {}

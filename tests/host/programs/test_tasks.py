@@ -1,5 +1,6 @@
 """Tasks give the orders that they are for, in their order."""
 
+import numpy as np
 import pytest
 from tests.host.programs.hands import Stage
 
@@ -113,7 +114,7 @@ def test_a_parcel_waits_where_it_came_until_a_place_in_the_buffer_is_free():
 
 def test_a_parcel_that_is_refused_its_way_out_of_a_buffer_keeps_its_place():
     async def main(table):
-        store = tasks.Buffer(table, PLACES)
+        store = tasks.Buffer(table, np.array(PLACES))
         first, second = table["box 1"], table["box 2"]
         await store.put(first)
         await store.put(second)
