@@ -287,11 +287,12 @@ def simulate(
 ) -> Run:
     """Run a scenario in virtual time; it returns however the run ends.
 
-    `scenario` is a built-in name, a file, a dict, or a `Scenario`. `program` is `async def
-    program(table)`, in place of the scenario's goals and tasks. `signals` has its values from
-    outside: by name, pairs of time [s] and value. `limit_s` takes the place of the scenario's
-    duration. `record` is a folder that keeps the run; values of signals are text then. `force`
-    overwrites another run in it; a run without a program may replace itself.
+    `scenario` is a built-in name, a file, the folder of an earlier run, a dict, or a `Scenario`.
+    `program` is `async def program(table)`, in place of the scenario's goals and tasks, or of the
+    program that an earlier run had. `signals` has its values from outside: by name, pairs of time
+    [s] and value. `limit_s` takes the place of the scenario's duration. `record` is a folder that
+    keeps the run; values of signals are text then. `force` overwrites another run in it; a run
+    without a program may replace itself.
 
     Raises `InputError` for what cannot be run, `Error` where an extra is not installed, and OSError
     for a disk that takes no record.

@@ -67,13 +67,16 @@ def _main_of_run(folder: str) -> Main | None:
 def open_source(source: Source, main: Main | None = None) -> tuple[Scenario, Main | None]:
     """The same from a name, a file, a dict or a `Scenario`; `main` is a program to run on it.
 
-    With a program the scenario's goals and tasks do not count. Raises `InputError`.
+    With a program the scenario's goals and tasks do not count. A folder of an earlier run has its
+    own, unless another is given. Raises `InputError`.
     """
     if isinstance(source, str | Path) and is_python(str(source)):
         name, own = read_program(str(source))
         if main is not None:
             raise InputError(f"{source}: has a program of its own; give its scenario instead")
         source, main = name, own
+    if isinstance(source, str | Path) and main is None:
+        main = _main_of_run(str(source))
     scenario = scenario_of(source)
     if main is not None:
         check_program(main)

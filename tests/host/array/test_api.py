@@ -132,6 +132,7 @@ def test_a_program_of_any_name_is_repeated_from_its_folder_and_one_with_argument
     path.unlink()
     scenario, main = open_program(str(folder), [])
     assert mdms.simulate(scenario, program=main, record=again).log_sha256 == first.log_sha256
+    assert mdms.simulate(folder).log_sha256 == first.log_sha256
     # A folder of the repetition has the program, too.
     assert open_program(str(again), [])[1].__name__ == "shift"
     with pytest.raises(mdms.InputError, match="arguments bound to it, so nothing repeats it"):
