@@ -32,7 +32,7 @@ from mdms_host.line.packml import State
 from mdms_host.page.bus_watch import BusWatch
 from mdms_host.page.live import LiveTable
 from mdms_host.page.run_slot import RunSlot
-from mdms_host.programs.program import Main
+from mdms_host.programs.program import Main, TableProgram
 from mdms_host.programs.traffic.dispatch import ThreadExecutor
 from mdms_model.scenario.scenario import Scenario
 
@@ -213,7 +213,11 @@ class Verdict:
     def look(self) -> None:
         """Judge a program that has finished just now."""
         run = self._slot.coordinator
-        if run is not None and run is not self._finished and run.finished:
+        if run is None or run is self._finished or not run.finished:
+            return
+        program = run.program
+        # Orders of the plant may go on after the program's own.
+        if not (isinstance(program, TableProgram) and program.table.orders.is_any_under_way):
             self._finished = run
             self._judge(run, late=False)
 

@@ -1,6 +1,7 @@
 """The figures of a run about its parcels."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from mdms_array.figures import TWIST, believed_run, raise_for_end, report, simul
 from mdms_array.host import coordinator_of
 from mdms_array.run import TimeLimitError
 from mdms_array.simulation import host_report_of
+from mdms_host.cli.live_array import Verdict
+from mdms_host.programs.table_orders import LineOrder
 from mdms_host.programs.traffic.world_state import WorldState
 from mdms_model.run.record import Record
 from mdms_model.scenario.file import load_scenario
@@ -125,3 +128,23 @@ def test_a_program_that_ends_before_its_parcel_is_there_has_not_reached_a_goal_o
     assert run.reason.startswith("goal not reached: box is 195")
     with pytest.raises(TimeLimitError, match="goal not reached: box is 195"):
         raise_for_end(scenario, coordinator, late=False)
+
+
+def test_a_program_is_not_judged_while_an_order_of_the_plant_is_under_way():
+    async def main(_table):
+        pass
+
+    scenario = load_scenario("array18")
+    coordinator = coordinator_of(scenario, main=main)
+    program, orders = coordinator.program, coordinator.program.table.orders
+    program.serve_orders()
+    orders.give(LineOrder("1", "box", x_m=0.1, y_m=0.0))
+    jobs = {"": (SimpleNamespace(scenario=scenario), None)}
+    slot, table = SimpleNamespace(coordinator=coordinator), SimpleNamespace(taken_over=None)
+    verdict = Verdict(slot, table, SimpleNamespace(jobs=jobs, running=""))
+    simulate(
+        scenario, [coordinator], "cpython", over=lambda: verdict.look() or orders.is_any_under_way
+    )
+    assert orders.is_any_under_way
+    verdict.look()
+    verdict.raise_error()
