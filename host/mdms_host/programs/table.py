@@ -22,6 +22,7 @@ from mdms_host.programs.table_parcel import (
     number_of,
 )
 from mdms_model.arrays import Floats
+from mdms_model.scenario.limit import PLACE
 
 __all__ = ["Newcomer", "ProgramError", "Table", "TableParcel"]
 
@@ -442,7 +443,14 @@ class TableDriver:
 
 
 def _place_of(name: str, x_m: object, y_m: object) -> tuple[float, float]:
-    return number_of(x_m, f"x_m of {name}"), number_of(y_m, f"y_m of {name}")
+    farthest_m = PLACE["at_most"]
+    wanted = f"a number from {-farthest_m:g} to {farthest_m:g}"
+
+    def is_near(number: float) -> bool:
+        return abs(number) <= farthest_m
+
+    x_m = number_of(x_m, f"x_m of {name}", wanted, is_near)
+    return x_m, number_of(y_m, f"y_m of {name}", wanted, is_near)
 
 
 def gate_of(gates: Mapping[str, Gate], name: str) -> Gate:

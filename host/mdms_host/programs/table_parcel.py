@@ -95,7 +95,8 @@ def number_of(
     """
     try:
         number = float(value) if isinstance(value, Real) else nan
-    except OverflowError:
+    except (OverflowError, TypeError):
+        # One too large, or a time of numpy.
         number = inf
     if not (isfinite(number) and fits(number)):
         raise ProgramError(f"{what} is {value!r:.40}, but must be {wanted}")

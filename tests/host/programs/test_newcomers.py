@@ -221,6 +221,6 @@ def test_a_newcomer_is_announced_near_numbers_only():
     register = Register(stage)
     stage.run(1.0)
     assert stage.program.stuck.startswith(
-        "the program was broken off: x_m of crate is nan, but must be a number, in main ("
+        "the program was broken off: x_m of crate is nan, but must be a number from "
     )
     assert not register.expected

@@ -157,6 +157,8 @@ def test_a_missing_parcel_is_named(wish, text):
         (0.0, 0.0, ""),
         (0.0, 0.0, []),
         (10**400, 0.0),
+        (0.0, 1e308),
+        (np.timedelta64(1, "s"), 0.0),
     ],
 )
 def test_a_place_that_is_no_number_is_refused_before_the_cycle_reckons_with_it(place):
@@ -171,7 +173,7 @@ def test_a_place_that_is_no_number_is_refused_before_the_cycle_reckons_with_it(p
     stage = Stage(main, lying=["box 1"])
     stage.run()
     assert stage.log == []
-    assert refused[0].endswith("must be a number")
+    assert "must be a number" in refused[0]
 
 
 def test_a_time_to_sleep_that_is_negative_is_refused():
