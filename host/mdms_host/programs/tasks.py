@@ -216,12 +216,19 @@ async def _fill_and_empty(table: Table, store: Buffer, exit: str, count: int | N
 async def _fill(table: Table, store: Buffer, count: int | None) -> None:
     """Put so many parcels into a buffer, or all that come; in place of a withdrawn one another."""
     came: list[TableParcel] = []
-    while True:
-        await until(lambda: count is None or sum(not each.withdrawn for each in came) < count)
-        parcel = await table.arrival()
-        table.start(store.put(parcel))
-        if count is not None:
-            came.append(parcel)
+    puts: list[ScriptTask[None]] = []
+    try:
+        while True:
+            await until(lambda: count is None or sum(not each.withdrawn for each in came) < count)
+            parcel = await table.arrival()
+            puts = [put for put in puts if not put.done]
+            puts.append(table.start(store.put(parcel)))
+            if count is not None:
+                came.append(parcel)
+    finally:
+        # The order is done: nobody waits for those that are still on their way.
+        for put in puts:
+            put.cancel()
 
 
 def main_of(listed: Sequence[Task]) -> Main:

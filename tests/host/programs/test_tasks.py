@@ -88,8 +88,12 @@ def test_a_buffer_lets_out_by_name_or_kind():
     assert stage.log == [("disc 1", 0.2), ("disc 1", "east")]
     stage.leave("disc 1")
     assert stage.log == [("box 1", "east")]
+    stage.come("box 2")
+    assert "box 2" in stage.hands.orders
     stage.leave("box 1")
     assert stage.program.finished
+    # It ends with its order: nobody waits for the others any more.
+    assert "box 2" not in stage.hands.orders
 
 
 def test_a_parcel_waits_where_it_came_until_a_place_in_the_buffer_is_free():
