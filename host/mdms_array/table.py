@@ -129,8 +129,8 @@ class BlockingParcel:
     ) -> None:
         """Bring it to a place, turned so if `yaw_rad` is given; returns when it is there.
 
-        Raises ProgramError when it cannot come there, and TimeLimitError. After TimeLimitError the
-        parcel still goes there, until it is ordered elsewhere.
+        Raises ProgramError when it cannot come there, and TimeLimitError, after which it comes to
+        rest.
         """
         call(self._driver, lambda _: self._parcel.move(x_m, y_m, yaw_rad), limit_s)
 

@@ -223,6 +223,9 @@ def test_a_call_that_takes_too_long_is_given_up_and_the_table_goes_on():
             table.signal("never", limit_s=0.2)
         with pytest.raises(mdms.TimeLimitError):
             table["box"].move(0.10, 0.0, limit_s=0.05)
+        # Nobody waits for it, so it comes to rest.
+        table.sleep(1.0)
+        assert table["box"].pose[0] < -0.05
         table["box"].move(-0.05, 0.0)
         assert table["box"].pose[:2] == pytest.approx((-0.05, 0.0), abs=3e-3)
         assert table.signal("scanner", limit_s=1.0) == "A"
