@@ -180,8 +180,11 @@ class ScriptTask(Generic[Result]):
             condition = self._routine.send(None)
         except StopIteration as end:
             self._result, self.done = end.value, True
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             # sys.exit() in a program ends the program, and not the host that has cells to turn off.
+            # So does an error of asyncio that is no `Exception`.
             self.error, self.done = error, True
         else:
             if not callable(condition):

@@ -63,6 +63,7 @@ def test_steering_without_any_push_or_speed_is_refused(capsys, override, told):
         ("await table['bx'].move(0, 0)", ExitCode.TIME_LIMIT, "did you mean 'box'?"),
         ("table['box'].move(0.0, 0.0)", ExitCode.FAILURE, "move() has no await before it"),
         ("raise ValueError('two\\nlines')", ExitCode.FAILURE, "ValueError: two lines, in main (wr"),
+        ("raise asyncio.CancelledError", ExitCode.FAILURE, "failed: CancelledError, in main (wr"),
         ("raise ValueError", ExitCode.FAILURE, "failed: ValueError, in main (wrong.py, line 4)"),
         ("await asyncio.sleep(1)", ExitCode.FAILURE, "await table.sleep(1.0) in place of asyncio"),
     ],
