@@ -116,6 +116,7 @@ class Recorder:
 
     def __init__(self) -> None:
         self.done: list[Any] = []
+        self.answer = "done"
         self.abandoned = 0
         self.stuck = threading.Event()
         self._signals = SnapshotSignals(Layout(6, 3), 1)
@@ -139,7 +140,7 @@ class Recorder:
         if isinstance(command, StopAll) and self.stuck.is_set():
             raise PageRefusedError("it is stuck")
         self.done.append(command)
-        return "done"
+        return self.answer
 
     def abandon(self) -> None:
         self.abandoned += 1

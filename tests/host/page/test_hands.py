@@ -85,6 +85,29 @@ def test_every_hand_asks_for_its_own_command(still, open_page):
     assert asked(page, table) == commands.StopAll()
 
 
+@pytest.mark.parametrize("by", ["Escape", "a second finger"])
+def test_a_drag_that_is_broken_off_puts_a_lifted_parcel_back(still, open_page, by):
+    table, address = still
+    page = open_page(address)
+    table.answer = "fault 7"
+    page.click("[data-tool=lift]")
+    page.mouse.move(*place_of(page, -0.15, 0.04))
+    page.mouse.down()
+    page.mouse.move(*place_of(page, 0.05, 0.08), steps=8)
+    assert asked(page, table) == commands.BeginFault(Fault("lift", parcel="box"))
+    if by == "Escape":
+        page.keyboard.press(by)
+    else:
+        finger = {"pointerId": 9, "pointerType": "touch", "isPrimary": False}
+        # Only a pointer of the browser's own can be captured.
+        page.evaluate("page.picture.canvas.setPointerCapture = () => {}")
+        page.dispatch_event("#table", "pointerdown", finger)
+    assert asked(page, table) == commands.EndFault(7)
+    page.mouse.up()
+    page.keyboard.press("Space")
+    assert asked(page, table) == commands.StopAll()
+
+
 def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
     _, address = still
     page = open_page(address)

@@ -28,6 +28,11 @@ export class Hands {
       page.redraw();
     }, { passive: false });
     canvas.addEventListener("keydown", (event) => this.key(event));
+    window.addEventListener("keydown", ({ key }) => {
+      if (key !== "Escape") return;
+      this.cancel();
+      this.pointers.clear();
+    });
     setInterval(() => this.hold(), HOLD_MS);
   }
 
@@ -63,7 +68,7 @@ export class Hands {
     this.picture.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
     if (this.pointers.size > 1) {
-      this.drop();
+      this.cancel();
       return;
     }
     this.from = [event.offsetX, event.offsetY];
@@ -169,6 +174,12 @@ export class Hands {
     const down = await this.page.order("end_fault", { number, ...where });
     // Beside the table it would fall: it goes back to where it was.
     if (!down.ok) this.page.order("end_fault", { number });
+  }
+
+  /** Ends a drag without its deed: a parcel that was lifted goes back to where it was. */
+  cancel() {
+    if (this.held && this.moved) this.letGo(this.held, true);
+    this.drop();
   }
 
   drop() {
