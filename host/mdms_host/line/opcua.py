@@ -37,6 +37,8 @@ APPLICATION_URI = "urn:mdms-array:table"
 _BASE_TYPE = 6
 #: Who gives commands, for the machine.
 CLIENT = "opcua"
+#: A further connection is closed at once; one that opens no session ends after half a minute.
+MOST_CONNECTIONS = 100
 _FAULT_SEVERITY, _NEWS_SEVERITY = 800, 100
 
 _V = ua.VariantType
@@ -312,6 +314,7 @@ class OpcUaServer:
         users = Users(settings["users"], settings["anonymous"])
         self._server = server = Server(user_manager=users)
         await server.init()
+        server.iserver.max_connections = MOST_CONNECTIONS
         await server.set_application_uri(APPLICATION_URI)
         server.set_server_name(f"mdms: {self._title}")
         server.set_endpoint(f"opc.tcp://{host}:{port}/mdms/")

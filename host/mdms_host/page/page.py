@@ -29,6 +29,8 @@ _LONGEST = 16_384
 _PING_S = 5.0
 #: A browser opens up to six connections besides its WebSocket; of more, the oldest is closed.
 MOST_CONNECTIONS = 128
+#: Connections are accepted so many at once: all have a file descriptor before one is closed.
+_BACKLOG = 32
 
 #: What is to be done, its answer, and whether it is a command, which a stop calls off.
 Work = tuple[Callable[[], Any], "Future[Any]", bool]
@@ -88,6 +90,7 @@ class Page:
                 lifespan="off",
                 log_config=None,
                 access_log=False,
+                backlog=_BACKLOG,
                 server_header=False,
                 http=_Connection,
                 ws="websockets-sansio",

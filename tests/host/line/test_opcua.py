@@ -1,6 +1,7 @@
 """What clients of OPC UA may write and call, with a client of asyncua."""
 
 import asyncio
+import socket
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from tests.free_port import free_port
 from tests.host.line.played_table import PlayedTable, plant_in
 from tests.system.line.opcua import opcua_client
 
-from mdms_host.line.opcua import LINE_URI, OpcUaServer, certificate_of
+from mdms_host.line.opcua import LINE_URI, MOST_CONNECTIONS, OpcUaServer, certificate_of
 from mdms_host.line.plant import Plant
 
 pytestmark = pytest.mark.slow
@@ -147,5 +148,23 @@ def test_arguments_of_other_types_or_numbers_are_invalid_and_nothing_is_done(
             given = await served.line.call_method(f"{own}:GiveOrderToExit", *to_north, guessed)
             assert given == ["accepted", False]
         await served.line.call_method(f"{own}:SetIdealRate", 600)
+
+    with_client(tmp_path, talk)
+
+
+def test_a_crowd_that_opens_no_session_disturbs_no_client(tmp_path: Path) -> None:
+    async def talk(served: Served) -> None:
+        place = ("127.0.0.1", int(served.server.address.split(":")[2].split("/")[0]))
+        crowd = []
+        for _ in range(MOST_CONNECTIONS + 20):
+            crowd.append(socket.create_connection(place))
+            await asyncio.sleep(0)
+        await served.line.read_browse_name()
+        # The last ones are closed, and hold no file descriptor.
+        crowd[-1].setblocking(False)
+        closed = asyncio.get_running_loop().sock_recv(crowd[-1], 1)
+        assert await asyncio.wait_for(closed, 5.0) == b""
+        for each in crowd:
+            each.close()
 
     with_client(tmp_path, talk)

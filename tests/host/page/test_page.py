@@ -1,6 +1,8 @@
 """The service of the page to its clients: pages, commands, control, and limits."""
 
 import json
+import os
+import resource
 import socket
 import threading
 import time
@@ -264,6 +266,24 @@ def test_connections_that_ask_for_nothing_keep_nobody_out(page, visit):
     assert visit().ask("stop_all")["ok"]
     for each in silent:
         each.close()
+
+
+def test_a_crowd_that_comes_at_once_leaves_file_descriptors(page, caplog):
+    crowd = [socket.socket() for _ in range(4 * MOST_CONNECTIONS)]
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = len(os.listdir("/proc/self/fd")) + 2 * MOST_CONNECTIONS + 50
+    page._call(time.sleep, 0.3)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, before[1]))
+    try:
+        for each in crowd:
+            each.setblocking(False)
+            each.connect_ex((LOOPBACK, page.gate.port))
+        assert fetched(page, "/")[0] == 200
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+        for each in crowd:
+            each.close()
+    assert not caplog.records
 
 
 def test_clients_without_a_token_keep_nobody_out_that_has_one(table, visit):
