@@ -6,8 +6,9 @@ A full or broken disk ends no run: what cannot be written is dropped, and said o
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from errno import ENOSPC
+from io import FileIO
 from pathlib import Path
-from typing import TextIO
 
 try:
     import fcntl
@@ -22,6 +23,8 @@ EVENTS, FRAMES, LOCK = "events.log", "bus.log", ".lock"
 #: Bytes of a file, and how many of them are kept; frames of 18 cells come to 170 kB/s.
 EVENT_BYTES, EVENT_FILES = 1_000_000, 10
 FRAME_BYTES, FRAME_FILES = 64_000_000, 16
+#: Lines go to the operating system when they are so many bytes.
+_AT_ONCE_BYTES = 8192
 
 
 class RotatingFile:
@@ -42,33 +45,48 @@ class RotatingFile:
         self._most_files = most_files
         self._failed = failed
         self._has_failed = False
-        self._file: TextIO | None = None
+        self._file: FileIO | None = None
+        #: Lines that wait for the file.
+        self._lines = bytearray()
         self._size = 0
 
     def write(self, text: str) -> None:
         """Append whole lines."""
+        lines = text.encode(errors="backslashreplace")
         try:
-            if self._file is not None and self._size + len(text) > self._most_bytes:
+            size = self._size + len(self._lines) + len(lines)
+            if self._file is not None and size > self._most_bytes:
                 self._rotate()
             if self._file is None:
-                self._file = self.path.open("a", encoding="utf-8")
+                self._file = self.path.open("ab", buffering=0)
                 self._size = self._file.tell()
-            self._file.write(text)
-            self._size += len(text)
-            self._has_failed = False
         except OSError as error:
             self._fail(error)
+        else:
+            self._lines += lines
+            if len(self._lines) >= _AT_ONCE_BYTES:
+                self.flush()
 
     def flush(self) -> None:
-        """Hand the written lines to the operating system."""
+        """Hand the written lines to the operating system, all of them or none."""
+        lines, self._lines = self._lines, bytearray()
+        if self._file is None or not lines:
+            return
         try:
-            if self._file is not None:
-                self._file.flush()
+            if self._file.write(lines) != len(lines):
+                # Half a line would spoil the next one.
+                self._file.truncate(self._size)
+                raise OSError(ENOSPC, os.strerror(ENOSPC))
         except OSError as error:
             self._fail(error)
+        else:
+            self._size += len(lines)
+            # A file that could not give way is written, too.
+            self._has_failed &= self._size > self._most_bytes
 
     def reopen(self) -> None:
         """Close the file: the next line opens that of this name, another where it was moved."""
+        self.flush()
         file, self._file = self._file, None
         if file is not None:
             with suppress(OSError):

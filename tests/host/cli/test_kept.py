@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import socket
 import time
 from argparse import Namespace
@@ -86,6 +87,24 @@ def test_a_disk_that_takes_nothing_is_said_once_and_ends_nothing(tmp_path) -> No
     file.write("two\n")
     file.reopen()
     assert (tmp_path / "gone" / "events.log").read_text() == "two\n"
+
+
+def test_a_disk_that_was_full_is_said_once_and_leaves_whole_lines(tmp_path) -> None:
+    said: list[str] = []
+    file = RotatingFile(tmp_path / "bus.log", 10**6, 3, said.append)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        for number in range(10_000):
+            file.write(f"{number:09d}\n")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    file.write("room \udcff\n")
+    file.reopen()
+    *lines, last = (tmp_path / "bus.log").read_text().splitlines()
+    assert len(said) == 1
+    assert {len(line) for line in lines} == {9}
+    assert last == r"room \udcff"
 
 
 def test_events_have_the_time_of_day_and_one_line_each(tmp_path) -> None:
