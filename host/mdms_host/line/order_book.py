@@ -7,6 +7,7 @@ import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, suppress
+from os.path import samestat
 from pathlib import Path
 from time import time
 from typing import Any, Self
@@ -69,6 +70,7 @@ class OrderBook:
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=1.0)
             try:
                 self._open()
+                self._opened = path.stat()
             except BaseException:
                 self._connection.close()
                 raise
@@ -119,6 +121,13 @@ class OrderBook:
         for (value,) in self._connection.execute("SELECT value FROM machine"):
             json.loads(value)
 
+    def _check_place(self) -> None:
+        """Raises `OrderBookError` if the file is elsewhere by now: a restart would not find it."""
+        with suppress(OSError):
+            if samestat(self._opened, self.path.stat()):
+                return
+        raise OrderBookError(f"{self.path} was moved or removed; put it back, or start again")
+
     def _forget_old(self, now_s: float) -> None:
         closed = ", ".join("?" * len(CLOSED))
         self._connection.execute(
@@ -154,6 +163,7 @@ class OrderBook:
                     f"{before.exit or (before.x_m, before.y_m)} already; choose another key"
                 )
             return str(self.state(order.key)), False
+        self._check_place()
         now_s = time()
         values = [getattr(order, name) for name in _FIELDS]
         try:
@@ -182,6 +192,7 @@ class OrderBook:
     def _catch_up(self) -> None:
         """Write the changes that are late."""
         try:
+            self._check_place()
             for key, values in list(self._late_orders.items()):
                 self._connection.execute(
                     "UPDATE orders SET state = ?, text = ?, changed_unix_s = ? WHERE key = ?",
@@ -195,6 +206,8 @@ class OrderBook:
                 del self._late_values[name]
         except sqlite3.DatabaseError as error:
             self.trouble = f"{self.path}: {error}"
+        except OrderBookError as error:
+            self.trouble = str(error)
         else:
             self.trouble = None
 

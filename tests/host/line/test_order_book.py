@@ -193,6 +193,21 @@ def test_changes_that_cannot_be_written_hold_and_are_written_later(tmp_path: Pat
         assert (book.state("o1"), book.kept("recipe")) == (OrderState.LEFT, "gentle")
 
 
+def test_a_book_that_is_moved_away_takes_no_order_until_it_is_back(tmp_path: Path) -> None:
+    with OrderBook(tmp_path / "state" / "book") as book:
+        (tmp_path / "state").rename(tmp_path / "moved")
+        with pytest.raises(OrderBookError, match="was moved or removed; put it back"):
+            book.accept(ORDER)
+        book.keep("recipe", "gentle")
+        assert "was moved or removed" in (book.trouble or "")
+        (tmp_path / "moved").rename(tmp_path / "state")
+        assert book.accept(ORDER) == (OrderState.ACCEPTED, True)
+        book.keep("mode", 1)
+        assert book.trouble is None
+    with OrderBook(tmp_path / "state" / "book") as book:
+        assert book.kept("recipe") == "gentle"
+
+
 def test_a_file_that_is_no_book_or_is_open_elsewhere_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text").write_text("no database, but long enough to be looked at" * 30)
     with pytest.raises(OrderBookError, match="--state"):
