@@ -6,7 +6,7 @@ Execute. A run of the table begins with Reset and ends with Stop, Abort or a fau
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from math import inf
 from typing import Any, Generic, TypeVar
 
@@ -263,7 +263,9 @@ class Machine:
             case "ideal":
                 self.ideal_per_hour = values["per_hour"]
             case "restore":
-                self.figures = Figures(**values["figures"])
+                # The book may be of a later version.
+                kept = {each.name for each in fields(Figures)} & values["figures"].keys()
+                self.figures = Figures(**{name: values["figures"][name] for name in kept})
                 spent = values["spent_s"].items()
                 self.states.spent_s = {State(int(state)): spent_s for state, spent_s in spent}
                 self.states.reason = values["reason"]

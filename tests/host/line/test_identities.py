@@ -71,7 +71,7 @@ def test_a_parcel_that_came_to_a_clear_table_in_stopped_is_the_announced_one() -
 
 @pytest.mark.slow
 def test_after_a_restart_a_parcel_that_lies_there_has_no_identity(line) -> None:
-    line.do("restore", figures={"parcels_in": 1}, spent_s={}, reason="")
+    line.do("restore", figures={"parcels_in": 1, "of_a_later_version": 2}, spent_s={}, reason="")
     line.pass_s(1.5)
     assert [e.kind for e in line.simulation.world.events] == ["arrival"]
     line.command(Command.RESET)
