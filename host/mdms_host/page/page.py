@@ -27,6 +27,8 @@ ANSWER_LIMIT_S = 5.0
 #: A message of a client is no longer than this [bytes].
 _LONGEST = 16_384
 _PING_S = 5.0
+#: The server ends within this [s].
+_CLOSES_S = 5.0
 #: A browser opens up to six connections besides its WebSocket; of more, the oldest is closed.
 MOST_CONNECTIONS = 128
 #: Connections are accepted so many at once: all have a file descriptor before one is closed.
@@ -121,7 +123,10 @@ class Page:
     def close(self) -> None:
         """End the server; its clients see that it is gone."""
         self._server.should_exit = True
-        self._thread.join(timeout=5.0)
+        end_s = self._clock.now_s() + _CLOSES_S
+        while self._thread.is_alive() and self._clock.now_s() < end_s:
+            self._refuse_all()
+            self._thread.join(0.05)
         self._socket.close()
 
     # In the thread that drives the table ---------------------------------------------------------
@@ -151,6 +156,14 @@ class Page:
             ask, answer, is_command = self._work.get_nowait()
             _settle(_called_off if is_command else ask, answer)
         _settle(lambda: self._table.do(StopAll()), stop)
+
+    def _refuse_all(self) -> None:
+        """Answer everything that waits: nobody carries it out any more."""
+        stop, self._stop = self._stop, None
+        if stop is not None:
+            _settle(_ended, stop)
+        while not self._work.empty():
+            _settle(_ended, self._work.get_nowait()[1])
 
     def _do_one(self) -> bool:
         try:
@@ -247,6 +260,10 @@ def _settle(ask: Callable[[], Any], answer: "Future[Any]") -> None:
 
 def _called_off() -> None:
     raise PageRefusedError("all has been stopped meanwhile; ask again")
+
+
+def _ended() -> None:
+    raise PageRefusedError("the command has ended")
 
 
 def _listen(host: str, port: int) -> socket.socket:

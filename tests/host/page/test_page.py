@@ -297,6 +297,16 @@ def test_clients_without_a_token_keep_nobody_out_that_has_one(table, visit):
     assert table.done == [commands.Start(), commands.StopAll()]
 
 
+def test_a_command_that_waits_at_the_end_is_refused(table, caplog):
+    with Page(table, MonotonicClock()) as page:
+        visitor = welcomed(page, page.gate.token)
+        visitor.say({"id": 5, "command": "start"})
+        visitor.say({"id": 6, "command": "stop_all"})
+        wait_until(lambda: page._work.qsize() == 1)
+    assert not page._thread.is_alive()
+    assert (table.done, caplog.records) == ([], [])
+
+
 def test_public_requests_leave_room_for_commands(table):
     with Page(table, MonotonicClock()) as page:
         visitor = welcomed(page, page.gate.token)
