@@ -108,6 +108,24 @@ def test_a_drag_that_is_broken_off_puts_a_lifted_parcel_back(still, open_page, b
     assert asked(page, table) == commands.StopAll()
 
 
+def test_a_drag_ends_where_another_parcel_takes_the_number_of_its_own(still, open_page):
+    table, address = still
+    page = open_page(address)
+    page.mouse.move(*place_of(page, -0.15, 0.04))
+    page.mouse.down()
+    page.mouse.move(*place_of(page, -0.05, 0.08), steps=8)
+    wait_for_commands(page, table, 1)
+    table._things = {"crate": table._things["box"], "unknown-1": table._things["unknown-1"]}
+    table.version = 2
+    wait_until(page, "() => page.table.parcels[0].name === 'crate'")
+    page.mouse.up()
+    page.keyboard.press("Space")
+    wait_until(page, "() => page.wire.waiting.size === 0")
+    *goals, stop = table.done
+    assert {goal.parcel for goal in goals} == {"box"}
+    assert stop == commands.StopAll()
+
+
 def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
     _, address = still
     page = open_page(address)

@@ -73,6 +73,9 @@ class Page {
   setTable(table) {
     const before = this.table, same = before && before.title === table.title && before.columns === table.columns;
     const chosen = same ? this.picture.chosen : null;
+    const held = this.hands.held?.parcel;
+    // Its number is another parcel's by now, or nobody's.
+    if (held !== undefined && !(same && table.parcels[held]?.name === before.parcels[held].name)) this.hands.drop();
     this.table = table;
     this.unpacker = new Unpacker(table);
     if (!same) this.snapshot = null;
