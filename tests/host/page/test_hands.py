@@ -126,6 +126,21 @@ def test_a_drag_ends_where_another_parcel_takes_the_number_of_its_own(still, ope
     assert stop == commands.StopAll()
 
 
+def test_a_page_that_is_open_in_the_evening_turns_dark_and_fits_long_names(still, open_page):
+    page = open_page(still[1])
+    for theme in ("dark", "light"):
+        page.emulate_media(color_scheme=theme)
+        wait_until(page, "theme => document.documentElement.dataset.theme === theme", theme)
+    page.evaluate(
+        "name => page.line.take({ state: 'Held', mode: 'Production', reason: name, alarm: null,"
+        " counters: [[name, '1']], orders: [[name, name, name, 'under way']] })",
+        "k" * 64,
+    )
+    page.click("#tab-line")
+    panel = page.locator("#line")
+    assert panel.evaluate("panel => panel.scrollWidth <= panel.clientWidth")
+
+
 def test_table_is_zoomed_and_panned_by_wheel_hand_and_keys(still, open_page):
     _, address = still
     page = open_page(address)

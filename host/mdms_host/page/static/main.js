@@ -43,7 +43,10 @@ class Page {
     this.dirty = false;
     this.text_ms = this.plots_ms = 0;
     this.listen();
-    this.setTheme(localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
+    const dark = matchMedia("(prefers-color-scheme: dark)");
+    const setTheme = () => this.setTheme(localStorage.getItem("theme") ?? (dark.matches ? "dark" : "light"));
+    dark.addEventListener("change", setTheme);
+    setTheme();
     this.wire = new Wire({
       message: (message) => this.take(message),
       snapshot: (buffer) => this.show(buffer),
