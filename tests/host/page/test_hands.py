@@ -126,6 +126,23 @@ def test_a_drag_ends_where_another_parcel_takes_the_number_of_its_own(still, ope
     assert stop == commands.StopAll()
 
 
+def test_a_drag_does_not_outlive_its_connection(still, open_page):
+    table, address = still
+    page = open_page(address)
+    page.mouse.move(*place_of(page, -0.15, 0.04))
+    page.mouse.down()
+    page.mouse.move(*place_of(page, -0.05, 0.08), steps=8)
+    wait_for_commands(page, table, 1)
+    page.evaluate("page.wire.socket.close()")
+    wait_until(page, "() => !page.mayMove")
+    table.done.clear()
+    wait_until(page, "() => page.mayMove")
+    page.mouse.move(*place_of(page, 0.05, 0.08), steps=8)
+    page.mouse.up()
+    page.keyboard.press("Space")
+    assert asked(page, table) == commands.StopAll()
+
+
 def test_a_page_that_is_open_in_the_evening_turns_dark_and_fits_long_names(still, open_page):
     page = open_page(still[1])
     for theme in ("dark", "light"):

@@ -146,6 +146,8 @@ class Page {
   connected(connected) {
     document.body.classList.toggle("gone", !connected);
     if (connected) return;
+    // The table takes the hand for gone. A browser that wakes up must not go on with an old drag.
+    this.hands.drop();
     this.control = null;
     $("phase").textContent = "the table is gone";
     $("phase").className = "chip gone";
