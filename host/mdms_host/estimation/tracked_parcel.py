@@ -20,6 +20,10 @@ LEARNED_M = 0.002
 _DEVIATIONS = 3.0
 #: A parcel that sensors still show has left where its centre is so far past its gate [m].
 _OUT_M = 0.02
+#: A parcel that sensors have lost was on its way through if its centre was to be so near its gate
+#: soon, as it went [m, s]. One that stands farther away was taken by a hand.
+_NEARLY_OUT_M = 0.06
+_SOON_S = 0.5
 #: A parcel that came and is lost so soon after it was found was another thing [s].
 _PROVEN_S = 2.0
 #: A parcel lies elsewhere than told if it is first found so far from there [m].
@@ -63,6 +67,8 @@ class TrackedParcel:
         self.gate: ExitLine | None = None
         self.expected = region is not None
         self.place: Floats | None = None
+        #: How fast it went while that was sure.
+        self._went_m_s: Floats = np.zeros(2)
         #: Its pose when it was last believed anywhere, sure or not.
         self.last: Floats | None = None
         if parcel.near_m is not None:
@@ -166,6 +172,7 @@ class TrackedParcel:
                 told_m = self.last[:2] if self.parcel.near_m is None else self.parcel.near_m
                 self.elsewhere = bool(np.hypot(*(self.last[:2] - told_m)) > _ELSEWHERE_M)
             self.place, self.expected = self.last, False
+            self._went_m_s = self.estimator.twist[:2].copy()
             self.region = self.awaited_at = None
 
     def was_none(self, now_s: float) -> bool:
@@ -213,7 +220,10 @@ class TrackedParcel:
                 return past_m >= 0.0
             found_m = self.place[:2] if self._found_m is None else self._found_m
             return past_m >= _OUT_M and float(self.gate.past_m(found_m)) < 0.0
-        return self.gate.reached_by(self.estimator.footprint, self.last) and not shown
+        if shown or not self.gate.reached_by(self.estimator.footprint, self.last):
+            return False
+        soon_m = self.last[:2] + _SOON_S * self._went_m_s
+        return float(self.gate.past_m(soon_m)) >= -_NEARLY_OUT_M
 
     def take_change(self) -> BeliefChange | None:
         """That its standing is another than at the last call."""

@@ -353,6 +353,21 @@ def test_a_parcel_that_is_to_stay_after_all_is_lost_and_has_not_departed() -> No
     assert table.events()[-1] == ("box", BeliefEvent.LOST)
 
 
+@pytest.mark.parametrize(
+    ("line_m", "event"), [(0.52, BeliefEvent.LOST), (0.45, BeliefEvent.DEPARTED)]
+)
+def test_a_parcel_that_a_hand_takes_while_it_stands_has_left_if_it_was_nearly_out(
+    line_m, event
+) -> None:
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, 0.40, 0.0, 0.0)
+    table.run(2.5)
+    table.tracker.depart("box", ExitLine(line_m, 0.0, 0.0))
+    table.take("box")
+    table.run(1.5)
+    assert table.events()[-1] == ("box", event)
+
+
 def test_a_stuck_sensor_at_an_exit_does_not_keep_a_parcel_there() -> None:
     stuck = int(np.hypot(*(SENSORS_M - (0.508, 0.0635)).T).argmin())
     table = Lying(LAYOUT, (BOX,), stuck=(stuck,))
@@ -670,7 +685,7 @@ def test_a_parcel_that_is_lost_at_its_exit_has_not_left_while_something_is_shown
     table = Lying(LAYOUT, (Parcel("box", 0.36, 0.30, near_m=(0.40, 0.0)),))
     table.put("box", BOTTOM, 0.40, 0.0, 0.0)
     table.run(0.5)
-    table.tracker.depart("box", ExitLine(0.52, 0.0, 0.0))
+    table.tracker.depart("box", ExitLine(0.45, 0.0, 0.0))
     table.take("box")
     table.put("crumb", Rectangle(0.15, 0.15), 0.34, 0.0, 0.0)
     table.run(1.5)
