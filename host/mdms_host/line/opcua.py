@@ -12,7 +12,7 @@ from hashlib import sha256
 from hmac import compare_digest
 from math import isnan
 from pathlib import Path
-from socket import gethostname
+from socket import SO_KEEPALIVE, SOL_SOCKET, gethostname
 from typing import Any
 
 from asyncua import Server, ua
@@ -330,6 +330,9 @@ class OpcUaServer:
         await self._build(settings["cells"])
         server.subscribe_server_callback(CallbackType.PostWrite, self._on_written)
         await server.start()
+        for listening in server.bserver._server.sockets:
+            # Connections inherit it. A client whose cable was pulled loses its place so.
+            listening.setsockopt(SOL_SOCKET, SO_KEEPALIVE, 1)
         self._plant.on_report.append(self._reports.append)
         self.address = f"opc.tcp://{host}:{port}/mdms/"
 
