@@ -152,17 +152,12 @@ def test_arguments_of_other_types_or_numbers_are_invalid_and_nothing_is_done(
     with_client(tmp_path, talk)
 
 
-def test_a_connection_is_asked_whether_its_client_is_still_there(tmp_path: Path) -> None:
+def test_a_crowd_that_opens_no_session_disturbs_no_client(tmp_path: Path) -> None:
     async def talk(served: Served) -> None:
         (transport,) = served.server._server.iserver.asyncio_transports
         connection = transport.get_extra_info("socket")
+        # A client whose cable was pulled is found out.
         assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
-
-    with_client(tmp_path, talk)
-
-
-def test_a_crowd_that_opens_no_session_disturbs_no_client(tmp_path: Path) -> None:
-    async def talk(served: Served) -> None:
         place = ("127.0.0.1", int(served.server.address.split(":")[2].split("/")[0]))
         crowd = []
         for _ in range(MOST_CONNECTIONS + 20):
