@@ -67,6 +67,9 @@ class OrderBook:
         self._late_values: dict[str, str] = {}
         self._accepted = 0
         try:
+            if path.is_file() and path.stat().st_size < 2:
+                # SQLite takes it for a new book, in which every order would be accepted again.
+                raise ValueError("cut off to nothing")
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=1.0)
             try:
                 self._open()

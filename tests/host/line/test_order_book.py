@@ -53,6 +53,15 @@ def test_a_book_that_the_disk_has_spoilt_is_refused_at_once(
         OrderBook(path)
 
 
+@pytest.mark.parametrize("left", [0, 1, 4096])
+def test_a_book_that_was_cut_off_is_no_new_one(tmp_path: Path, left: int) -> None:
+    with OrderBook(tmp_path / "book") as book:
+        book.accept(ORDER)
+    os.truncate(tmp_path / "book", left)
+    with pytest.raises(OrderBookError, match="move the file away"):
+        OrderBook(tmp_path / "book")
+
+
 def test_another_order_of_the_same_key_is_refused(tmp_path: Path) -> None:
     with OrderBook(tmp_path / "book") as book:
         book.accept(ORDER)
