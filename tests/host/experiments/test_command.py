@@ -206,6 +206,13 @@ def test_a_sweep_without_one_of_its_pictures_ends_with_1(file, tmp_path, capsys)
     assert (tmp_path / "runs" / "fig8" / "end.png").is_file()
 
 
+def test_a_sweep_without_a_picture_ends_with_the_line_of_its_table(file, capsys):
+    file.write_text(FILE.split("[[plot]]")[0].replace('"slipping_share", "parcels.0.x_m", ', ""))
+    file.with_name("own.py").write_text("def end_m(run): return None\n")
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
+    assert capsys.readouterr().out.endswith("8 runs, 0 failed: runs/fig8/table.csv\n")
+
+
 def test_a_file_of_measures_that_ends_its_process_is_refused(file, capsys):
     (file.parent / "own.py").write_text("raise SystemExit(0)\n")
     assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.USAGE
