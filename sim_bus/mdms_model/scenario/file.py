@@ -131,9 +131,9 @@ def _locate(name_or_path: str | Path) -> Path:
         return SCENARIOS / f"{name_or_path}.toml"
     path = Path(name_or_path)
     try:
-        if path.is_dir():
+        if (path / "meta.json").is_file():
             return path / "meta.json"
-        there = path.exists()
+        there, is_folder = path.exists(), path.is_dir()
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
     if not there:
@@ -141,6 +141,10 @@ def _locate(name_or_path: str | Path) -> Path:
         hint = f"did you mean {close[0]}? " if close else ""
         raise ScenarioError(
             f"{path}: no such scenario file; {hint}built-in scenarios: {', '.join(builtin_names())}"
+        )
+    if is_folder:
+        raise ScenarioError(
+            f"{path}: not a run folder: it has no meta.json; give a TOML file or a run folder"
         )
     return path
 

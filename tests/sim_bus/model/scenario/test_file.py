@@ -239,7 +239,7 @@ def test_bad_toml_is_refused_with_its_line(row):
 
 def test_file_that_is_none_is_refused(tmp_path, row):
     assert "no such scenario file; built-in scenarios: array18" in refusal(tmp_path / "none.toml")
-    assert "meta.json: cannot be read: No such file" in refusal(tmp_path)
+    assert f"{tmp_path}: not a run folder: it has no meta.json; give" in refusal(tmp_path)
     row.write_bytes(b"\xff\xfe\x00")
     assert "is no text in UTF-8; give a TOML file" in refusal(row)
 
