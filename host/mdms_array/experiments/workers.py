@@ -6,6 +6,7 @@ Libraries read how many threads they may start when they are imported.
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from importlib import import_module
 from typing import Any
@@ -17,8 +18,11 @@ def prepare_worker(ready: Any) -> None:
     """Take one thread, leave Ctrl-C to the process that started this one, and end with it.
 
     The simulator is imported once; compiled code is loaded with the first run. `ready` is set then.
+    Prints of runs go to stderr.
     """
     os.environ.update(dict.fromkeys(_THREADS, "1"))
+    # Stdout is for the table of all runs, or for one JSON object.
+    sys.stdout = sys.stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:

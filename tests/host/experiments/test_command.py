@@ -75,6 +75,17 @@ def test_a_sweep_leaves_tables_a_summary_and_pictures(file, tmp_path, capsys):
     assert "--again 9: the table has no such row" in capsys.readouterr().err
 
 
+def test_what_a_file_of_measures_prints_keeps_out_of_json(file, capsys):
+    text = "print('loaded')\ndef end_m(run):\n    print('run')\n    return 1.0\n"
+    file.with_name("own.py").write_text(text)
+    # One run here: those of workers print to stderr.
+    assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
+    capsys.readouterr()
+    for more in ([], ["--again", "3"]):
+        assert main(["sweep", "fig8.toml", "--json", *more]) == ExitCode.OK
+        json.loads(capsys.readouterr().out)
+
+
 def test_a_row_that_comes_out_otherwise_is_an_error(file, tmp_path, capsys):
     assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
     with sqlite3.connect(tmp_path / "runs" / "fig8" / "journal.sqlite") as journal:
@@ -207,7 +218,9 @@ def test_a_sweep_without_one_of_its_pictures_ends_with_1(file, tmp_path, capsys)
 
 
 def test_a_sweep_without_a_picture_ends_with_the_line_of_its_table(file, capsys):
-    file.write_text(FILE.split("[[plot]]")[0].replace('"slipping_share", "parcels.0.x_m", ', ""))
+    file.write_text(
+        FILE.partition("[[plot]]")[0].replace('"slipping_share", "parcels.0.x_m", ', "")
+    )
     file.with_name("own.py").write_text("def end_m(run): return None\n")
     assert main(["sweep", "fig8.toml", "--workers", "1"]) == ExitCode.OK
     assert capsys.readouterr().out.endswith("8 runs, 0 failed: runs/fig8/table.csv\n")

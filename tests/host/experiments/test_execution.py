@@ -35,6 +35,7 @@ def place_m(run):
 
 def threads(run):
     import numba
+    print("printed")
     return numba.config.NUMBA_NUM_THREADS
 
 def kills_once(run):
@@ -78,13 +79,15 @@ def lasting(rows):
 
 
 @pytest.mark.slow
-def test_a_worker_that_is_killed_loses_no_run(measure):
+def test_a_worker_that_is_killed_loses_no_run(measure, capfd):
     measures = [measure("place_m"), measure("threads"), measure("kills_once")]
     result = mdms.sweep(ROW, OVER, seeds=2, measures=measures, workers=2)
     assert [row["failure"] for row in result.rows] == 8 * [None]
     assert {row["kills_once"] for row in result.rows} == {1.0}
     assert {row["threads"] for row in result.rows} == {1}
     assert len(lasting(result.rows)) == 8
+    # Stdout is for the table of all runs.
+    assert "printed" not in capfd.readouterr().out
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from mdms_array.experiments.summary import cells_of, summarised
 from mdms_array.experiments.sweep import Design, Progress, SweepResult, run_again, run_design
 from mdms_host.cli.console import show
 from mdms_host.cli.exits import CommandError, ExitCode
-from mdms_host.cli.streams import say
+from mdms_host.cli.streams import kept_for_json, say
 from mdms_model.errors import InputError
 
 #: A sweep with more settings is printed a parameter at a time.
@@ -33,7 +33,8 @@ def run(arguments: Namespace) -> ExitCode:
     """Do the missing runs, write the tables and pictures, and print a summary."""
     if arguments.again is not None:
         _refuse_beside_again(arguments)
-    design, plots = read_sweep(arguments.file)
+    with kept_for_json(arguments.json):
+        design, plots = read_sweep(arguments.file)
     folder = arguments.out or Path("runs") / arguments.file.stem
     if arguments.again is not None:
         return _again(design, folder, arguments.again, as_json=arguments.json)
@@ -196,7 +197,8 @@ def _refuse_beside_again(arguments: Namespace) -> None:
 
 def _again(design: Design, folder: Path, row: int, *, as_json: bool) -> ExitCode:
     out = folder / f"again-{row}"
-    columns = run_again(design, folder, row, out)
+    with kept_for_json(as_json):
+        columns = run_again(design, folder, row, out)
     if as_json:
         print(json.dumps(columns))
     elif columns["failure"] is not None:

@@ -15,6 +15,7 @@ from mdms_array.experiments.tuning import Trial, Tuned, TuningProblem, tune
 from mdms_array.extras import TUNE, require
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.simulation.sweep import running, tell_failures
+from mdms_host.cli.streams import kept_for_json
 from mdms_sim.plots.canvas import save
 
 PICTURE = "tuning.png"
@@ -23,7 +24,8 @@ PICTURE = "tuning.png"
 def run(arguments: Namespace) -> ExitCode:
     """Tune, draw the history, and print the best values beside those of the scenario."""
     require(TUNE, "mdms tune")
-    task = read_tuning(arguments.file)
+    with kept_for_json(arguments.json):
+        task = read_tuning(arguments.file)
     folder = arguments.out or Path("runs") / arguments.file.stem
     rows: list[Mapping[str, Any]] = []
 
