@@ -186,7 +186,8 @@ def write_tables(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """
     frame = frame_of(rows)
     write_csv(folder / CSV, frame)
-    _replace(folder / PARQUET, partial(frame.to_parquet, index=False))
+    # Pyarrow opens only paths in UTF-8.
+    _replace(folder / PARQUET, lambda path: path.write_bytes(frame.to_parquet(index=False)))
 
 
 def write_csv(path: Path, frame: Any) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import multiprocessing
+import os
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from datetime import date
@@ -343,8 +344,10 @@ def kept_friction(result):
 
 
 def test_records_are_kept_if_they_are_asked_for(executor, tmp_path):
+    # No name in UTF-8.
+    folder = tmp_path / os.fsdecode(b"\xe4")
     result = mdms.sweep(
-        ROW, {"cell.friction": [0.3]}, seeds=1, executor=executor, folder=tmp_path, records=True
+        ROW, {"cell.friction": [0.3]}, seeds=1, executor=executor, folder=folder, records=True
     )
     assert kept_friction(result) == [(0.3, 0.3)]
 
