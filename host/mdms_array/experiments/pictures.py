@@ -104,10 +104,16 @@ def draw_lines(result: "SweepResult", measure: str, over: str, by: str | None = 
             labelcolor=INK,
         )
         legend.set_alignment("left")
-    bands = "band: 95 % interval"
-    if _kind(result, measure) == "number" and _has_bands(_values(result, over)):
-        bands = "dark: 95 % interval of the median, light: 80 % of runs"
-    _title(figure, result, f"{_of(result, measure)} over {over}", bands)
+    bands = ["band: 95 % interval"]
+    if _kind(result, measure) == "number":
+        # Few runs have no interval, and runs that are alike no spread.
+        known = any(row.get(f"{measure}_median_low") is not None for row in rows)
+        spread = any(row.get(f"{measure}_q10") != row.get(f"{measure}_q90") for row in rows)
+        bands = known * bands
+        if _has_bands(_values(result, over)):
+            bands = known * ["dark: 95 % interval of the median"]
+            bands += spread * ["light: 80 % of runs"]
+    _title(figure, result, f"{_of(result, measure)} over {over}", ", ".join(bands))
     return figure
 
 

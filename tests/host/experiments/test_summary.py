@@ -148,6 +148,21 @@ def test_texts_of_a_picture_keep_apart_and_inside(measure, tmp_path):
         assert box.x1 < figure.bbox.x1
 
 
+def test_a_picture_names_the_bands_that_it_has(tmp_path):
+    lines, marks = {"cell.friction": [0.1, 0.2]}, {"motion.control": ["host", "cells"]}
+    for over, repeats, measures, told in (
+        (lines, 1, None, "8 runs; light: 80 % of runs"),
+        (lines, 2, None, "16 runs; dark: 95 % interval of the median, light: 80 % of runs"),
+        (lines, 1, {"time_s": 1.0}, "8 runs"),
+        (marks, 1, None, "8 runs"),
+        (marks, 2, None, "16 runs; band: 95 % interval"),
+    ):
+        drawn = table(over, measures)
+        result = mdms.SweepResult(drawn.rows * repeats, drawn.parameters, drawn.measures)
+        figure = result.plot(tmp_path / "picture.png", "time_s")
+        assert figure.texts[1].get_text() == told
+
+
 def test_a_picture_of_a_missing_column_is_refused(tmp_path):
     result = table({"cell.friction": GRID})
     with pytest.raises(mdms.InputError, match=r"speed has no numbers to draw; there are reached"):
