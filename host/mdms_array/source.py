@@ -10,7 +10,7 @@ from math import nan
 from numbers import Real
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any
+from typing import Any, cast
 
 from mdms_array.bus_load import refuse_overload
 from mdms_array.checks import refuse_large_gain, refuse_pushless, refuse_tipping
@@ -157,9 +157,11 @@ def read_program(path: str) -> tuple[str, Main]:
 def _function(names: Mapping[str, Any], name: str, path: str) -> Main:
     """The program of that name of a file. Raises `InputError`."""
     main = names.get(name)
-    if not inspect.iscoroutinefunction(main):
-        raise _wrong(path, f"has no `async def {name}(table)`")
-    return main
+    try:
+        check_program(main)
+    except InputError:
+        raise _wrong(path, f"has no `async def {name}(table)`") from None
+    return cast(Main, main)
 
 
 def _names(path: str) -> dict[str, Any]:

@@ -46,6 +46,7 @@ def test_a_file_that_is_no_python_has_no_main():
         (MAIN, "has no SCENARIO"),
         ('SCENARIO = "sort54"\n', "has no `async def main"),
         ('SCENARIO = "sort54"\ndef main(table):\n    pass\n', "has no `async def main"),
+        ('SCENARIO = "sort54"\nasync def main():\n    pass\n', "has no `async def main"),
         ("async main\n", "line 1: "),
         ("import nothing_of_that_name\n", "ModuleNotFoundError: No module named"),
         ("raise SystemExit(0)\n", "SystemExit: 0"),
