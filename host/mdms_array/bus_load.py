@@ -126,7 +126,8 @@ def _needed(users: _Users, wire: Wire) -> str:
 
 def _help(users: _Users, wire: Wire) -> str:
     """Ways to bring the load down, as far as they do."""
-    ways = [f"{_traffic(wire, users.control).most_cells()} cells a bus"]
+    most = _traffic(wire, users.control).most_cells()
+    ways = [f"{most} cells a bus"] if most else []
     slower = replace(wire, sync_period_s=SYNC_PERIOD_MOST_S)
     may_be_slower = users.control == "host" and wire.sync_period_s < SYNC_PERIOD_MOST_S
     if may_be_slower and users.load(slower) <= OVERLOADED:

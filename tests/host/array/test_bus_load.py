@@ -33,6 +33,7 @@ def test_a_cure_that_does_not_help_is_not_said():
     assert message.endswith("take 6 cells a bus or a higher bit rate")
     message = refusal("wire.bitrate=500000", "wire.sync_period_s=0.02", "array.columns=10")
     assert message.endswith("take 27 cells a bus or a higher bit rate")
+    assert refusal("wire.bitrate=10000").endswith("silent; take a higher bit rate")
 
 
 def test_too_many_cells_are_refused_and_a_slower_sync_carries_them():
