@@ -60,7 +60,11 @@ class _Numbered(io.TextIOWrapper):
 
     def __next__(self) -> str:  # type: ignore[override]
         self.number += 1
-        return super().__next__()
+        line = super().__next__()
+        if not line.endswith("\n"):
+            # A part of a frame would be sent as a whole one.
+            raise ValueError("the last line is cut off; remove it")
+        return line
 
 
 def _read(message: can.Message) -> tuple[float, Frame, str]:

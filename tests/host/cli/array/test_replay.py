@@ -235,6 +235,7 @@ def test_player_keeps_the_times_of_the_log():
     [
         (None, "no such bus log"),
         ("no log\n", "not a candump log"),
+        ("(0.1) can1 60F#2F6060", "the last line is cut off; remove it"),
         ("(nan) can1 080#\n", "not a candump log: a time is nan"),
         ("(1e400) can1 080#\n", "not a candump log: a time is inf"),
         ("(1.0) can1 701#000102030405060708\n", "701#000102030405060708 is no frame of CAN"),
