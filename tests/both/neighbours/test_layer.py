@@ -412,6 +412,32 @@ def test_parcel_that_stands_for_want_of_a_cell_goes_to_a_goal_that_is_before_it(
     assert abs(middle.x_um + 121_500) < 1_000
 
 
+class Awaited(Middle):
+    """The parcel lies in the west, asks for the cell, and does not come yet."""
+
+    placed_x_um = -330_000
+    #: The cell's own sensors that something else covers.
+    other_bits = 0
+
+    def _estimate(self, direction):
+        if STEPS[direction][0] >= 0:
+            return None
+        fields = super()._estimate(direction)
+        fields[wire.WANTS] = 0xFF
+        return fields
+
+    def _covered(self, x_um, y_um):
+        return super()._covered(x_um, y_um) or (0 if x_um or y_um else self.other_bits)
+
+
+def test_cell_breaks_its_promise_off_for_what_is_set_down_on_it():
+    middle = Awaited(0)
+    for bits, promised in ((0, wire.PROMISED), (1, wire.NEAR), (0, wire.PROMISED)):
+        middle.other_bits = bits
+        run(middle, 20, moving=False)
+        assert estimates(middle)[-1][wire.STATE] == promised
+
+
 class Behind(Middle):
     """The parcel is to go 4 mm along x, short of the cells in the east, where another lies."""
 
