@@ -128,7 +128,7 @@ def test_a_program_of_any_name_is_repeated_from_its_folder_and_one_with_argument
     shift = run_path(str(path))["shift"]
     bound = tmp_path / "bound"
     mdms.simulate("array18", partial(shift, x_m=0.05), limit_s=0.1, record=bound)
-    first = mdms.simulate("array18", program=shift, limit_s=0.1, record=folder)
+    first = mdms.simulate("array18", program=shift, limit_s=0.5, record=folder)
     path.unlink()
     scenario, main = open_program(str(folder), [])
     assert mdms.simulate(scenario, program=main, record=again).log_sha256 == first.log_sha256
