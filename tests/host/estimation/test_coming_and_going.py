@@ -283,6 +283,14 @@ def test_a_parcel_that_is_doubted_before_its_exit_while_sensors_show_it_has_not_
     assert table.off_m("box") < 0.02
 
 
+def test_no_parcel_is_found_with_its_middle_more_than_50_mm_beyond_all_wheels() -> None:
+    table = Lying(LAYOUT, (BOX,))
+    table.put("box", BOTTOM, -0.63, 0.0, 0.0)
+    table.run(1.0)
+    outermost_m = LAYOUT.wheel_positions_m[:, 0].min()
+    assert table.tracker.poses(table.now_s)["box"][0] >= outermost_m - 0.05 - 0.005
+
+
 def test_a_thing_that_stays_at_an_exit_is_unknown_from_then_on() -> None:
     table = boxed()
     table.tracker.depart("box")
