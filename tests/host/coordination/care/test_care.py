@@ -345,6 +345,8 @@ def test_a_hold_waits_for_a_cell_that_fell_out_just_before_as_well() -> None:
 
 def test_go_on_begins_without_a_cell_that_does_not_come_up_and_takes_it_later() -> None:
     link = CellsLink((1, 2, 3))
+    # A stop of before the run is none of a cell in this run.
+    link._bank.deliver(1, nmt.command(nmt.STOP))
     link.cut = {1}
     one = Coordinator(LAYOUT, Minding(), policy=GO_ON)
     drive(one, link, link, lambda: one.phase == Phase.RUNNING or link.now_s() > 8.0)
