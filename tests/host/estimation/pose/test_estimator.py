@@ -260,6 +260,12 @@ def test_an_edge_is_late_that_others_have_told_of_however_unsure_the_place_is(
     pose = estimator.pose.copy()
     estimator.edge(0.015, view.near.sensors_m[passed[0]], covered=False)
     assert np.array_equal(estimator.pose, pose) == late
+    # Where it has been found anew, no edge has been told of yet.
+    estimator.start(0.02, Location(pose, np.diag([3.6e-5, 3e-4, 7e-4]), 0))
+    roll_on([estimator], 0.03, Speeds(LAYOUT.surface_jacobian(*pose[:2]) @ twist))
+    pose = estimator.pose.copy()
+    estimator.edge(0.035, view.near.sensors_m[passed[0]], covered=False)
+    assert not np.array_equal(estimator.pose, pose)
 
 
 def test_a_lost_report_of_a_sensor_at_a_corner_pushes_no_parcel_that_gains_speed() -> None:
