@@ -258,7 +258,10 @@ def test_a_node_without_power_does_not_come_back_from_bus_off(bench_of):
     now_us = bus_off_of(bench, bench.nodes[0])
     bench.bus.recover(bench.nodes[0])
     bench.run_us(now_us + 500)
+    told = []
+    bench.bus.observe_states(lambda node, _now_ns: told.append((node, node.state)))
     bench.bus.switch_off(bench.nodes[0])
+    assert told == [(bench.nodes[0], ErrorState.ACTIVE)]
     bench.run_us(now_us + 10_000)
     bench.nodes[1].send(FRAME)
     bench.run_us(now_us + 20_000)
