@@ -19,6 +19,8 @@ _END = b"\r"
 _REFUSED = b"\a"
 #: More than any line of SLCAN has, FD's included: a longer line is noise.
 _LINE_MAX = 160
+#: An adapter that takes no bytes is closed without its last line after so long [s].
+_CLOSES_S = 1.0
 
 
 class GarbledError(ValueError):
@@ -34,6 +36,8 @@ class SlcanPort:
     def __init__(self, bus: slcanBus) -> None:
         self.refused = 0
         self._port = bus.serialPortOrig
+        # python-can alone writes through it from here on, when it closes the channel.
+        self._port.write_timeout = _CLOSES_S
         # Bytes that python-can has read itself while it opened the channel.
         self._partial = bytearray(bus._buffer)
         self._lines: deque[bytes] = deque()
@@ -84,7 +88,9 @@ class SlcanPort:
         except (OSError, ValueError, TypeError) as error:
             raise can.CanOperationError(f"the serial line cannot be read: {error}") from None
         if not data:
-            raise can.CanOperationError("the serial line is closed at its other end")
+            raise can.CanOperationError(
+                "the serial line is closed at its other end, or another program reads it, too"
+            )
         *lines, rest = data.replace(_REFUSED, _REFUSED + _END).split(_END)
         for line in lines:
             self._lines.append(bytes(self._partial) + line)

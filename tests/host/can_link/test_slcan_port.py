@@ -114,3 +114,14 @@ def test_frames_that_the_adapter_refuses_are_counted(adapter):
     os.write(far, b"\at701105\rz\r")
     assert received(link, 1) == [Frame(0x701, b"\x05")]
     assert link.unsent == 1
+
+
+def test_an_adapter_that_takes_no_bytes_any_more_is_closed_all_the_same():
+    with terminal() as (channel, _far):
+        link = Link(can.Bus(channel, interface="slcan", sleep_after_open=0), MonotonicClock())
+        while not link.unsent:
+            link.send(Frame(0x201, bytes(8)))
+        closing = Thread(target=link.close, daemon=True)
+        closing.start()
+        closing.join(PATIENCE_S / 2)
+        assert not closing.is_alive()
