@@ -162,20 +162,25 @@ class _JointDelays:
     def __init__(self, names: Sequence[str], arrivals: Sequence[Delays]) -> None:
         self._cycles = Delays()
         self._arrivals = list(zip(names, arrivals, strict=True))
+        #: Cycles count beside each bus: one that takes no frames makes them late.
+        self._all = [self._cycles, *arrivals]
 
     def on_cycle(self, due_s: float, now_s: float) -> None:
         """Something that was due is done now."""
-        self._cycles.on_cycle(due_s, now_s)
+        for delays in self._all:
+            delays.on_cycle(due_s, now_s)
 
     def on_blocked(self, where: str, took_s: float, now_s: float) -> None:
         """The program that a person wrote has just computed for so long."""
-        self._cycles.on_blocked(where, took_s, now_s)
+        for delays in self._all:
+            delays.on_blocked(where, took_s, now_s)
 
     def reason(self, now_s: float) -> str | None:
         """The parts that were held up in the last second; None if nothing was."""
         own = self._cycles.reason(now_s)
         reasons = ((name, delays.reason(now_s)) for name, delays in self._arrivals)
-        return own or next((f"{name}: {reason}" for name, reason in reasons if reason), None)
+        of_buses = (f"{name}: {reason}" for name, reason in reasons if reason not in (None, own))
+        return next(of_buses, own)
 
     def slow_reason(self, now_s: float) -> str | None:
         """The evidence of heartbeats alone on the first bus where they come late."""

@@ -102,3 +102,15 @@ def test_pause_of_one_bus_is_named():
         assert links.delays.reason(0.025).startswith(
             "right: nothing at all was received for 105 ms"
         )
+
+
+@pytest.mark.parametrize(
+    ("quiet_s", "told"),
+    [(0.5, "right: nothing at all was received for 500 ms"), (0.0, "the host's own cycle was")],
+)
+def test_adapter_that_makes_cycles_late_is_named_and_not_the_computer(quiet_s, told):
+    with Links([ScriptedBus(), ScriptedBus()], ("left", "right"), MonotonicClock()) as links:
+        links._links[1].delays.on_arrival(2.0 - quiet_s)
+        links._links[0].delays.on_arrival(2.0)
+        links.delays.on_cycle(1.988, 2.0)
+        assert links.delays.reason(2.0).startswith(told)
