@@ -248,6 +248,10 @@ class OtherHost:
         """As `mdms stop` does."""
         self._send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
 
+    def start(self) -> None:
+        """Take all cells into operation."""
+        self._send(nmt.command(nmt.START))
+
 
 class Pump:
     """A node of another kind: it answers reads of its identity with values of up to four bytes.

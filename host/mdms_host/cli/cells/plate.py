@@ -76,7 +76,9 @@ def watch_plate(
         spots = _watch(commissioning, keys, sightings, arguments)
     finally:
         for node_id in keys:
-            commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
+            # A run that has begun meanwhile has the cells now.
+            if commissioning.foreign_stops.reason(node_id) is None:
+                commissioning.command(nmt.ENTER_PRE_OPERATIONAL, node_id)
     columns = max(spot[0] for spot in spots.values())
     rows = max(spot[1] for spot in spots.values())
     check_corner(arguments.corner, spots, (columns, rows))
@@ -120,7 +122,8 @@ def _watch(
 
         def over(part_s: float = part_s) -> bool:
             now_s = clock.now_s()
-            return settling.look(now_s) or now_s >= part_s
+            stopped = commissioning.foreign_stops.reason() is not None
+            return stopped or settling.look(now_s) or now_s >= part_s
 
         commissioning.drive(watch, over)
         if settling.whole is not None and settling.look(clock.now_s()):

@@ -117,7 +117,7 @@ def test_a_corner_that_lies_elsewhere_shows_that_cells_are_mounted_turned():
 
 
 @blank
-@pytest.mark.parametrize("event", ["restart", "stop"])
+@pytest.mark.parametrize("event", ["restart", "stop", "run"])
 def test_a_cell_that_restarts_is_seen_and_a_stop_is_heeded_amid_a_plate(
     commission, bus, cells, capsys, event
 ):
@@ -127,12 +127,16 @@ def test_a_cell_that_restarts_is_seen_and_a_stop_is_heeded_amid_a_plate(
         move()
         if bus.states.get(TOP) == nmt.OPERATIONAL and next(moves) == 500:
             cells.array.bank.restart(2) if event == "restart" else other.stop()
+            if event == "run":
+                other.start()
 
     cells.array.hand = hand
     done = commission("--plate", "--yes", "--limit", "60")
     told = capsys.readouterr().err
     assert done == (ExitCode.OK if event == "restart" else ExitCode.NODE_FAULT), told
-    assert ("another host has sent" in told) == (event == "stop")
+    assert ("another host has sent" in told) == (event != "restart")
+    states = {cell.state for cell in cells.array.bank._cells}
+    assert states == {nmt.OPERATIONAL if event == "run" else nmt.PRE_OPERATIONAL}
 
 
 def test_a_plate_that_nobody_moves_ends_with_time(commission, cells, capsys):
