@@ -257,9 +257,15 @@ class Cell:
         self.wake_ms = ticks.after(now_ms, min(wait_ms, layer_ms))
 
     def fail(self, error_code):
-        """Switch the motors off for a reason from outside, and report it."""
+        """Switch the motors off for a reason from outside, and report it.
+
+        Outside 'operational' the code of before stays: a host that is back tells a stop by it.
+        """
         self._emcy.report(SOURCE_SYSTEM, error_code)
-        self._axes.fail(error_code)
+        if self.state == nmt.OPERATIONAL:
+            self._axes.fail(error_code)
+        else:
+            self._axes.cut()
         self._nmt.ask_again()
         self._attend()
 

@@ -3,6 +3,7 @@
 from cell_bench import emergencies, enable, operational
 
 from mdms_cell.drive import speed_loop
+from mdms_cell.runner import BUS_OFF
 from mdms_protocol.codecs import nmt, sdo
 
 
@@ -76,8 +77,18 @@ def test_commands_do_not_end_the_braking_but_a_reset_does():
 
 
 def test_error_code_tells_a_stop_while_the_host_is_silent_from_its_silence():
-    """A stop is for this node alone, `stop_ms` after the host's last heartbeat."""
-    for stop_ms, code in ((100, 0), (250, 0x9000), (None, 0x8130)):
+    """A stop is for this node alone, `stop_ms` after the host's last heartbeat; then the bus fails.
+
+    The bus does so while the wheel of a later stop brakes still.
+    """
+    for stop_ms, bus_off_ms, code in (
+        (100, None, 0),
+        (100, 150, 0),
+        (250, None, 0x9000),
+        (250, 260, 0x9000),
+        (None, None, 0x8130),
+        (None, 150, 0x8140),
+    ):
         cell, board = watching()
         cell.on_frame(0x77F, b"\x05", cell.now_ms)
         for now_ms in range(51, 400):
@@ -87,6 +98,9 @@ def test_error_code_tells_a_stop_while_the_host_is_silent_from_its_silence():
             cell.poll(now_ms)
             if now_ms - 50 == stop_ms:
                 cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
+            if now_ms - 50 == bus_off_ms:
+                cell.fail(BUS_OFF)
+                assert board.registers[speed_loop.MODE] == speed_loop.OFF
         board.take()
         cell.on_frame(0x605, sdo.read_request(0x603F, 0), cell.now_ms)
         answer = b"\x4b\x3f\x60\x00" + code.to_bytes(2, "little") + b"\0\0"

@@ -49,7 +49,7 @@ EXPECTED = {
     "silent-node": [(60,), (62,)],
     "other-protocol": [(12,)],
     "versions": [(13,)],
-    "drive-fault": [(14,), (14,), (15,), (15,)],
+    "drive-fault": [(15,), (15,)],
     "supply-low": [(1,)],
     "supply-uneven": [(2,)],
     "clock": [(3,)],
