@@ -136,6 +136,7 @@ def test_bundle_that_was_used_is_refused_after_the_slots_were_removed_over_usb()
 def test_slot_whose_stream_ends_too_soon_is_never_started():
     bench = Bench()
     bench.start_trial(bundle_of())
+    assert bench.prove() is None
     unpack = bench.files.unpack
 
     def cut_off(_path):
