@@ -169,6 +169,7 @@ def serve(node, read, write):
             if board.restarting:
                 node.start()
                 board, cell = node.board, node.cell
+                cell.poll(words[NOW_MS])
         elif request:
             node.act(request)
             board, cell = node.board, node.cell

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from tests.sim_bus.nodes.bench import BOOT_TICKS, CELLS, Bench
 
-from mdms_protocol.codecs import cob
+from mdms_protocol import indices
+from mdms_protocol.codecs import cob, sdo, update
 from mdms_protocol.codecs.frame import Frame
 from mdms_sim.nodes.bank import NodeDied
 from mdms_sim.nodes.micropython_bank import CHECK_TICKS, MicropythonBank
@@ -40,7 +41,11 @@ def test_both_kinds_of_cells_say_the_same_whatever_befalls_them():
         bank.set_bus_off(1, False)
         bench.drive(60)
         bank.restart(0, 9)
+        restart = sdo.write_request(indices.PROGRAM_CONTROL, 1, bytes([update.RESET]))
+        bank.restart(2)
         bench.drive(BOOT_TICKS)
+        bank.deliver(2, Frame(cob.SDO_REQUEST_BASE + 3, restart))
+        bench.drive(2 * BOOT_TICKS)
         bank.close()
         return bench.heard
 
