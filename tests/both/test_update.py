@@ -253,6 +253,12 @@ def test_no_axis_is_enabled_while_firmware_comes_in_or_is_on_trial():
     enable(bench.cell)
     assert states(bench) == [cia402.OPERATION_ENABLED] * 2
     bench = Bench()
+    bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
+    assert bench.load(bundle_of()) == 0
+    assert bench.control(update.START) is None  # the board starts anew within 50 ms
+    enable(bench.cell)
+    assert states(bench) == [cia402.SWITCHED_ON] * 2
+    bench = Bench()
     bench.start_trial(bundle_of())
     bench.cell.on_frame(0x000, b"\x01\x05", bench.now_ms)
     enable(bench.cell)

@@ -375,6 +375,8 @@ def test_segments_of_a_block_that_was_ended_write_nothing_else():
         assert client.ask(segment) == [refusal(segment, sdo.WRONG_STATE)]
         assert client.objects.number(0x3000) == 50
         assert client.ask(sdo.read_request(0x3000, 0)) == [b"\x4b\x00\x30\x00\x32\0\0\0"]
+        client.server.now_ms = TIMEOUT_MS + STRAY_MS  # a request may come before the poll
+        assert client.ask(segment) == [b"\x60\x00\x30\x00\0\0\0\0"]
         client.server.poll(TIMEOUT_MS + STRAY_MS)
         # The clock comes round.
         client.server.poll(1 << 30)
