@@ -92,7 +92,7 @@ class Cell:
         identity = [objects.number(indices.IDENTITY, sub) for sub in range(1, 5)]
         self._store = Store(getattr(self._board, "settings", None))
         self._nmt = Nmt(self._store.node_id() or node_id, identity[3], self, self._send)
-        self._lss = Lss(identity, self._nmt, self._store.save_node_id, self._send)
+        self._lss = Lss(identity, self._nmt, self._save_node_id, self._send)
         self._sdo = SdoServer(objects, self._respond)
         self._heartbeat = Heartbeat(objects, self._send)
         self._consumer = Consumer(objects, self._attend, self._listen)
@@ -192,6 +192,11 @@ class Cell:
     def _awake(self):
         """Whether an axis is on, or a wheel brakes still: no flash may be written then."""
         return not speed_loop.let_sleep(self._registers)
+
+    def _save_node_id(self, node_id):
+        if self._awake():
+            raise sdo.AbortError(sdo.WRONG_STATE)
+        self._store.save_node_id(node_id)
 
     def _may_enable(self):
         return self.state == nmt.OPERATIONAL and not self._update.busy

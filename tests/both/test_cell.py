@@ -4,7 +4,7 @@ from cell_bench import NODE, booted, emergencies, enable, operational
 
 from mdms_cell.drive import speed_loop
 from mdms_protocol import indices, pdo
-from mdms_protocol.codecs import cia402, cob, nmt, sdo
+from mdms_protocol.codecs import cia402, cob, lss, nmt, sdo
 
 
 def test_start_sends_status_once_and_sync_sends_speeds():
@@ -258,10 +258,12 @@ def test_nothing_is_saved_while_a_motor_is_on_or_a_wheel_brakes():
     cell.tick()
     cell.on_frame(0x000, b"\x80\x05", cell.now_ms)
     assert asked_to_save(cell, board) == sdo.WRONG_STATE
+    assert asked_to_save_the_node_id(cell, board) == lss.STORE_FAILED
     for _ in range(100):
         cell.tick()
     # It stands, and this board has no memory.
     assert asked_to_save(cell, board) == sdo.CANNOT_STORE
+    assert asked_to_save_the_node_id(cell, board) == lss.STORE_UNSUPPORTED
 
 
 def asked_to_save(cell, board):
@@ -269,6 +271,14 @@ def asked_to_save(cell, board):
     board.take()
     cell.on_frame(0x605, sdo.write_request(0x1010, 1, b"save"), cell.now_ms)
     return int.from_bytes(board.take()[-1][1][4:], "little")
+
+
+def asked_to_save_the_node_id(cell, board):
+    """The result by LSS."""
+    board.take()
+    for request in ((lss.SWITCH_GLOBAL, lss.CONFIGURATION), (lss.STORE, 0)):
+        cell.on_frame(cob.LSS_REQUEST, bytes(request) + bytes(6), cell.now_ms)
+    return board.take()[-1][1][1]
 
 
 def test_full_transmit_queue_is_counted():
