@@ -33,6 +33,8 @@ def other_protocol(revision: int) -> str | None:
     )
 
 
+#: What to do about cells that may not be off.
+CUT = "cut the motors' power"
 UPDATE_RUNS = "firmware comes into cells over the bus"
 #: Blocks of an update come so close after one another, though a cell erases its flash meanwhile.
 UPDATE_S = 2.0

@@ -1,15 +1,15 @@
 """One wheel of one cell turned slowly, for the first sign of life: a participant on the bus.
 
 The wheel turns while setpoints come. Should the host end in the middle, the cell misses them and
-brakes by itself within its setpoint timeout (0x3000, 50 ms). A stop by another host, an emergency
-stop, a fault and a restart of the cell end a jog for good: it starts the node once, and resets no
-fault on the way.
+brakes by itself within its setpoint timeout (0x3000, 50 ms). A cell without power lets it coast. A
+stop by another host, an emergency stop, a fault and a restart of the cell end a jog for good: it
+starts the node once, and resets no fault on the way.
 """
 
 from collections.abc import Iterator
 from enum import Enum
 
-from mdms_host.can_link.remote_cell import RemoteCell
+from mdms_host.can_link.remote_cell import CUT, RemoteCell
 from mdms_host.can_link.sdo_client import SdoClient, Setting
 from mdms_host.commissioning.network import ForeignStops
 from mdms_protocol import indices, pdo
@@ -216,7 +216,10 @@ class Jog:
             self._enter(JogPhase.STOPPING)
         elif self._unanswered > _LOOKED_AT and self.speeds_m_s:
             self.silent = True
-            self._fail("it has fallen silent, and brakes by itself; look at its power and its plug")
+            self._fail(
+                f"it has fallen silent, so nobody knows whether it is off; {CUT}, then look at its "
+                "power and its plug"
+            )
         elif self._is_seen_to_stand():
             self.stands = True
             self._enter(JogPhase.STOPPING)

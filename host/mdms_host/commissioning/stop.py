@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from mdms_host.can_link.link import AnyLink, drive
+from mdms_host.can_link.remote_cell import CUT
 from mdms_host.clock import Clock
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
@@ -10,8 +11,6 @@ from mdms_protocol.codecs.frame import Frame
 #: The command is repeated, since a broadcast is not confirmed.
 _REPEATS = 3
 _REPEAT_S = 0.05
-#: What to do about cells that may not be off.
-CUT = "cut the motors' power"
 
 
 @dataclass(frozen=True, slots=True)

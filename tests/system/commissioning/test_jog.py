@@ -337,7 +337,7 @@ def test_a_wheel_that_stands_is_said_to_and_is_no_success(capsys):
     ("fault", "code", "told"),
     [
         ("encoder_stuck", ExitCode.NODE_FAULT, "the encoder does not move"),
-        ("off", ExitCode.NO_DEVICE, "it has fallen silent, and brakes by itself"),
+        ("off", ExitCode.NO_DEVICE, "nobody knows whether it is off; cut the motors' power"),
     ],
 )
 def test_a_wheel_that_nobody_measures_turns_for_three_tenths_of_a_second(fault, code, told, capsys):

@@ -16,7 +16,7 @@ from rich.live import Live
 from mdms_array.bus_load import warn_of_load, wire_of
 from mdms_host.can_link.link import AnyLink, LinkError, drive, open_bus
 from mdms_host.can_link.links import OnEachBus, open_links
-from mdms_host.can_link.remote_cell import UPDATE_RUNS
+from mdms_host.can_link.remote_cell import CUT, UPDATE_RUNS
 from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
 from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, ExitCode
@@ -32,7 +32,7 @@ from mdms_host.commissioning.status import (
     scan_table,
     status_table,
 )
-from mdms_host.commissioning.stop import CUT, StopReport, not_off_text, stop_all
+from mdms_host.commissioning.stop import StopReport, not_off_text, stop_all
 from mdms_host.commissioning.table_cells import (
     HeardCells,
     MissingCells,
