@@ -43,6 +43,8 @@ class ForeignStops:
         self._codes: dict[int, int] = {}
         self._has_supply: dict[int, bool] = {}
         self._was_cut: set[int] = set()
+        #: The nodes that have restarted since they were heard first.
+        self.restarted: set[int] = set()
 
     def on_frame(self, frame: Frame) -> None:
         """Note a command, a heartbeat, and an emergency; any other frame is left alone."""
@@ -53,6 +55,7 @@ class ForeignStops:
         if is_cell and frame.can_id == cob.HEARTBEAT_BASE + node:
             if node in self._has_supply and nmt.decode_heartbeat(frame.data) == nmt.INITIALISING:
                 self._was_cut.add(node)
+                self.restarted.add(node)
             self._has_supply.setdefault(node, True)
         elif is_cell and frame.can_id == cob.EMCY_BASE + node and len(frame.data) == _WHOLE:
             self.note_supply(node, frame.data[2])

@@ -239,6 +239,25 @@ def test_findings_are_not_lost_with_a_cell_that_dies_or_is_stopped_amid_a_turn(c
     assert (3 in started) == (event == "power off")
 
 
+def test_a_cell_that_restarts_between_two_pushes_is_a_finding(capsys):
+    bank = PythonBank(range(1, 19))
+    pushes = []
+
+    def look(frame):
+        if frame == nmt.command(nmt.ENTER_PRE_OPERATIONAL, 2):
+            pushes.append(frame)
+            if len(pushes) == 1:
+                bank.restart(1)
+
+    with virtual_time(SimulatedArray(bank, "fault=[{kind='lift', parcel='box'}]")) as time:
+        time.before_send = look
+        arguments = ["doctor", "--json", "--turn", "--node", "2", *BUS]
+        assert main(arguments) == ExitCode.NODE_FAULT
+    assert len(pushes) > 1
+    kinds, _ = found(capsys)
+    assert kinds == {"no-drive": [(2,)]}
+
+
 def test_wheels_that_were_turned_before_a_stop_are_not_said_to_stand(capsys):
     array = SimulatedArray(PythonBank(range(1, 19)), "fault=[{kind='lift', parcel='box'}]")
     other = OtherHost(array)

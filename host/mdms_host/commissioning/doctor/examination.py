@@ -213,6 +213,9 @@ def examine_wheels(
                 yield from _examine(commissioning, node_id, axis, motor)
             except WheelError as error:
                 yield Finding("no-drive", str(error), (node_id,))
+        if node_id in commissioning.foreign_stops.restarted:
+            text = "it has restarted meanwhile; look at its supply and its plug"
+            yield Finding("no-drive", text, (node_id,))
     except TurnStoppedError:
         raise
     except SilentError as error:
