@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from math import inf
 
 from mdms_host.can_link.remote_cell import RemoteCell
 from mdms_host.can_link.sdo_client import PATIENT, SdoClient, Setting
@@ -93,7 +94,7 @@ class BringUpCell(RemoteCell):
         self._set_up = SetUp(node_id, self._settings, self._configuration)
         self.restarted = False
         self._written = False
-        self._ending = False
+        self._ending_s = inf
         self.handlers[cob.SDO_RESPONSE_BASE + node_id] = self.on_answer
 
     @property
@@ -107,6 +108,18 @@ class BringUpCell(RemoteCell):
         """Whether each axis that is used may be driven now."""
         states = self.drive_states or (None,) * self._axes
         return tuple(state != cia402.SWITCHED_ON for state in states[: self._axes])
+
+    @property
+    def may_drive(self) -> bool:
+        """Whether it has not told, since its end began, that its drives brake or are off.
+
+        A cell that was never heard was never driven.
+        """
+        if self._heard_s <= self._ending_s:
+            return self._heard_s > -inf
+        if self.drive_states is None:
+            return self.nmt_state in (None, nmt.OPERATIONAL)
+        return not self._ready.isdisjoint(self.drive_states)
 
     @property
     def _setting_back(self) -> bool:
@@ -143,7 +156,7 @@ class BringUpCell(RemoteCell):
     def on_answer(self, data: bytes, now_s: float) -> None:
         """Take in an answer to a setting or to a read of the identity."""
         self.identification.on_response(data)
-        if self._ending:
+        if self._ending_s < inf:
             # Answers that the bring-up still waits for are of no interest any more.
             self._set_back.on_response(data)
         else:
@@ -163,7 +176,7 @@ class BringUpCell(RemoteCell):
             case Phase.ENABLING:
                 return self.enabled
             case _:
-                return not self.moving and not self._setting_back
+                return not (self.moving or self.may_drive or self._setting_back)
 
     def fault(self, phase: Phase) -> str | None:
         """The cell's fault in a phase; None if it has none."""
@@ -204,7 +217,7 @@ class BringUpCell(RemoteCell):
             yield from self._enable()
         elif phase in (Phase.STOPPING, Phase.FAILING):
             yield self._control(cia402.QUICK_STOP)
-            self._ending = True
+            self._ending_s = min(self._ending_s, now_s)
             if self._setting_back:
                 yield from self._set_back.poll(now_s)
         elif phase in STOPPED:

@@ -129,6 +129,7 @@ class _Watch:
         on_event: OnEvent,
     ) -> None:
         self.fault: str | None = None
+        self._held_up = ""
         self._coordinator = coordinator
         self._link = link
         self._clock = clock
@@ -139,8 +140,11 @@ class _Watch:
 
     def look(self) -> None:
         """Report new events."""
-        if self._coordinator.fault and self.fault is None:
-            self.fault = self._coordinator.fault + self._delay()
+        if self._coordinator.fault:
+            if self.fault is None:
+                self._held_up = self._delay()
+            # Its end adds the cells that have not confirmed it.
+            self.fault = self._coordinator.fault + self._held_up
         self._steered |= self._coordinator.phase in _STEERED
         self._look_at_hold()
         events, count = self._coordinator.events_since(self._reported)

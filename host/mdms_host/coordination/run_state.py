@@ -32,7 +32,7 @@ class RunSignal(StrEnum):
     DONE = "done"
     #: Cells are out of action, but may come back.
     TROUBLE = "trouble"
-    #: They have not come back in time, and the run goes on without them.
+    #: They have not come back in time, and the run goes on, or ends, without them.
     WITHOUT = "without"
     #: Somebody wants all parcels to stand for as long as they say.
     KEEP = "keep"
@@ -67,7 +67,9 @@ TRANSITIONS: dict[tuple[Phase, RunSignal], Phase] = {
     (Phase.KEEPING, RunSignal.TROUBLE): Phase.HOLDING,
     (Phase.KEEPING, RunSignal.DONE): Phase.RUNNING,
     (Phase.STOPPING, RunSignal.DONE): Phase.STOPPED,
+    (Phase.STOPPING, RunSignal.WITHOUT): Phase.FAILED,
     (Phase.FAILING, RunSignal.DONE): Phase.FAILED,
+    (Phase.FAILING, RunSignal.WITHOUT): Phase.FAILED,
     **{(phase, RunSignal.STOP): Phase.STOPPING for phase in (*BRING_UP, *UP)},
     **{(phase, RunSignal.FAULT): Phase.FAILING for phase in (*BRING_UP, *UP, Phase.STOPPING)},
 }

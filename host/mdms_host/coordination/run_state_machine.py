@@ -1,12 +1,12 @@
 """The phases of a run: what all cells have to reach before the next begins, and what ends a run."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from mdms_host.coordination.bring_up import REFUSED_S, BringUpCell
 from mdms_host.coordination.frames import FrameRouter
 from mdms_host.coordination.recovery import ArrayState, Recovery
 from mdms_host.coordination.run_state import BRING_UP, STOPPED, TRANSITIONS, UP, Phase, RunSignal
-from mdms_host.coordination.supervision import COMMANDED, OTHER_HOST, SWITCHED_OFF, names
+from mdms_host.coordination.supervision import COMMANDED, OTHER_HOST, SWITCHED_OFF
 
 _OVER = (Phase.FAILING, *STOPPED)
 
@@ -64,28 +64,34 @@ class RunStateMachine:
         """Act on troubles of cells, on another host, or on a request to stop."""
         if self.phase in _OVER:
             return
-        if self._failure is not None:
-            self._fail(self._failure, now_s)
-        elif self._frame_router.other_host:
-            self._fail(OTHER_HOST, now_s)
-        elif self._frame_router.switched_off:
-            self._fail(SWITCHED_OFF, now_s)
-        elif cell := self._frame_router.commanded:
-            self._fail(f"{COMMANDED}: {cell.name}", now_s)
-        elif self._stop_requested and (self.phase, RunSignal.STOP) in TRANSITIONS:
+        if fault := self._from_outside():
+            self._fail(fault, now_s)
+        elif self.phase is Phase.STOPPING:
+            # Its end names the cells that it has not reached.
+            return
+        elif self._stop_requested:
             self._signal(RunSignal.STOP, now_s)
         elif self.phase in UP:
             self._look_after_cells(now_s)
-        elif fault := self._supervision.fault(self.phase, self._roster.taking_part, now_s):
-            silent = self.phase in BRING_UP and self._supervision.silent(fault.cell, now_s)
-            if not (silent and self._recovery.do_without([fault.cell], fault.text, now_s)):
-                self._fail(fault.text, now_s)
+        elif trouble := self._supervision.fault(self.phase, self._roster.taking_part, now_s):
+            silent = self._supervision.silent(trouble.cell, now_s)
+            if not (silent and self._recovery.do_without([trouble.cell], trouble.text, now_s)):
+                self._fail(trouble.text, now_s)
         elif low := self._without_supply(now_s):
             text = self._supervision.low_supply_text(low)
             if not self._recovery.do_without(low, text, now_s):
                 self._fail(text, now_s)
         elif self._roster.out:
             self._recovery.bring_back(now_s)
+
+    def _from_outside(self) -> str | None:
+        """The fault that others than the cells have caused; None without one."""
+        router = self._frame_router
+        if self._failure is not None or router.other_host:
+            return self._failure or OTHER_HOST
+        if router.switched_off:
+            return SWITCHED_OFF
+        return None if router.commanded is None else f"{COMMANDED}: {router.commanded.name}"
 
     def _without_supply(self, now_s: float) -> list[BringUpCell]:
         """The cells that come up without a supply of their motors, in time before any may drive."""
@@ -119,21 +125,35 @@ class RunStateMachine:
             if not self._recovery.do_without(late, text, now_s):
                 self._fail(text, now_s)
         elif self.phase not in BRING_UP and waited_s >= self._timing.stop_limit_s:
-            self._journal.note(now_s, f"not confirmed to be off: {names(late)}")
-            self._signal(RunSignal.DONE, now_s)
+            self._conclude(now_s)
 
     def _conclude(self, now_s: float) -> None:
-        """End a phase that all cells have reached, if none of them is other than it should be."""
-        misfits = self._supervision.misfits_text(self.phase, self._roster.taking_part)
-        if misfits:
+        """End a phase that all cells have reached, if none of them is other than it should be.
+
+        A stop ends all the same, with the cells that have not confirmed it as its fault.
+        """
+        misfits = self._supervision.misfits_text(self.phase, self._concerned)
+        if misfits and self.phase in BRING_UP:
             self._fail(misfits, now_s)
+        elif misfits:
+            self.fault = "; ".join(filter(None, (self.fault, misfits)))
+            self._journal.warn(now_s, f"fault: {misfits}")
+            self._signal(RunSignal.WITHOUT, now_s)
         else:
             self._signal(RunSignal.DONE, now_s)
 
+    @property
+    def _concerned(self) -> Sequence[BringUpCell]:
+        """The cells of a phase: its end is that of all, also of those that are out of action."""
+        roster = self._roster
+        return roster.taking_part if self.phase in BRING_UP else roster.cells
+
     def _late(self, now_s: float) -> list[BringUpCell]:
         """The cells that the phase waits for; when stopping, none that is silent."""
-        late = [cell for cell in self._roster.taking_part if not cell.has_reached(self.phase)]
-        if self.phase in BRING_UP:
+        late = [cell for cell in self._concerned if not cell.has_reached(self.phase)]
+        waited_s = now_s - (self._since_s or 0.0)
+        # After a host that was away itself, a cell tells within a heartbeat.
+        if self.phase in BRING_UP or waited_s < self._timing.heartbeat_period_s:
             return late
         return [cell for cell in late if not self._supervision.silent(cell, now_s)]
 

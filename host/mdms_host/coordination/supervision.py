@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import inf
 
-from mdms_host.can_link.remote_cell import RemoteCell
+from mdms_host.can_link.remote_cell import CUT, RemoteCell
 from mdms_host.coordination.bring_up import BringUpCell
 from mdms_host.coordination.cell_setup import PASSING_CODES
 from mdms_host.coordination.run_state import Phase, Timing
@@ -164,8 +164,12 @@ class Supervision:
         """All cells that are not as a run expects them at the end of a phase, None without any.
 
         They speak another protocol than the host, have another serial number, a board that cannot
-        steer a run of cells that steer, or other settings.
+        steer a run of cells that steer, or other settings; or they may drive after a stop.
         """
+        if phase in (Phase.STOPPING, Phase.FAILING):
+            on = [cell for cell in taking_part if cell.may_drive]
+            where = f"all {len(on)} cells" if len(on) == self._count > 1 else names(on)
+            return f"not confirmed to be off: {where}; {CUT}" if on else None
         if phase is Phase.CONFIGURING:
             found = (f"{cell.name} is {cell.mismatch}" for cell in taking_part if cell.mismatch)
             return "; ".join(found) or None

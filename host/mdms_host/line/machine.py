@@ -387,10 +387,12 @@ class Machine:
             return
         self._end_orders()
         ended, self._ending = self._ending, None
-        if state is State.STOPPING and ended is not None and ended.fault is not None:
-            self._on(Command.ABORT, ended.fault)
+        fault = "" if ended is None or ended.fault is None else ended.fault
+        if fault and state in (State.STOPPING, State.COMPLETED):
+            self._on(Command.ABORT, fault)
         elif state in _ENDS:
-            self.states.on(DONE, self._now_s())
+            self.states.on(DONE, self._now_s(), fault)
+            self._abort_commanded &= not fault
 
     def _end_orders(self) -> None:
         """End the orders of the run, if there was one, and forget its parcels."""

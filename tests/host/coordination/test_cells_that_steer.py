@@ -135,6 +135,17 @@ def test_settings_of_a_run_that_cells_steer_are_taken_back_at_its_end(rolling_ar
             assert cell.objects.number(*place) == 0
 
 
+def test_cells_that_steer_and_hear_no_stop_are_not_said_to_be_off(rolling_array) -> None:
+    coordinator = coordinator_of(load_scenario("neighbours"), Cells())
+    array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))
+    array.run(coordinator, 3.0, lambda: coordinator.phase == Phase.RUNNING)
+    poll, coordinator.poll = coordinator.poll, lambda now_s: poll(now_s)[:0]
+    coordinator.stop()
+    array.run(coordinator, array.now_s + 1.0, lambda: coordinator.stopped)
+    assert coordinator.phase == Phase.FAILED
+    assert coordinator.fault == "not confirmed to be off: all 18 cells; cut the motors' power"
+
+
 def test_programs_end_behind_the_quick_stop(rolling_array) -> None:
     coordinator = coordinator_of(load_scenario("neighbours"), Cells())
     array = rolling_array(LAYOUT, BOTTOM, (0.0, 0.0, 0.0))

@@ -78,7 +78,10 @@ def test_a_cell_that_falls_silent_stops_the_array_and_is_named(rolling_array) ->
     array = running(rolling_array, coordinator)
     dies_s = array.cells[6].dies_s = array.now_s + 0.5
     array.run(coordinator, dies_s + 2.0, lambda: coordinator.stopped)
-    assert coordinator.fault == "cell 7 (node 7) has fallen silent: no speeds for 0.1 s"
+    assert coordinator.fault == (
+        "cell 7 (node 7) has fallen silent: no speeds for 0.1 s; "
+        "not confirmed to be off: cell 7 (node 7); cut the motors' power"
+    )
     assert array.now_s < dies_s + 0.45
     array.run(coordinator, array.now_s + 0.1)
     off = [cell.states for cell in array.cells if cell.node_id != 7]

@@ -49,6 +49,21 @@ def test_an_interrupt_ends_in_order(link) -> None:
     assert one.phase == Phase.STOPPED
 
 
+def test_an_interrupt_whose_stop_a_cell_does_not_confirm_is_a_fault(link) -> None:
+    one, asked = coordinator(), []
+
+    def interrupt(_now_s: float, _kind: str, text: str) -> None:
+        if text == Phase.RUNNING:
+            link.cut = {1}
+            asked.append(KeyboardInterrupt())
+
+    done = operate(
+        one, link, link, 10.0, on_event=interrupt, interrupted=lambda: asked[0] if asked else None
+    )
+    assert (done.ending, done.interrupt) == (Ending.FAULT, asked[0])
+    assert done.fault == "not confirmed to be off: cell 2 (node 2); cut the motors' power"
+
+
 class Broken(FieldProgram):
     """A signal breaks one of its steps off; a later step is noted."""
 

@@ -146,7 +146,10 @@ def test_a_stop_whose_cells_fall_silent_aborts(line) -> None:
     cut = line.begin("cut", cells=(1, 2, 3))
     line.command(Command.STOP)
     line.until_state(State.ABORTED)
-    assert "has fallen silent" in line.machine.snapshot()["alarm"]["text"]
+    assert line.machine.snapshot()["alarm"]["text"] == (
+        "not confirmed to be off: cell 1 (node 1), cell 2 (node 2), cell 3 (node 3); "
+        "cut the motors' power"
+    )
     line.simulation.faults.end(cut)
     line.command(Command.CLEAR)
     line.until_state(State.STOPPED)

@@ -100,7 +100,7 @@ def _check_options(arguments: Namespace, attended: bool) -> None:
 
 def _verdict(operation: Operation, ended: Run) -> ExitCode:
     """How the command ends. Raises what ended the run, if it has not ended well."""
-    if operation.interrupt is not None:
+    if operation.interrupt is not None and operation.ending is Ending.INTERRUPTED:
         raise operation.interrupt
     if operation.ending in NO_DEVICE:
         raise CommandError(ended.reason, ExitCode.NO_DEVICE)

@@ -243,10 +243,26 @@ def test_a_cell_that_does_not_come_back_in_time_ends_the_run() -> None:
     since_s = run.link.now_s()
     run.until(lambda: run.coordinator.stopped)
     assert run.coordinator.fault == (
-        "cell 2 (node 2) has fallen silent: no speeds for 0.1 s; not back within 0.6 s"
+        "cell 2 (node 2) has fallen silent: no speeds for 0.1 s; not back within 0.6 s; "
+        "not confirmed to be off: cell 2 (node 2); cut the motors' power"
     )
     assert run.link.now_s() - since_s < 1.2
     assert run.moving() == [False] * 3
+
+
+@pytest.mark.parametrize("policy", [Policy(), GO_ON])
+@pytest.mark.parametrize("before_s", [0.0, 0.6])
+def test_a_stop_names_the_cells_that_have_not_confirmed_it(policy, before_s) -> None:
+    run = Run(policy)
+    run.link.cut = {1}
+    run.pass_s(before_s)
+    run.coordinator.stop()
+    run.until(lambda: run.coordinator.stopped)
+    assert run.coordinator.phase is Phase.FAILED
+    assert run.coordinator.fault == (
+        "not confirmed to be off: cell 2 (node 2); cut the motors' power"
+    )
+    assert run.coordinator.troubles[-1][1] == f"fault: {run.coordinator.fault}"
 
 
 def test_hold_waits_for_a_cell_for_longer_than_a_pause() -> None:
