@@ -78,7 +78,7 @@ class Broken(FieldProgram):
         return super().references_m_s(beliefs, step_s)
 
 
-def test_a_cycle_that_was_broken_off_is_not_entered_again_and_cells_are_off(link) -> None:
+def test_a_cycle_that_was_broken_off_is_not_entered_again_and_cells_are_off(link, caplog) -> None:
     program = Broken(np.full(6, 0.05))
     one = Coordinator(LAYOUT, program)
     polls = []
@@ -87,6 +87,7 @@ def test_a_cycle_that_was_broken_off_is_not_entered_again_and_cells_are_off(link
         operate(one, link, link, 10.0)
     broken_off_s = link.now_s()
     link.sleep(0.3)
+    assert "nobody knows what is off; cut the motors' power" in caplog.text
     assert polls[-1] <= broken_off_s
     assert not program.entered_again
     assert set(link.states.values()) == {nmt.PRE_OPERATIONAL}
