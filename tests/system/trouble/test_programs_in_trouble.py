@@ -114,7 +114,8 @@ def test_wheels_stand_while_a_dead_cell_is_waited_for_and_are_off_thereafter() -
     run = mdms.simulate(load_scenario("array18", [*TABLE, *killed, "run.duration_s=2.2"]))
     assert run.status == "fault"
     assert run.reason == (
-        "cell 6 (node 6) has fallen silent: no speeds for 0.1 s; not back within 0.5 s"
+        "cell 6 (node 6) has fallen silent: no speeds for 0.1 s; not back within 0.5 s; "
+        "not confirmed to be off: cell 6 (node 6); cut the motors' power"
     )
     record = run.record
     assert np.abs(record.speed_m_s[record.time_s > START_S + 0.5]).max() < 0.01
