@@ -130,16 +130,21 @@ class RunStateMachine:
     def _conclude(self, now_s: float) -> None:
         """End a phase that all cells have reached, if none of them is other than it should be.
 
-        A stop ends all the same, with the cells that have not confirmed it as its fault.
+        A stop ends all the same, with the cells that have not confirmed it as its fault. Of those
+        that the run has gone on without it only warns.
         """
         misfits = self._supervision.misfits_text(self.phase, self._concerned)
-        if misfits and self.phase in BRING_UP:
+        given_up = self._roster.given_up
+        if misfits is None:
+            self._signal(RunSignal.DONE, now_s)
+        elif self.phase in BRING_UP:
             self._fail(misfits, now_s)
-        elif misfits:
+        elif any(cell.may_drive for cell in self._concerned if cell not in given_up):
             self.fault = "; ".join(filter(None, (self.fault, misfits)))
             self._journal.warn(now_s, f"fault: {misfits}")
             self._signal(RunSignal.WITHOUT, now_s)
         else:
+            self._journal.warn(now_s, misfits)
             self._signal(RunSignal.DONE, now_s)
 
     @property
