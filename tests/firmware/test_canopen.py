@@ -12,7 +12,7 @@ from canopen.objectdictionary import import_od
 from tests.both.bench import cell_bench
 
 from mdms_cell.cell import Cell
-from mdms_protocol.codecs import cia402
+from mdms_protocol.codecs import cia402, nmt
 from mdms_protocol.dictionary import ENTRIES, ERROR_HISTORY
 
 EDS = Path(__file__).parents[2] / "protocol" / "mdms-cell.eds"
@@ -104,9 +104,12 @@ def test_block_upload(remote):
 
 
 def test_emergency_reaches_the_host_and_the_history(running, remote):
-    remote.nmt.state = "OPERATIONAL"
-    running.cell.fail(0x6100)
     deadline_s = time.monotonic() + PATIENCE_S
+    remote.nmt.state = "OPERATIONAL"
+    while running.cell.state != nmt.OPERATIONAL:
+        time.sleep(0.01)
+        assert time.monotonic() < deadline_s
+    running.cell.fail(0x6100)
     while not remote.emcy.log:
         time.sleep(0.01)
         assert time.monotonic() < deadline_s

@@ -76,8 +76,7 @@ def test_node_id_is_not_saved_while_motors_are_on(bench):
     bench.can.deliver(0x7E5, b"\x04\x01\0\0\0\0\0\0")
     bench.can.deliver(0x7E5, b"\x17\0\0\0\0\0\0\0")
     bench.pass_ms(3)
-    error = 1 if bench.board.settings is None else 2
-    assert (0x7E4, bytes((0x17, error, 0, 0, 0, 0, 0, 0))) in world.sent
+    assert (0x7E4, bytes((0x17, 2, 0, 0, 0, 0, 0, 0))) in world.sent
     assert not stops
     assert not world.flash.dirty
     assert not bench.off()
