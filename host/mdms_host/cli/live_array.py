@@ -331,7 +331,8 @@ def _drive_and_end(
     except DeviceGoneError:
         raise
     except BaseException:
-        all_off(link)
+        if slot.busy:
+            all_off(link)
         raise
 
 

@@ -141,10 +141,15 @@ def test_an_emergency_stop_aborts_and_its_release_moves_nothing(line) -> None:
     line.until_state(State.EXECUTE)
 
 
-def test_a_stop_whose_cells_fall_silent_aborts(line) -> None:
+@pytest.mark.parametrize(
+    ("command", "state"),
+    [(Command.STOP, State.STOPPING), (Command.COMPLETE, State.COMPLETED)],
+)
+def test_a_stop_whose_cells_fall_silent_aborts(line, command, state) -> None:
     line.bring_to_execute()
+    line.command(command)
+    line.until_state(state)
     cut = line.begin("cut", cells=(1, 2, 3))
-    line.command(Command.STOP)
     line.until_state(State.ABORTED)
     assert line.machine.snapshot()["alarm"]["text"] == (
         "not confirmed to be off: cell 1 (node 1), cell 2 (node 2), cell 3 (node 3); "

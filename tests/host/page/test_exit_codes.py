@@ -1,5 +1,6 @@
 """`run` with a page ends with the exit code that it has without one, in virtual time."""
 
+import signal
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -121,7 +122,9 @@ def test_a_defect_ends_the_run_in_order_and_is_reported(tmp_path, capsys, hand, 
     command = ["run", str(program), *page, "--limit", str(LIMIT_S), "--log-dir", str(logs)]
     assert main(command) == ExitCode.FAILURE
     told = "mdms: the run was broken off, and the array turned off: ValueError: a defect"
-    assert told in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert told in err
+    assert "nobody knows what is off" not in err
     words = [frame.data for frame in sent if frame.can_id & ~0x7F == cob.RPDO_BASES[1]]
     assert pdo.CONTROLWORD.decode(words[-1]) == (cia402.DISABLE_VOLTAGE,) * 2
     assert [*logs.glob("report-*")]
@@ -143,6 +146,24 @@ def test_a_device_that_goes_away_is_reported(tmp_path, capsys, monkeypatch, page
     assert main(["run", "array18", *slow, *page, "--log-dir", str(logs)]) == ExitCode.NO_DEVICE
     assert "the adapter is gone" in capsys.readouterr().err
     assert [*logs.glob("report-*")]
+
+
+@pytest.mark.parametrize("page", [(), ("--page", "0")])
+def test_ctrl_c_whose_stop_a_cell_does_not_confirm_is_a_fault(capsys, hand, monkeypatch, page):
+    hand.settings = [f"fault=[{{kind='cut', cells=[6], start_s={HAND_S}}}]"]
+    receive = SimulatedLink.receive
+
+    def interrupted(link, timeout_s, handle):
+        if link.now_s() > HAND_S:
+            monkeypatch.setattr(SimulatedLink, "receive", receive)
+            signal.raise_signal(signal.SIGINT)
+        receive(link, timeout_s, handle)
+
+    monkeypatch.setattr(SimulatedLink, "receive", interrupted)
+    assert run("array18", "--set", "motion.speed_m_s=0.01", *page) == ExitCode.NODE_FAULT
+    assert "not confirmed to be off: cell 6 (node 6); cut the motors' power" in (
+        capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("command", [StopAll(), Goal("box", -0.09, 0.0, 0.0)])
