@@ -130,9 +130,10 @@ def believed_run(
 def _judged(
     outcomes: Iterable[GoalOutcome], coordinator: Coordinator, *, late: bool
 ) -> list[GoalOutcome]:
-    """Those that count: off the wheels a parcel may roll on a little, and has arrived all the same.
+    """The outcomes that count: of a finished program those of parcels that have not arrived.
 
-    A program may have ended before a parcel is there whose task it does not await.
+    One that has arrived may roll on a little off the wheels. A program may end without waiting for
+    a parcel.
     """
     there = coordinator.arrived if coordinator.finished and not late else ()
     return [each for each in outcomes if each.parcel not in there]

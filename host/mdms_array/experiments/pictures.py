@@ -109,10 +109,13 @@ def draw_lines(result: "SweepResult", measure: str, over: str, by: str | None = 
         # Few runs have no interval, and runs that are alike no spread.
         known = any(row.get(f"{measure}_median_low") is not None for row in rows)
         spread = any(row.get(f"{measure}_q10") != row.get(f"{measure}_q90") for row in rows)
-        bands = known * bands
-        if _has_bands(_values(result, over)):
-            bands = known * ["dark: 95 % interval of the median"]
-            bands += spread * ["light: 80 % of runs"]
+        has_both = _has_bands(_values(result, over))
+        if has_both:
+            bands = ["dark: 95 % interval of the median"]
+        if not known:
+            bands = []
+        if has_both and spread:
+            bands.append("light: 80 % of runs")
     _title(figure, result, f"{_of(result, measure)} over {over}", ", ".join(bands))
     return figure
 

@@ -77,7 +77,7 @@ class RunStateMachine:
             silent = self._supervision.silent(trouble.cell, now_s)
             if not (silent and self._recovery.do_without([trouble.cell], trouble.text, now_s)):
                 self._fail(trouble.text, now_s)
-        elif low := self._without_supply(now_s):
+        elif low := self._supervision.without_supply(self._roster.taking_part, now_s):
             text = self._supervision.low_supply_text(low)
             if not self._recovery.do_without(low, text, now_s):
                 self._fail(text, now_s)
@@ -92,12 +92,6 @@ class RunStateMachine:
         if router.switched_off:
             return SWITCHED_OFF
         return None if router.commanded is None else f"{COMMANDED}: {router.commanded.name}"
-
-    def _without_supply(self, now_s: float) -> list[BringUpCell]:
-        """The cells that come up without a supply of their motors, in time before any may drive."""
-        if self.phase not in BRING_UP:
-            return []
-        return self._supervision.without_supply(self._roster.taking_part, now_s)
 
     def _look_after_cells(self, now_s: float) -> None:
         decision = self._recovery.step(self.phase, now_s)

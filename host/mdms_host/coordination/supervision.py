@@ -97,7 +97,7 @@ class Supervision:
     def fault(
         self, phase: Phase, taking_part: Collection[BringUpCell], now_s: float
     ) -> Trouble | None:
-        """The fault of the first cell that has one while all come up, or end; None without any."""
+        """The fault of the first cell that has one while all come up; None without any."""
         for cell in taking_part:
             if text := self._silence_of(cell, now_s) or cell.fault(phase):
                 return Trouble(cell, text)
@@ -163,8 +163,8 @@ class Supervision:
     def misfits_text(self, phase: Phase, taking_part: Collection[BringUpCell]) -> str | None:
         """All cells that are not as a run expects them at the end of a phase, None without any.
 
-        They speak another protocol than the host, have another serial number, a board that cannot
-        steer a run of cells that steer, or other settings; or they may drive after a stop.
+        In the bring-up their protocol, serial number, board or settings do not fit. After a stop
+        they may drive.
         """
         if phase in (Phase.STOPPING, Phase.FAILING):
             on = [cell for cell in taking_part if cell.may_drive]

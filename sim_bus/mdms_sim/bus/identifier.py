@@ -1,4 +1,4 @@
-"""What is in the `can_id` of a frame on a bus: the identifier, and flags above it.
+"""The `can_id` of a frame on a bus: its identifier, and flags above it.
 
 Programs that only talk to a served bus need no more of it, and no compiler.
 """
