@@ -45,9 +45,12 @@ class Parser(ArgumentParser):
         self._late_options = late_options
 
     def parse_known_args(self, *args: Any, **kwargs: Any) -> Any:
-        """See `ArgumentParser`."""
+        """See `ArgumentParser`. Each verb refuses what it does not know, and names its own help."""
         self.add_late_options()
-        return super().parse_known_args(*args, **kwargs)
+        known, unknown = super().parse_known_args(*args, **kwargs)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return known, unknown
 
     def add_late_options(self) -> None:
         """Add the costly options, once."""

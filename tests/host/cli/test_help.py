@@ -41,6 +41,14 @@ def test_topics_are_listed_and_others_refused(capsys):
     assert "no such topic; there are start, newcomer, " in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["identify", "simulate array18", "configure show"])
+def test_option_that_a_verb_does_not_know_leads_to_the_help_of_that_verb(verb, capsys):
+    assert main([*verb.split(), "--wrong"]) == ExitCode.USAGE
+    name = "mdms " + verb.removesuffix(" array18")
+    said = f"{name}: unrecognized arguments: --wrong; see {name} --help\n"
+    assert capsys.readouterr().err == said
+
+
 def completed(script, *words):
     """The words that bash would offer for the last of these words."""
     line = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; COMP_TYPE=9; _shtab_mdms"
