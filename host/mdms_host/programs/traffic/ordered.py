@@ -350,7 +350,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
                 if self._orders.get(name) is order and not order.kept:
                     del self._orders[name]
                 # A parcel that has been ordered elsewhere since is not there yet.
-                if self._orders.get(name, order) is order and name in self.steered:
+                if name in self.steered and self.steered[name].goal is order.goal:
                     self.steered[name].arrived = True
             elif name in self.steered:
                 self.steered[name].arrived = False

@@ -199,6 +199,18 @@ def test_a_parcel_whose_task_is_broken_off_comes_to_rest_and_is_asked_for_no_mor
     assert "box" not in table.program.controllers
 
 
+def test_a_parcel_that_is_ordered_elsewhere_as_its_program_fails_has_not_arrived_there():
+    async def main(table):
+        await table["box"].move(-0.3, -0.1)
+        table.start(go_east(table))
+        raise ValueError("wrong")
+
+    table = two_boxes(main=main)
+    table.run_until(4.0, lambda: table.program.stuck is not None)
+    shown = table.program.controllers["box"]
+    assert (shown.goal.x_m, shown.arrived) == (0.36, False)
+
+
 def test_a_parcel_whose_task_is_broken_off_over_its_exit_leaves_all_the_same():
     async def main(table):
         box = table["box"]
