@@ -269,7 +269,7 @@ class Plant:
         self._write({"open": addresses})
 
     async def listen(self) -> None:
-        """Take in the messages of the table, until it is gone."""
+        """Take in the messages of the table until it is gone, and keep its last figures."""
         while line := await self._line():
             message = json.loads(line)
             if "snapshot" in message:
@@ -281,6 +281,8 @@ class Plant:
                     tell(report)
             elif (answer := self._waiting.pop(message["id"], None)) and not answer.done():
                 answer.set_result(message["error"])
+        if self.beats:
+            self._keep()
 
     async def _line(self) -> bytes:
         """The next message; empty when the table is gone, also when it was killed."""

@@ -113,6 +113,26 @@ def test_full_exits_the_mode_and_the_ideal_rate_hold_after_a_restart(tmp_path: P
         with_plant(tmp_path, begin)
 
 
+def test_the_last_figures_and_the_last_reason_hold_however_soon_the_table_is_gone(
+    tmp_path: Path,
+) -> None:
+    async def end(plant: Plant, table: PlayedTable) -> None:
+        await table.show(plant, state=State.EXECUTE)
+        figures = {"parcels_in": 3, "parcels_lost": 0, "parcels_rejected": 0, "out": {"east": 2}}
+        await table.show(plant, state=State.STOPPED, reason="Stop by plc", figures=figures)
+        table.reader.feed_eof()
+        for _ in range(10):
+            await asyncio.sleep(0)
+
+    async def begin(_plant: Plant, table: PlayedTable) -> None:
+        (restored,) = table.named("restore")
+        assert restored["figures"]["out"] == {"east": 2}
+        assert restored["reason"] == "Stop by plc"
+
+    with_plant(tmp_path, end)
+    with_plant(tmp_path, begin)
+
+
 def test_a_book_of_before_without_settings_begins_with_none(tmp_path: Path) -> None:
     with OrderBook(tmp_path / "orders.sqlite") as book:
         book.keep("machine", {"figures": {}, "spent_s": {}, "reason": ""})
