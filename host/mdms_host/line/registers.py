@@ -48,7 +48,7 @@ def _figure(name: str) -> Value:
 
 def _rate(name: str, scale: float = 1.0) -> Value:
     """A rate that is too large for its register is the largest number there."""
-    return lambda plant: min(round(scale * plant.snapshot[name]), 0xFFFF)
+    return lambda plant: round(min(scale * plant.snapshot[name], 0xFFFF))
 
 
 def _count(name: str) -> Value:

@@ -1,6 +1,7 @@
 """What a client of Modbus reads and causes, also one that goes on over a restart of the host."""
 
 import asyncio
+from math import inf
 from pathlib import Path
 
 import pytest
@@ -164,6 +165,9 @@ def test_a_rate_that_is_too_large_for_its_register_is_not_a_small_one(tmp_path: 
             assert registers.read(16, 3) == [0xFFFF, 0, 0xFFFF]
             # Counters go on from 0.
             assert registers.read(3, 1) == [1]
+            # An ideal rate of 1e-308 parcels an hour is allowed, too.
+            await table.show(plant, performance=inf)
+            assert registers.read(18, 1) == [0xFFFF]
 
     asyncio.run(talk())
 
