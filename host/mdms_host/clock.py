@@ -31,17 +31,24 @@ class Clock(Protocol):
         ...
 
 
+def _machine_s() -> float:
+    """The machine's monotonic clock [s]; on Linux its usual one stops while it is suspended."""
+    if sys.platform == "linux":
+        return time.clock_gettime(time.CLOCK_BOOTTIME)
+    return time.monotonic()
+
+
 class MonotonicClock:
     """The machine's monotonic clock, counted from when this was made."""
 
     is_real = True
 
     def __init__(self) -> None:
-        self._start_s = time.monotonic()
+        self._start_s = _machine_s()
 
     def now_s(self) -> float:
         """See `Clock`."""
-        return time.monotonic() - self._start_s
+        return _machine_s() - self._start_s
 
     def sleep(self, seconds: float) -> None:
         """See `Clock`."""

@@ -1,6 +1,8 @@
 """`run` with a page ends with the exit code that it has without one, in virtual time."""
 
 import signal
+import sys
+import time
 from contextlib import contextmanager
 from types import SimpleNamespace
 
@@ -11,6 +13,7 @@ from mdms_host.can_link.link import DeviceGoneError
 from mdms_host.cli import main
 from mdms_host.cli.exits import ExitCode
 from mdms_host.cli.live_array import SUSPENDED_S
+from mdms_host.clock import MonotonicClock
 from mdms_host.page.commands import Goal, StopAll
 from mdms_host.programs.traffic.by_host import TableTraffic
 from mdms_host.programs.traffic.dispatch import VirtualExecutor
@@ -198,3 +201,14 @@ def test_a_host_that_is_suspended_amid_the_service_of_its_line_tells_it(hand, mo
     run("array18", "--page", "0")
     (for_s,) = told
     assert SUSPENDED_S < for_s < SUSPENDED_S + 1.0
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux alone has this clock")
+def test_the_time_in_which_the_machine_is_suspended_passes_for_its_host(monkeypatch):
+    """As `systemctl suspend` has it: CLOCK_MONOTONIC stands still, and CLOCK_BOOTTIME goes on."""
+    clocks_s = {time.CLOCK_MONOTONIC: 100.0, time.CLOCK_BOOTTIME: 100.0}
+    monkeypatch.setattr(time, "monotonic", lambda: clocks_s[time.CLOCK_MONOTONIC])
+    monkeypatch.setattr(time, "clock_gettime", clocks_s.__getitem__)
+    clock = MonotonicClock()
+    clocks_s[time.CLOCK_BOOTTIME] += 600.0
+    assert clock.now_s() == 600.0
