@@ -187,6 +187,9 @@ class Line:
         if "note" in message:
             self._note(f"line: {message['note']}")
             return
+        if "show" in message:
+            self._servers.send({"snapshot": self.machine.snapshot()})
+            return
         error = None
         try:
             # The servers have the same clock. Their client has been told of a refusal by now.

@@ -328,6 +328,7 @@ class OpcUaServer:
         await server.load_certificate(settings["certificate"])
         await server.load_private_key(settings["key"])
         await self._build(settings["cells"])
+        await self.show()
         server.subscribe_server_callback(CallbackType.PostWrite, self._on_written)
         await server.start()
         for listening in server.bserver._server.sockets:

@@ -264,6 +264,14 @@ class Plant:
         for order in self.book.in_state(OrderState.IN_DOUBT):
             self._tell("in_doubt", order=asdict(order))
 
+    async def until_shown(self) -> None:
+        """Wait until the table has taken that, and shows it: a client that is early sees it too."""
+        shown = asyncio.Event()
+        self.on_snapshot.append(shown.set)
+        self._write({"show": True})
+        await shown.wait()
+        self.on_snapshot.remove(shown.set)
+
     def say_open(self, addresses: list[str]) -> None:
         """The servers are open."""
         self._write({"open": addresses})

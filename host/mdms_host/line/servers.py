@@ -39,6 +39,8 @@ async def serve(descriptor: int) -> None:
         plant = Plant(book, reader, writer, **names)
         plant.begin()
         tasks = [asyncio.create_task(plant.listen())]
+        shown = asyncio.create_task(plant.until_shown())
+        await asyncio.wait((shown, *tasks), return_when=asyncio.FIRST_COMPLETED)
         modbus = ModbusServer(PlantRegisters(plant))
         try:
             addresses = await _open(plant, settings, modbus, tasks)

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,13 +22,16 @@ from tests.system.line.controller import (
     PATIENCE_S,
     STOPPED,
     SUSPENDED,
+    Controller,
     Table,
     admit_user,
 )
 from tests.system.line.node_client import HERE, IS_THERE, NODE
 from tests.system.line.opcua import opcua_client
 
+from mdms_host.line.attached import ServersProcess
 from mdms_host.line.order_book import OrderBook
+from mdms_host.line.plant import NOTHING
 from mdms_host.line.registers import MAP_VERSION
 from mdms_host.line.servers import BOOK
 from mdms_host.programs.table_orders import LineOrder
@@ -171,6 +174,26 @@ def test_full_exits_and_maintenance_survive_a_kill(table: Table) -> None:
     assert not controller.command(1)
     controller.write(106, 1)
     assert controller.command(1)
+
+
+def test_a_client_that_is_there_at_once_after_a_restart_reads_the_figures_of_before(
+    tmp_path: Path,
+) -> None:
+    settings = {"folder": str(tmp_path), "host": "127.0.0.1", "modbus": 0, "opcua": None}
+    names = {"exits": ["north", "east"], "recipes": ["table"], "kinds": []}
+    figures = {"parcels_in": 3, "parcels_lost": 0, "parcels_rejected": 0, "out": {"east": 2}}
+    with closing(ServersProcess(settings | names)) as servers:
+        address = ""
+        end_s = time.monotonic() + PATIENCE_S
+        while not address and time.monotonic() < end_s:
+            for message in servers.receive():
+                if "show" in message:
+                    shown = NOTHING | {"figures": figures, "exits_full": [True, False]}
+                    servers.send({"snapshot": shown})
+                (address,) = message.get("open", [address])
+        with closing(Controller(int(address.rpartition(":")[2]))) as controller:
+            assert controller.read(6) == (1,)
+            assert controller.read(10, 4) == (0, 3, 0, 2)
 
 
 @needs_node
