@@ -58,6 +58,7 @@ _CURE_ABORTED = "run `mdms doctor`, mend its findings, then Clear and Reset"
 _CAUSE_COMMANDED, _CURE_COMMANDED = "a client's command", "Clear and Reset"
 #: A run has the bus then, so no doctor may look at the cells.
 _CURE_HELD = "mend it, then Unhold (or Stop)"
+_CURE_IDLE = "mend it; Start is refused until then"
 
 
 class Recipes(Generic[Job]):
@@ -576,16 +577,19 @@ class Machine:
         }
 
     def _alarm(self) -> dict[str, str] | None:
-        """The alarm of a machine that was aborted, or is held for trouble, with cause and cure."""
+        """The alarm of a machine that was aborted, or waits for cells, with cause and cure."""
+        run = self._run
         if self.states.state in (State.ABORTING, State.ABORTED):
             text, cure = self.states.reason, _CURE_ABORTED
             if self._abort_commanded:
                 return {"text": text, "cause": _CAUSE_COMMANDED, "cure": _CURE_COMMANDED}
         elif self.states.state in (State.HOLDING, State.HELD) and self._trouble:
             text, cure = self._trouble, _CURE_HELD
+        elif self.states.state is State.IDLE and run is not None and run.phase in TROUBLED:
+            text, cure = run.troubles[-1][1], _CURE_IDLE
         else:
             return None
-        if self._run is not None and "supply" in text:
+        if run is not None and "supply" in text:
             cut = KINDS["supply-low"]
             return {"text": text, "cause": cut.cause, "cure": cut.cure}
         return {"text": text, "cause": text, "cure": cure}

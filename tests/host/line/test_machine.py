@@ -117,6 +117,24 @@ def test_in_held_the_alarm_names_the_trouble_and_a_cure_that_is_taken(is_first) 
         assert line.machine.snapshot()["alarm"] is None
 
 
+def test_in_idle_the_alarm_names_the_cell_for_which_start_is_refused() -> None:
+    with VirtualLine(("run.on_lost_cell=hold",)) as line:
+        line.command(Command.RESET)
+        line.until_state(State.IDLE)
+        off = line.begin("off", cells=(9,))
+        line.until(lambda: line.machine.snapshot()["alarm"] is not None, 3.0)
+        with pytest.raises(CommandRefusedError, match=r"cell 9 .* give Start when it is back"):
+            line.command(Command.START)
+        alarm = line.machine.snapshot()["alarm"]
+        assert line.state is State.IDLE
+        assert "cell 9" in alarm["text"]
+        assert alarm["cure"] == "mend it; Start is refused until then"
+        line.simulation.faults.end(off)
+        line.until(lambda: line.machine.snapshot()["alarm"] is None, 5.0)
+        line.command(Command.START)
+        line.until_state(State.EXECUTE)
+
+
 def test_an_emergency_stop_aborts_and_its_release_moves_nothing(line) -> None:
     line.bring_to_execute()
     line.until(line.moving, 10.0)
