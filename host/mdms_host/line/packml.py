@@ -114,13 +114,13 @@ class StateMachine:
 
     @property
     def commands(self) -> tuple[Command, ...]:
-        """The commands that the state takes."""
-        return tuple(each for each in Command if (self.state, each) in TRANSITIONS)
+        """The commands that the state takes in this mode."""
+        left_out = Command.RESET if self.mode is Mode.MAINTENANCE else None
+        taken = (each for each in Command if (self.state, each) in TRANSITIONS)
+        return tuple(each for each in taken if each is not left_out)
 
     def after(self, cause: Command | Done) -> State:
         """The next state. Raises `CommandRefusedError`."""
-        if cause is Command.RESET and self.mode is Mode.MAINTENANCE:
-            raise CommandRefusedError("Reset is not possible in maintenance; change the mode first")
         after = TRANSITIONS.get((self.state, cause))
         if after is None:
             name = cause.name.capitalize() if isinstance(cause, Command) else "The end"
@@ -128,6 +128,8 @@ class StateMachine:
             raise CommandRefusedError(
                 f"{name} is not possible in {self.state.name.capitalize()}; possible: {fitting}"
             )
+        if cause is Command.RESET and self.mode is Mode.MAINTENANCE:
+            raise CommandRefusedError("Reset is not possible in maintenance; change the mode first")
         return after
 
     def on(self, cause: Command | Done, now_s: float, reason: str = "") -> None:
@@ -142,7 +144,7 @@ class StateMachine:
         """Work in another mode from now on. Raises `CommandRefusedError` but in Stopped."""
         if self.state is not State.STOPPED:
             raise CommandRefusedError(
-                f"the mode is not changed in {self.state.name.capitalize()}; stop first"
+                f"the mode is not changed in {self.state.name.capitalize()}, but in Stopped alone"
             )
         self.mode = mode
 

@@ -337,7 +337,7 @@ def test_maintenance_takes_no_reset_and_leaves_the_bus_to_others(line) -> None:
     assert not line.slot.busy
     line.do("mode", mode=1)
     line.bring_to_execute()
-    with pytest.raises(CommandRefusedError, match="stop first"):
+    with pytest.raises(CommandRefusedError, match="not changed in Execute, but in Stopped alone"):
         line.do("mode", mode=2)
 
 

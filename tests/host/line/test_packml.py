@@ -8,6 +8,8 @@ from mdms_host.line.packml import (
     MOVING,
     TRANSITIONS,
     Command,
+    CommandRefusedError,
+    Mode,
     State,
     StateMachine,
 )
@@ -35,6 +37,21 @@ def test_a_machine_comes_from_stopped_to_execute_and_back() -> None:
 )
 def test_abort_is_possible_in_every_state(state) -> None:
     assert TRANSITIONS[state, Command.ABORT] is State.ABORTING
+
+
+def test_in_maintenance_refusals_name_only_commands_that_are_taken() -> None:
+    machine = StateMachine(mode=Mode.MAINTENANCE)
+    with pytest.raises(CommandRefusedError, match="change the mode first"):
+        machine.after(Command.RESET)
+    with pytest.raises(CommandRefusedError, match=r"not possible in Stopped; possible: Abort$"):
+        machine.after(Command.START)
+    machine.on(Command.ABORT, 1.0)
+    machine.on(DONE, 2.0)
+    # The mode cannot be changed here, nor can Stop be given: Clear comes first.
+    with pytest.raises(CommandRefusedError, match=r"not possible in Aborted; possible: Clear$"):
+        machine.after(Command.RESET)
+    with pytest.raises(CommandRefusedError, match="not changed in Aborted, but in Stopped alone"):
+        machine.change_mode(Mode.PRODUCTION)
 
 
 def test_only_three_commands_lead_to_a_state_in_which_parcels_move() -> None:
