@@ -8,6 +8,7 @@ import json
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import asdict
 from math import inf
 from time import monotonic
@@ -142,7 +143,14 @@ class Line:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        self._servers.close()
+        # A run that has just ended in order is to be seen so: it stops, and has stopped.
+        try:
+            with suppress(LineError):
+                for _ in range(2):
+                    self.machine.step()
+                self._servers.send({"snapshot": self.machine.snapshot()})
+        finally:
+            self._servers.close()
 
     def _await_open(self) -> list[str]:
         """Addresses of the servers, once they are open; orders of before have come by then."""

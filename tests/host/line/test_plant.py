@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
 from types import SimpleNamespace
@@ -225,17 +226,53 @@ class WaitingServers:
     def __init__(self, _settings: dict[str, Any]) -> None:
         self.waiting: list[dict[str, Any]] = [{"open": []}]
         self.answers: list[Any] = []
+        self.told: list[dict[str, Any]] = []
+
+    def close(self) -> None:
+        pass
 
     def receive(self) -> list[dict[str, Any]]:
         messages, self.waiting = self.waiting, []
         return messages
 
     def send(self, message: dict[str, Any]) -> None:
+        self.told.append(message)
         if "id" in message:
             self.answers.append(message["error"])
 
     def flushed(self) -> bool:
         return True
+
+
+def attached_to(line: VirtualLine, monkeypatch: Any) -> tuple[attached.Line, Any]:
+    """The line of a virtual table, with servers whose messages wait."""
+    page = SimpleNamespace(note=lambda *_: None, show_line=lambda _: None)
+    monkeypatch.setattr(attached, "ServersProcess", WaitingServers)
+    monkeypatch.setattr(attached, "MonotonicClock", lambda: SimpleNamespace(now_s=line.now_s))
+    for module in (attached, plants):
+        monkeypatch.setattr(module, "monotonic", line.now_s)
+    whole = attached.Line(line.slot, line.machine.exits, {}, line.recipes, page)
+    line.machine = whole.machine
+    return whole, whole._servers
+
+
+@pytest.mark.slow
+def test_a_host_that_ends_in_order_tells_of_its_orders_and_that_it_has_stopped(
+    monkeypatch: Any,
+) -> None:
+    with VirtualLine() as line:
+        whole, servers = attached_to(line, monkeypatch)
+        line.do("order", order=asdict(LineOrder("o1", "box 1", "north")))
+        line.bring_to_execute()
+        line.until(line.moving, 10.0)
+        # Ctrl-C: the run is stopped, and nothing is looked after once it is over.
+        line.slot.stop()
+        line.simulation.kernel.run_until(line.simulation.kernel.now_ns + 1_000_000_000)
+        with whole:
+            pass
+    *_, in_doubt, last = servers.told
+    assert (in_doubt["report"]["key"], in_doubt["report"]["event"]) == ("o1", "in doubt")
+    assert (last["snapshot"]["state"], last["snapshot"]["reason"]) == (2, "stopped by hand")
 
 
 @pytest.mark.slow
@@ -255,13 +292,7 @@ def test_wheels_stop_by_a_stop_that_has_waited_and_do_not_start_by_a_start(
         return message
 
     with VirtualLine() as line:
-        page = SimpleNamespace(note=lambda *_: None, show_line=lambda _: None)
-        monkeypatch.setattr(attached, "ServersProcess", WaitingServers)
-        monkeypatch.setattr(attached, "MonotonicClock", lambda: SimpleNamespace(now_s=line.now_s))
-        for module in (attached, plants):
-            monkeypatch.setattr(module, "monotonic", line.now_s)
-        whole = attached.Line(line.slot, line.machine.exits, {}, line.recipes, page)
-        servers, line.machine = whole._servers, whole.machine
+        whole, servers = attached_to(line, monkeypatch)
 
         def late(command: Command) -> None:
             message = told(command)
