@@ -16,7 +16,7 @@ from mdms_array.array import BelievedArray, believe
 from mdms_array.figures import believed_run
 from mdms_array.host import break_off, coordinator_of, estimates_of
 from mdms_array.operation import check_array
-from mdms_array.run import ERRORS, Run, RunError, StoppedError, TimeLimitError
+from mdms_array.run import ERRORS, FailedError, Run, RunError, StoppedError, TimeLimitError
 from mdms_array.source import Source, open_source
 from mdms_array.table import BlockingTable, for_one_block, wait_for_ever
 from mdms_host.can_link.link import AnyLink
@@ -123,10 +123,12 @@ class ThreadDriver:
         finally:
             self._asked.put(self._coordinator.stop)
             self._thread.join()
-            break_off(self._coordinator)
+            failure = break_off(self._coordinator)
         if self._error is not None or self._coordinator.fault is not None:
             # It came while the script was thinking, and no call has said so.
             raise self._ended()
+        if failure is not None:
+            raise FailedError(failure, self.run_so_far)
 
     @property
     def table(self) -> Table:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mdms_array.host import has_failed, late_text
+from mdms_array.host import break_off, has_failed, late_text
 from mdms_array.run import ERRORS, Incident, ParcelRun, Run
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.motion.goal import GoalPose
@@ -125,6 +125,17 @@ def believed_run(
         "goals": [asdict(outcome) for outcome in outcomes],
     }
     return _run(scenario, (status, reason), record, figures, coordinator, outcomes=outcomes)
+
+
+def broken_off(run: Run, coordinator: Coordinator) -> Run:
+    """The run, once what is left of its program is broken off; an error of that is the run's."""
+    failure = break_off(coordinator)
+    if failure is None:
+        return run
+    status = "failed" if run.status in ("reached", "time limit") else run.status
+    reason = failure if run.endless or not run.reason else f"{run.reason}; {failure}"
+    figures = {**run.figures, "status": status, "reason": reason, "fault": reason}
+    return replace(run, status=status, reason=reason, figures=figures, endless=False)
 
 
 def _judged(

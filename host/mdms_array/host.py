@@ -26,6 +26,7 @@ from mdms_host.motion.trajectory.traction import Traction, wheel_drives_of
 from mdms_host.programs.newcomers import Comings, Infeed
 from mdms_host.programs.order import Gate
 from mdms_host.programs.program import CellsTableProgram, Main, Member, TableProgram
+from mdms_host.programs.script import failure_text
 from mdms_host.programs.table import Table
 from mdms_host.programs.tasks import main_of
 from mdms_host.programs.traffic.by_cells import CellsTraffic
@@ -254,10 +255,16 @@ def has_failed(coordinator: Coordinator) -> bool:
     return isinstance(coordinator.program, TableProgram) and coordinator.program.failed
 
 
-def break_off(coordinator: Coordinator) -> None:
-    """Break off what is left of a run's program once the run is over: `finally` in it runs now."""
-    if isinstance(coordinator.program, TableProgram):
-        coordinator.program.driver.stop()
+def break_off(coordinator: Coordinator) -> str | None:
+    """Break off what is left of a run's program once the run is over: `finally` in it runs now.
+
+    Returns the message of an error that comes of that, if any.
+    """
+    program = coordinator.program
+    error = program.driver.stop() if isinstance(program, TableProgram) else None
+    if error is None:
+        return None
+    return f"the program failed as the run ended: {failure_text(error)}"
 
 
 def late_text(coordinator: Coordinator) -> str:

@@ -11,8 +11,8 @@ from typing import Protocol
 from mdms_array.array import BelievedArray
 from mdms_array.bus_load import check_load
 from mdms_array.checks import refuse_tipping
-from mdms_array.figures import believed_run
-from mdms_array.host import break_off, coordinator_of, estimates_of, refuse_unstoppable
+from mdms_array.figures import believed_run, broken_off
+from mdms_array.host import coordinator_of, estimates_of, refuse_unstoppable
 from mdms_array.recording import PlanLog
 from mdms_array.run import Run
 from mdms_host.can_link.bus_log import LogWriter, open_log
@@ -138,7 +138,7 @@ def operate_array(
         late=operation.ending is not Ending.DONE,
         interrupted=operation.interrupt is not None,
     )
-    break_off(coordinator)
+    run = broken_off(run, coordinator)
     of_operation = {
         "ending": str(operation.ending),
         "duration_s": operation.duration_s,

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from mdms_array.extras import COMPILER, RECORDING, require
-from mdms_array.figures import REPORTED_S, simulated_run
+from mdms_array.figures import REPORTED_S, broken_off, simulated_run
 from mdms_array.host import (
     break_off,
     coordinator_of,
@@ -182,8 +182,7 @@ def _firmware(
         wall_s=wall_s,
         compile_s=compile_s,
     )
-    break_off(coordinator)
-    return run
+    return broken_off(run, coordinator)
 
 
 def _simulated(
@@ -388,7 +387,9 @@ def virtual(scenario: Source, signals: Signals | None = None) -> Iterator[Blocki
         try:
             yield BlockingTable(driver)
         finally:
-            driver.close()
+            failure = driver.close()
+        if failure is not None:
+            raise FailedError(failure, driver.run_so_far)
 
 
 class VirtualDriver:
@@ -424,10 +425,10 @@ class VirtualDriver:
             waits = waits_text(self._coordinator) or ": its parcels have not been found"
             raise TimeLimitError(f"the table does not come up{waits}", self.run_so_far)
 
-    def close(self) -> None:
-        """Let no more time pass."""
-        break_off(self._coordinator)
+    def close(self) -> str | None:
+        """Let no more time pass; why its programs have failed as they were broken off, if so."""
         self._ended = "its `with` block has ended"
+        return break_off(self._coordinator)
 
     @property
     def table(self) -> Table:

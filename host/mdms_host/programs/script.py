@@ -266,11 +266,13 @@ class Script:
         """Where each task waits that is not done, those that were started first first."""
         return tuple(task.where for task in self._tasks if not task.done)
 
-    def cancel(self) -> None:
-        """Break off all tasks."""
-        for task in self._tasks:
+    def cancel(self) -> BaseException | None:
+        """Break off all tasks; the first error that comes of that, if any."""
+        left = [task for task in self._tasks if not task.done]
+        for task in left:
             task.cancel()
         self._tasks.clear()
+        return next((task.error for task in left if task.error is not None), None)
 
 
 @contextmanager

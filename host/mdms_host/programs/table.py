@@ -428,10 +428,10 @@ class TableDriver:
             self._on_blocked(where, took_s)
         return blocked
 
-    def stop(self) -> None:
-        """Break off the program, and bring all parcels to rest."""
+    def stop(self) -> BaseException | None:
+        """Break off the program, and bring all parcels to rest; an error of that, if any."""
         self.table._orders.stop()
-        self.table._script.cancel()
+        return self.table._script.cancel()
 
     def in_virtual_time(self) -> None:
         """Take signals from `receive` alone, from now on."""

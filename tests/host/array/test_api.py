@@ -202,6 +202,27 @@ def test_a_program_that_has_not_come_to_its_end_is_broken_off_with_the_run():
     assert table.run_so_far.status == "reached"
 
 
+def test_an_error_of_a_program_that_is_broken_off_with_the_run_is_told():
+    """Its `finally` may have been to write what the program has found out."""
+
+    async def main(table):
+        try:
+            await table.signal("never")
+        finally:
+            raise OSError("no room for results")
+
+    async def start(table):
+        table.start(main(table))
+
+    run = mdms.simulate("array18", program=main, limit_s=0.6)
+    told = r"^the program failed as the run ended: OSError: no room for results, in main \(test_api"
+    with pytest.raises(mdms.FailedError, match=told):
+        run.raise_for_status()
+    assert (run.figures["status"], run.figures["reason"]) == (run.status, run.reason)
+    with pytest.raises(mdms.FailedError, match=told), mdms.virtual("array18") as table:
+        table.run(start)
+
+
 def test_a_table_that_was_interrupted_within_a_step_does_not_go_on(monkeypatch):
     """The next step of time was not asked for yet, so no later call would come to its end."""
 
