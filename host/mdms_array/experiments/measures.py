@@ -8,7 +8,7 @@ import math
 import runpy
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from functools import cache, cached_property
 from math import pi
@@ -88,8 +88,11 @@ def energy_j(run: Run) -> float:
 
     Power that a motor gives back is not counted.
     """
-    record = run.record
-    power_w = motor_power_w(run.scenario.cell, record.voltage_v, record.speed_m_s)
+    record, cell = run.record, run.scenario.cell
+    if run.scenario.run.fidelity != "firmware":
+        # The paper's motors have no bridges.
+        cell = replace(cell, current_limit_a=None)
+    power_w = motor_power_w(cell, record.voltage_v, record.speed_m_s)
     # A voltage is unknown where no wheel was driven.
     power_w = np.nan_to_num(np.maximum(power_w, 0.0)).sum(axis=1)
     return float(np.trapezoid(power_w, record.time_s))
@@ -98,7 +101,11 @@ def energy_j(run: Run) -> float:
 def motor_power_w(cell: Cell, voltage_v: Floats, speed_m_s: Floats) -> Floats:
     """Electrical power of motors by voltage and surface speed of the wheels (eqs 7 and 8) [W]."""
     constant_vs_per_m = cell.torque_constant_nm_per_a * cell.gear_ratio / cell.wheel_radius_m
-    power: Floats = voltage_v * (voltage_v - constant_vs_per_m * speed_m_s) / cell.resistance_ohm
+    back_emf_v = constant_vs_per_m * speed_m_s
+    limit_a = np.inf if cell.current_limit_a is None else cell.current_limit_a
+    current_a = np.clip((voltage_v - back_emf_v) / cell.resistance_ohm, -limit_a, limit_a)
+    # A bridge that limits lowers its voltage.
+    power: Floats = current_a * (back_emf_v + current_a * cell.resistance_ohm)
     return power
 
 

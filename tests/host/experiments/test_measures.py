@@ -3,7 +3,7 @@
 import threading
 from functools import wraps
 from math import nan
-from types import FunctionType
+from types import FunctionType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from mdms_array.experiments.measures import (
     belief_position_error_m,
     belief_yaw_error_rad,
     check_measures,
+    energy_j,
     identity_of,
     known_figures,
     measure_named,
@@ -72,6 +73,23 @@ def test_the_turn_of_a_disc_is_no_error():
     assert belief_position_error_m(run) == 0.0
     alone = run_of([disc], [(AT_B, (0.3, 0.0, 2.0))])
     assert belief_yaw_error_rad(alone) is None
+
+
+@pytest.mark.parametrize(("fidelity", "power_w"), [("firmware", 16.0), ("ideal", 36.0)])
+def test_the_energy_of_a_stalled_motor_is_that_of_the_current_at_which_its_bridge_limits(
+    fidelity, power_w
+):
+    """12 V at 4 ohm are 3 A and 36 W, but 2 A need no more than 8 V."""
+    cell = {"current_limit_a": 2.0, "resistance_ohm": 4.0}
+    scenario = scenario_from(
+        {"scenario": "array18", "cell": cell, "run": {"fidelity": fidelity}}
+        | {"parcel": [BOX], "motion": {"field": "uniform"}}
+    )
+    record = SimpleNamespace(
+        time_s=np.array([0.0, 0.5]), voltage_v=np.full((2, 1), 12.0), speed_m_s=np.zeros((2, 1))
+    )
+    run = Run(scenario, "reached", "", record, {}, {})
+    assert energy_j(run) == pytest.approx(0.5 * power_w)
 
 
 @pytest.mark.parametrize(
