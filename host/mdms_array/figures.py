@@ -304,7 +304,8 @@ def _true_outcomes(
         goal = goals.get(parcel.name)
         if goal is not None:
             pose = record.pose[-1, number]
-            there = _pose(pose) if np.isfinite(pose).all() else None
+            is_on_table = np.isfinite(pose).all() and lifted_s(record, parcel.name) is None
+            there = _pose(pose) if is_on_table else None
             outcomes.append(outcome_of(parcel.name, goal, there, _there_s(record, number, goal)))
     return outcomes
 

@@ -21,7 +21,8 @@ REACHED_RAD = 0.03
 class GoalOutcome:
     """How far a parcel is from its goal at the end, and when it came there to stay [s].
 
-    Errors are None where the parcel has not been found, the time where it has not arrived.
+    Errors are None where the parcel is off the table or has not been found, the time where it has
+    not arrived.
     """
 
     parcel: str
@@ -34,7 +35,7 @@ class GoalOutcome:
     def text(self) -> str:
         """The distance left, in words."""
         if self.position_error_m is None or self.yaw_error_rad is None:
-            return f"{self.parcel} has not been found"
+            return f"{self.parcel} is not on the table, or has not been found"
         return (
             f"{self.parcel} is {1e3 * self.position_error_m:.1f} mm and "
             f"{degrees(abs(self.yaw_error_rad)):.1f} degrees from its goal"

@@ -148,6 +148,18 @@ def test_a_parcel_that_is_lifted_away_at_the_end_does_not_rest(capsys):
     assert (box["lifted"], box["at_rest"]) == (True, False)
 
 
+def test_a_parcel_that_is_lifted_away_from_its_goal_has_not_reached_it(capsys):
+    """The host takes some time to doubt, so by its belief the box is still there."""
+    lift = "fault=[{kind='lift', parcel='box', start_s=0.69}]"
+    there = "parcel.0.goal={x_m=-0.10, y_m=0.0, yaw_rad=0.0}"
+    options = ("--set", lift, "--set", there, "--set", "run.duration_s=0.7")
+    assert main(["simulate", "array18", *options, "--json"]) == ExitCode.TIME_LIMIT
+    told = capsys.readouterr()
+    (goal,) = json.loads(told.out)["goals"]
+    assert (goal["reached"], goal["position_error_m"], goal["time_s"]) == (False, None, None)
+    assert "goal not reached: box is not on the table" in told.err
+
+
 def test_a_run_folder_repeats_its_program_and_says_whether_the_bus_agrees(tmp_path, capsys):
     path, folder = tmp_path / "lifts.py", tmp_path / "run"
     path.write_text(

@@ -270,7 +270,8 @@ def test_run_ends_by_itself(channel, monkeypatch, capsys, options, limit_s):
         on(channel, "run", "array18", "--set", "run.duration_s=3", *options) == ExitCode.TIME_LIMIT
     )
     assert limits_s == [limit_s]
-    assert capsys.readouterr().err == "mdms: goal not reached: box has not been found\n"
+    told = "mdms: goal not reached: box is not on the table, or has not been found\n"
+    assert capsys.readouterr().err == told
 
 
 @pytest.mark.parametrize("limit", ["-1", "0", "nan", "inf", "soon"])
