@@ -18,6 +18,7 @@ True
 """
 
 import warnings
+from asyncio import _get_running_loop, _set_running_loop
 from collections.abc import Callable, Coroutine, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,6 +40,8 @@ _WAITS_ON = (
     "is broken off, and waits again all the same; let no `finally` await, and catch ProgramError "
     "in place of everything"
 )
+#: Words of asyncio where it has no loop, or its loop is given an await of the table.
+_ASYNCIO = "event loop", "Task got bad yield"
 #: Python's own word about a coroutine that is dropped.
 _DROPPED = "was never awaited"
 
@@ -151,7 +154,8 @@ class ScriptTask(Generic[Result]):
         self.done = self.cancelled = True
         where = self.where
         try:
-            self._routine.close()
+            with _without_event_loop():
+                self._routine.close()
         except RuntimeError as error:
             waits = self.line is not None
             self.error = ScriptError(f"{where} {_WAITS_ON}") if waits else error
@@ -177,7 +181,8 @@ class ScriptTask(Generic[Result]):
 
     def _resume(self) -> None:
         try:
-            condition = self._routine.send(None)
+            with _without_event_loop():
+                condition = self._routine.send(None)
         except StopIteration as end:
             self._result, self.done = end.value, True
         except KeyboardInterrupt:
@@ -276,6 +281,17 @@ class Script:
 
 
 @contextmanager
+def _without_event_loop() -> Iterator[None]:
+    """Hide the event loop of a notebook, whose time is not the table's: asyncio refuses then."""
+    loop = _get_running_loop()
+    _set_running_loop(None)
+    try:
+        yield
+    finally:
+        _set_running_loop(loop)
+
+
+@contextmanager
 def _dropped_coroutines(dropped: list[str], task: ScriptTask[Any]) -> Iterator[None]:
     """Add the messages of coroutines that nobody awaited in a task, in the end.
 
@@ -324,7 +340,7 @@ def failure_text(error: BaseException) -> str:
         return str(error)
     where = place_of(error)
     behind = f", in {where}" if where else ""
-    if isinstance(error, RuntimeError) and "event loop" in str(error):
+    if isinstance(error, RuntimeError) and any(word in str(error) for word in _ASYNCIO):
         return (
             "asyncio is of no use in a program, whose time is the table's; write await "
             f"table.sleep(1.0) in place of asyncio.sleep, and table.start() for tasks{behind}"

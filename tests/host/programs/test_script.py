@@ -126,6 +126,37 @@ def test_an_awaitable_of_another_loop_is_refused():
         loop.close()
 
 
+async def in_time(reached):
+    async with asyncio.timeout(0):
+        await until(lambda: bool(reached))
+
+
+async def beside(reached):
+    asyncio.get_running_loop().call_soon(reached.append, 1)
+    await until(lambda: bool(reached))
+
+
+async def within(reached):
+    asyncio.run(until(lambda: bool(reached)))
+
+
+@pytest.mark.parametrize("program", [in_time, beside, within])
+def test_asyncio_in_a_task_is_refused_in_a_notebook_too(program):
+    """A notebook's loop runs, but it stands as long as the table's time passes."""
+
+    async def cell():
+        script, reached = Script(), []
+        script.start(program(reached))
+        error = script.step()
+        assert error is not None
+        assert failure_text(error).startswith("asyncio is of no use in a program")
+        await asyncio.sleep(0)
+        assert asyncio.get_running_loop() is not None
+        assert not reached
+
+    asyncio.run(cell())
+
+
 def test_a_task_that_waits_for_nothing_is_found():
     script = Script()
 
