@@ -15,17 +15,14 @@ _OPEN_M = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """A rectangle: likeliest sides, what each may be off (one standard deviation), and bounds [m].
+    """A rectangle: its likeliest sides, and one standard deviation of each [m].
 
-    `yaw_rad` is how its length lies. Bounds are those that sensors at rest allow for that side,
-    however the parcel is turned; each alone, not both at once.
+    `yaw_rad` is the direction of its length [table frame].
     """
 
     length_m: float
     width_m: float
     deviation_m: tuple[float, float]
-    least_m: tuple[float, float]
-    most_m: tuple[float, float]
     yaw_rad: float
 
     def parcel(self, name: str) -> Parcel:
@@ -59,23 +56,14 @@ def size_of(covered_m: Floats, free_m: Floats) -> Size | None:
     mean_m = share @ sides_m
     within = np.column_stack(((along_m**2).sum(axis=1), (across_m**2).sum(axis=1))) / 12
     deviation_m = np.sqrt(share @ (within + (sides_m - mean_m) ** 2))
-    there = share > 0
-    least_m, most_m = extents_m[there].min(axis=0), (extents_m + slack_m)[there].max(axis=0)
     yaw_rad = float(share @ turned_rad)
-    columns = (mean_m, deviation_m, least_m, most_m)
+    columns = (mean_m, deviation_m)
     if mean_m[1] > mean_m[0]:
         columns = tuple(column[::-1] for column in columns)
         yaw_rad += np.pi / 2
-    (length_m, width_m), deviation, least, most = (column.tolist() for column in columns)
+    (length_m, width_m), deviation = (column.tolist() for column in columns)
     yaw_rad = (yaw_rad + np.pi / 2) % np.pi - np.pi / 2
-    return Size(
-        length_m,
-        width_m,
-        (deviation[0], deviation[1]),
-        (least[0], least[1]),
-        (most[0], most[1]),
-        yaw_rad,
-    )
+    return Size(length_m, width_m, (deviation[0], deviation[1]), yaw_rad)
 
 
 def rectangles_of(

@@ -93,13 +93,9 @@ class TrackedParcel:
         footprint = self.estimator.footprint
         if not isinstance(footprint, Rectangle):
             return None
-        sides_m = footprint.length_m, footprint.width_m
         along_m, across_m = self.estimator.growth_deviation_m
-        deviation_m = 2 * along_m, 2 * across_m
-        least_m = sides_m[0] - 3 * deviation_m[0], sides_m[1] - 3 * deviation_m[1]
-        most_m = sides_m[0] + 3 * deviation_m[0], sides_m[1] + 3 * deviation_m[1]
         yaw_rad = self.parcel.yaw_hint_rad if self.place is None else float(self.place[2])
-        return Size(*sides_m, deviation_m, least_m, most_m, yaw_rad)
+        return Size(footprint.length_m, footprint.width_m, (2 * along_m, 2 * across_m), yaw_rad)
 
     @property
     def learns(self) -> bool:

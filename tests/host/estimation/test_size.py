@@ -15,7 +15,7 @@ SENSORS_M = LAYOUT.sensor_positions_m.reshape(-1, 2)
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_bounds_hold_however_a_box_lies(seed: int) -> None:
+def test_sides_are_within_four_deviations_however_a_box_lies(seed: int) -> None:
     random = np.random.default_rng(seed)
     length_m = random.uniform(0.24, 0.45)
     width_m = random.uniform(0.2, length_m)
@@ -23,8 +23,6 @@ def test_bounds_hold_however_a_box_lies(seed: int) -> None:
     covered = Rectangle(length_m, width_m).distance_m(SENSORS_M, pose) < 0
     size = size_of(SENSORS_M[covered], SENSORS_M[~covered])
     assert size is not None
-    for number, side_m in enumerate((length_m, width_m)):
-        assert size.least_m[number] - 1e-3 <= side_m <= size.most_m[number] + 1e-3
     assert abs(size.length_m - length_m) < 4 * size.deviation_m[0]
     assert abs(size.width_m - width_m) < 4 * size.deviation_m[1]
 

@@ -152,7 +152,7 @@ class StillTable(Recorder):
     def __init__(self, columns: int = 6, rows: int = 3) -> None:
         super().__init__()
         corners = np.array([[0.12, 0.1], [-0.12, 0.1], [-0.12, -0.1], [0.12, -0.1]])
-        size = Size(0.2404, 0.2, (0.01, 0.01), (0.2, 0.18), (0.26, 0.22), 0.0)
+        size = Size(0.2404, 0.2, (0.01, 0.01), 0.0)
         outline = tuple(map(tuple, corners.tolist()))
         self._things = {
             "box": Thing(outline),

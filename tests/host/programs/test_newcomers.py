@@ -10,7 +10,7 @@ from mdms_host.estimation.parcel import Parcel
 from mdms_host.estimation.size import Size
 from mdms_host.programs.table import Newcomer, ProgramError
 
-SEEN = Size(0.30, 0.26, (0.02, 0.02), (0.25, 0.2), (0.35, 0.3), 0.1)
+SEEN = Size(0.30, 0.26, (0.02, 0.02), 0.1)
 CRATE = Newcomer("crate", 0.3, 0.26, kind="crate", mass_kg=1.5)
 
 
