@@ -292,10 +292,10 @@ Recipients = tuple[tuple[FrameObserver, ...], tuple[Controller, ...]]
 
 
 class Acceptance:
-    """A list of identifiers that may change while the node is on the bus."""
+    """A list of identifiers that may change while the node is on the bus; none at first."""
 
-    def __init__(self, identifiers: Iterable[int] = ()) -> None:
-        self._identifiers = frozenset(identifiers)
+    def __init__(self) -> None:
+        self._identifiers: frozenset[int] = frozenset()
         self._changed: Callable[[], object] | None = None
 
     def __contains__(self, can_id: object) -> bool:

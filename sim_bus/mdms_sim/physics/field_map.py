@@ -302,17 +302,15 @@ NOTHING = 1e-9
 class FieldMap:
     """Forces on a parcel over places of its centre at its yaw, and its torque over yaws.
 
-    `force_n` (ny, nx, 2) [N] and `torque_nm` (ny, nx) [N m; about the centre of mass] are NaN
-    where the parcel tips; on one row of cells ny is 1. At each of `yaw_rad`, over a whole turn,
-    the parcel is at `settled_m` (nyaw, 2): where the field holds it, or where the scenario puts it
-    if the field holds it nowhere.
+    `force_n` (ny, nx, 2) [N] is NaN where the parcel tips; on one row of cells ny is 1. At each of
+    `yaw_rad`, over a whole turn, the parcel is at `settled_m` (nyaw, 2): where the field holds it,
+    or where the scenario puts it if the field holds it nowhere.
     """
 
     law: Law
     x_m: Floats
     y_m: Floats
     force_n: Floats
-    torque_nm: Floats
     places: tuple[PlaceRest, ...]
     yaw_rad: Floats
     settled_m: Floats
@@ -330,8 +328,8 @@ def map_field(
     def forces(xs_m: Floats, ys_m: Floats) -> Floats:
         return forces_at(table, held, xs_m, ys_m, parcel.yaw_rad)[..., :2]
 
-    found = forces_at(table, held, x_m, y_m, parcel.yaw_rad)
-    places = place_rests(x_m, y_m, found[..., :2], forces)
+    force_n = forces(x_m, y_m)
+    places = place_rests(x_m, y_m, force_n, forces)
     yaw_rad = np.linspace(-math.pi, math.pi, YAWS)
     settled_m = np.tile([parcel.x_m, parcel.y_m], (YAWS, 1))
     if (start_m := _start(parcel, places)) is not None:
@@ -344,8 +342,7 @@ def map_field(
         law=law,
         x_m=x_m,
         y_m=y_m,
-        force_n=found[..., :2],
-        torque_nm=found[..., 2],
+        force_n=force_n,
         places=tuple(places),
         yaw_rad=yaw_rad,
         settled_m=settled_m,
