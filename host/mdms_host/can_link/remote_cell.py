@@ -35,6 +35,7 @@ def other_protocol(revision: int) -> str | None:
 
 #: What to do about cells that may not be off.
 CUT = "cut the motors' power"
+BROKEN_OFF = f"the stop was broken off, so nobody knows what is off; {CUT}"
 UPDATE_RUNS = "firmware comes into cells over the bus"
 #: Blocks of an update come so close after one another, though a cell erases its flash meanwhile.
 UPDATE_S = 2.0

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 from mdms_host.can_link.delays import punctual
 from mdms_host.can_link.link import AnyLink, DeviceGoneError, LinkCounts, drive
-from mdms_host.can_link.remote_cell import CUT
+from mdms_host.can_link.remote_cell import BROKEN_OFF
 from mdms_host.clock import Clock
 from mdms_host.coordination.coordinator import Coordinator
 from mdms_host.coordination.run_state import TROUBLED, Phase
@@ -199,7 +199,7 @@ def _turn_off(
 
 def all_off(link: AnyLink) -> None:
     """Take all cells out of 'operational'; nobody confirms that, so it is said three times."""
-    LOG.warning("the stop was broken off, so nobody knows what is off; %s", CUT)
+    LOG.warning(BROKEN_OFF)
     for _ in range(3):
         link.send(nmt.command(nmt.ENTER_PRE_OPERATIONAL))
 

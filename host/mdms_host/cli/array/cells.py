@@ -8,15 +8,16 @@ import json
 import sys
 from argparse import Namespace
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from dataclasses import asdict, dataclass, replace
+from threading import Thread
 
 from rich.live import Live
 
 from mdms_array.bus_load import warn_of_load, wire_of
 from mdms_host.can_link.link import AnyLink, LinkError, drive, open_bus
 from mdms_host.can_link.links import OnEachBus, open_links
-from mdms_host.can_link.remote_cell import CUT, UPDATE_RUNS
+from mdms_host.can_link.remote_cell import BROKEN_OFF, CUT, UPDATE_RUNS
 from mdms_host.cli.array.table import figures_of, named_table, refuse_missing
 from mdms_host.cli.console import dots, show
 from mdms_host.cli.exits import CommandError, ExitCode
@@ -46,6 +47,8 @@ LISTEN_S = 1.0
 #: How long cells are asked, once all is off, who is beside them.
 ASK_S = 0.5
 REDRAW_S = 0.2
+#: A bus whose adapter holds a stop up is given up after so long: opening takes 5 s at most [s].
+STUCK_S = 10.0
 
 
 def scan(arguments: Namespace) -> ExitCode:
@@ -136,8 +139,13 @@ def stop(arguments: Namespace) -> ExitCode:
     All buses are opened and stopped at once, each by itself: a slow one holds up no other.
     """
     table = named_table(arguments)
-    with ThreadPoolExecutor(len(table.buses)) as pool:
-        ends = list(zip(table.buses, pool.map(_stop_bus, table.buses), strict=True))
+    try:
+        stopping = [(bus, _begin_to_stop(bus)) for bus in table.buses]
+        wait([end for _, end in stopping], STUCK_S)
+    except KeyboardInterrupt:
+        say(f"mdms: {BROKEN_OFF}")
+        raise
+    ends = [(bus, end.result() if end.done() else _stuck()) for bus, end in stopping]
     stopped = [(bus, end) for bus, end in ends if not isinstance(end, LinkError)]
     failed = [(bus, end) for bus, end in ends if isinstance(end, LinkError)]
     if failed and not table.is_split:
@@ -180,6 +188,24 @@ class _Stopped:
     report: StopReport
     cells: frozenset[int]
     neighbours: Mapping[int, Sequence[int]]
+
+
+def _begin_to_stop(bus: TableBus) -> "Future[_Stopped | LinkError]":
+    """Stop a bus in a thread that keeps no command from its end: drivers may hang for ever."""
+    end: Future[_Stopped | LinkError] = Future()
+
+    def stop_bus() -> None:
+        try:
+            end.set_result(_stop_bus(bus))
+        except Exception as error:
+            end.set_exception(error)
+
+    Thread(target=stop_bus, daemon=True).start()
+    return end
+
+
+def _stuck() -> LinkError:
+    return LinkError(f"its adapter holds the stop up, for {STUCK_S:g} s so far; plug it in again")
 
 
 def _stop_bus(bus: TableBus) -> _Stopped | LinkError:

@@ -2,6 +2,7 @@
 
 import json
 import time
+from concurrent.futures import FIRST_COMPLETED, wait
 from threading import Event, Thread
 
 import can
@@ -9,7 +10,7 @@ import pytest
 
 from mdms_host.can_link.link import LinkCounts
 from mdms_host.cli import main
-from mdms_host.cli.exits import ExitCode
+from mdms_host.cli.exits import INTERRUPTED, ExitCode
 from mdms_host.coordination.operation import Ending, Operation
 from mdms_protocol.codecs import cob, nmt
 
@@ -163,6 +164,39 @@ def test_stop_reaches_each_bus_that_has_an_adapter_and_names_the_others(
             assert told.out == "1 cell is off on 1 of 2 buses\n"
     assert main(["stop", "-i", "virtual", "-c", gone]) == ExitCode.NO_DEVICE
     assert capsys.readouterr().err.startswith("mdms: not stopped, so cut the motors' power: ")
+
+
+@pytest.mark.parametrize("pressed", [False, True])
+def test_an_adapter_that_hangs_keeps_no_stop_from_its_end(
+    tmp_path, monkeypatch, capsys, request, pressed
+):
+    (tmp_path / "table.toml").write_text(TABLE)
+    over, virtual = Event(), can.Bus
+    request.addfinalizer(over.set)
+
+    def bus(*channel, **options):
+        if options.get("channel") == "left":
+            over.wait(5.0)
+            raise OSError("too late")
+        return virtual(*channel, **options)
+
+    def one_ends(ends, limit_s):
+        if pressed:
+            raise KeyboardInterrupt
+        wait(ends, limit_s, FIRST_COMPLETED)
+
+    monkeypatch.setattr("can.Bus", bus)
+    monkeypatch.setattr("mdms_host.cli.array.cells.wait", one_ends, raising=False)
+    with Nodes("right", {1: nmt.OPERATIONAL}):
+        code = main(["stop", "-i", "virtual", "--array", str(tmp_path / "table.toml")])
+    told = capsys.readouterr()
+    if pressed:
+        assert code == INTERRUPTED
+        assert told.err.startswith("mdms: the stop was broken off, so nobody knows what is off; ")
+    else:
+        assert (code, told.out) == (ExitCode.NO_DEVICE, "1 cell is off on 1 of 2 buses\n")
+        assert told.err.startswith("mdms: not stopped: left (its adapter holds the stop up")
+    assert "cut the motors' power\n" in told.err
 
 
 @pytest.mark.parametrize("verb", ["stop", "status", "scan"])
