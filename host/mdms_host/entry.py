@@ -15,6 +15,9 @@ def main() -> int:
     for name in _ALGEBRA:
         # Libraries read it when they are imported.
         os.environ.setdefault(name, "1")
+    if os.path.expanduser("~") == "~":
+        # Containers run as users whom no list names; root's folder takes nothing, and says so.
+        os.environ["HOME"] = "/"
     # What is imported stays: to look for garbage in it took a third of a short command.
     gc.disable()
     try:

@@ -16,6 +16,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+from mdms_model.errors import Error
+
 numba: Any
 try:
     import numba
@@ -178,16 +180,25 @@ def cache_base() -> Path:
 
 @cache
 def _folder(module: str) -> Path:
-    """The folder of a module's compiled functions, created, and without files that nobody needs."""
+    """The folder of a module's compiled functions, created, and without files that nobody needs.
+
+    Raises `Error` where it cannot be created.
+    """
     digest = sha256()
     for name in sorted(closure(module)):
         digest.update(f"{name}\n".encode() + _source(name).encode())
     base = cache_base()
     folder = base / f"{module}-{digest.hexdigest()[:16]}"
-    if not folder.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        _remove_unused(base, module, folder.stat().st_mtime)
-    os.utime(folder)
+    try:
+        if not folder.exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            _remove_unused(base, module, folder.stat().st_mtime)
+        os.utime(folder)
+    except OSError as error:
+        raise Error(
+            f"{base}: compiled code cannot be kept there: {error.strerror}; "
+            "set NUMBA_CACHE_DIR to a folder that may be written"
+        ) from None
     return folder
 
 

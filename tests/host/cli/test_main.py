@@ -1,6 +1,7 @@
 """The command as a whole: it is light, ends with the right code, and prints the requested text."""
 
 import json
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -30,6 +31,26 @@ def imported_by(*lines):
 def test_help_and_usage_errors_import_nothing_heavy():
     lines = ("--help", "--version", "scenarios --help", "simulate --fidelity none")
     assert imported_by(*map(str.split, lines)).isdisjoint(HEAVY)
+
+
+def test_a_user_whom_no_list_names_may_run_a_table():
+    script = (
+        "import pwd, sys; from mdms_host.entry import main; "
+        "pwd.getpwuid = {}.__getitem__; sys.exit(main())"
+    )
+    verb = ("run", "array18", "-i", "virtual", "-c", "x", "--limit", "0.1")
+    environment = {
+        name: value for name, value in os.environ.items() if name not in ("HOME", "XDG_STATE_HOME")
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", script, *verb],
+        env=environment,
+        capture_output=True,
+        check=False,
+        text=True,
+    )
+    assert "Traceback" not in done.stderr
+    assert done.returncode == ExitCode.TIME_LIMIT
 
 
 def test_model_runs_without_drawing_or_the_libraries_of_hardware():

@@ -15,6 +15,7 @@ import pytest
 
 from mdms_model import compiled as module
 from mdms_model.compiled import COMPILING, borrowed, compiled, for_types_of
+from mdms_model.errors import Error
 
 needs_numba = pytest.mark.skipif(not COMPILING, reason="nothing is compiled")
 
@@ -94,6 +95,15 @@ def test_processes_compile_a_module_one_after_the_other_and_another_beside(probe
     assert (one[0], other[0]) == ("[5.0]", "[5.0, 2j]")
     assert sorted((one[1], other[1])) in (["0 compiled", "2 compiled"], ["1 compiled"] * 2)
     assert said(probe("1", "2.5", "1j")) == ["[2, 5.0, 2j]", "0 compiled"]
+
+
+@needs_numba
+def test_a_folder_that_takes_no_code_is_named_with_the_way_out(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(module.numba.config, "CACHE_DIR", str(tmp_path / "file" / "cache"))
+    told = "cache: compiled code cannot be kept there: Not a directory; set NUMBA_CACHE_DIR to a"
+    with pytest.raises(Error, match=told):
+        module.is_kept("mdms_model.errors")
 
 
 @needs_numba
