@@ -55,7 +55,8 @@ class Anonymous:
 
     def __init__(self, names: tuple[str, ...] | None = None) -> None:
         self._serials: dict[str, str] = {}
-        self._home = str(Path.home())
+        # A service may have the root as its home, which says nothing.
+        self._home = str(Path.home()).rstrip("/") or "~"
         names = own_names() if names is None else names
         self._names = re.compile("|".join(rf"\b{re.escape(name)}\b" for name in names) or r"(?!)")
 

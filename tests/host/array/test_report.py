@@ -252,8 +252,9 @@ def test_frames_lose_serial_numbers_and_keys_alone(can_id, data, kept) -> None:
     assert (frame.can_id, frame.data.hex().upper()) == (can_id, kept)
 
 
-def test_texts_keep_what_they_are_about(monkeypatch) -> None:
-    monkeypatch.setenv("HOME", HOME)
+@pytest.mark.parametrize("home", [HOME, "/"])
+def test_texts_keep_what_they_are_about(monkeypatch, home) -> None:
+    monkeypatch.setenv("HOME", home)
     text = Anonymous(("plant7", "jane-doe")).text
     assert text(f"{HOME}/plant/can.conf: no such file") == "can.conf: no such file"
     assert text("/dev/ttyACM0 is gone") == "ttyACM0 is gone"
