@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from mdms_host.can_link.link import AnyLink, drive
-from mdms_host.can_link.remote_cell import CUT
+from mdms_host.can_link.remote_cell import BROKEN_OFF, CUT
 from mdms_host.clock import Clock
+from mdms_model.log import LOG
 from mdms_protocol.codecs import cob, nmt
 from mdms_protocol.codecs.frame import Frame
 
@@ -64,7 +65,11 @@ class NetworkStop:
 def stop_all(link: AnyLink, clock: Clock) -> StopReport:
     """Turn off every drive on the bus of a link; raises DeviceGoneError."""
     stopping = NetworkStop()
-    drive(stopping, link, clock, lambda: stopping.over)
+    try:
+        drive(stopping, link, clock, lambda: stopping.over)
+    except KeyboardInterrupt:
+        LOG.warning(BROKEN_OFF)
+        raise
     return stopping.report
 
 

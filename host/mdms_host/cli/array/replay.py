@@ -61,13 +61,18 @@ def _send(arguments: Namespace) -> ExitCode:
     with open_link(arguments) as (link, clock):
         refuse_other_host(link, clock)
         player = _YieldingPlayer(frames, clock.now_s())
+        pressed: KeyboardInterrupt | None = None
         try:
             drive(player, link, clock, lambda: player.over or player.ended_by is not None)
-            duration_s, unsent = clock.now_s() - player.start_s, link.unsent + player.left
+        except KeyboardInterrupt as interrupt:
+            pressed = interrupt
         finally:
+            duration_s, unsent = clock.now_s() - player.start_s, link.unsent + player.left
             # The host of the log may not have come to its end. Its enabled cells would run on until
             # they miss it, and then stand in fault.
             stopped = stop_all(link, clock)
+    if pressed is not None and not stopped.not_off:
+        raise pressed
     heard = len(stopped.heard)
     figures = {"frames": len(frames), "unsent": unsent, "duration_s": duration_s, "heard": heard}
     if arguments.json:

@@ -199,6 +199,32 @@ def test_an_adapter_that_hangs_keeps_no_stop_from_its_end(
     assert "cut the motors' power\n" in told.err
 
 
+@pytest.mark.parametrize(
+    "case",
+    [
+        ((), False, INTERRUPTED, "mdms: interrupted"),
+        ((1,), False, ExitCode.NODE_FAULT, "mdms: not off: node 1; cut the motors' power"),
+        ((), True, INTERRUPTED, "mdms: the stop was broken off, so nobody knows what is off; cut"),
+    ],
+)
+def test_an_interrupted_replay_says_what_is_not_known_to_be_off(
+    channel, tmp_path, capsys, monkeypatch, case
+):
+    stubborn, pressed_again, code, told = case
+
+    def press(*_):
+        raise KeyboardInterrupt
+
+    log = [(0.0, nmt.heartbeat(cob.NODE_MAX, nmt.OPERATIONAL))]
+    monkeypatch.setattr("mdms_host.cli.array.replay.read_log", lambda _path: log)
+    monkeypatch.setattr("mdms_host.cli.array.replay.drive", press)
+    if pressed_again:
+        monkeypatch.setattr("mdms_host.commissioning.stop.drive", press)
+    with Nodes(channel, {1: nmt.OPERATIONAL}, stubborn):
+        assert on(channel, "replay", str(tmp_path)) == code
+    assert capsys.readouterr().err.startswith(told)
+
+
 @pytest.mark.parametrize("verb", ["stop", "status", "scan"])
 def test_a_bus_of_several_on_which_no_cell_is_heard_is_named(channel, capsys, monkeypatch, verb):
     channels = (f"{channel}.0", f"{channel}.1")
