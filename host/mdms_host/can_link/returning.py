@@ -28,6 +28,8 @@ from mdms_protocol.codecs.frame import Frame
 
 #: A device is tried again so often [s].
 AGAIN_S = 0.5
+#: A driver that hangs while it opens the device is left behind after so long [s].
+HANGS_S = 5.0
 #: While there is no device, the driver looks after everything else this often [s].
 _ABSENT_S = 0.01
 
@@ -115,7 +117,7 @@ class ReturningLink:
         """Close the device, and look for none any more."""
         self._closing.set()
         if self._opener is not None:
-            self._opener.join()
+            self._opener.join(HANGS_S)
         with suppress(Empty):
             self._returned.get_nowait().close()
         if self._link is not None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from threading import Event, Thread
 
 import pytest
 
@@ -133,3 +134,26 @@ def test_a_device_that_is_not_there_at_the_beginning_is_an_error() -> None:
 
     with pytest.raises(NoBusError):
         ReturningLink(none, MonotonicClock())
+
+
+def test_a_device_that_hangs_as_it_is_opened_keeps_nobody_from_the_end(
+    monkeypatch, request
+) -> None:
+    monkeypatch.setattr("mdms_host.can_link.returning.HANGS_S", 0.05, raising=False)
+    opens, over, first = Event(), Event(), Device()
+    request.addfinalizer(over.set)
+
+    def open_link(_noted) -> Device:
+        if first.gone:
+            opens.set()
+            over.wait()
+            raise NoBusError("too late")
+        return first
+
+    link = ReturningLink(open_link, MonotonicClock())
+    first.gone = True
+    until(link, opens.is_set)
+    closing = Thread(target=link.close, daemon=True)
+    closing.start()
+    closing.join(5.0)
+    assert not closing.is_alive()
