@@ -81,7 +81,7 @@ def table_of(arguments: Namespace) -> TableBuses:
         return TableBuses(_buses(arguments, served, None), None, share)
     file = read_array(path)
     if not file.cells:
-        raise ArrayFileError(f"{path}: lists no [[cell]], so no cell can be missed")
+        raise ArrayFileError(f"{path}: lists no [[cell]], so no cell can be missed; leave it out")
     options = Namespace(**vars(arguments))
     if file.table.bitrate is not None:
         vars(options).setdefault("bitrate", file.table.bitrate)

@@ -24,6 +24,7 @@ from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.options import NO_NODES
 from mdms_host.cli.streams import say
 from mdms_host.clock import Clock, MonotonicClock
+from mdms_host.commissioning.array_file import ArrayFileError
 from mdms_host.commissioning.network import counted, ranges
 from mdms_host.commissioning.status import (
     CellStatus,
@@ -138,7 +139,10 @@ def stop(arguments: Namespace) -> ExitCode:
 
     All buses are opened and stopped at once, each by itself: a slow one holds up no other.
     """
-    table = named_table(arguments)
+    try:
+        table = named_table(arguments)
+    except ArrayFileError as error:
+        raise CommandError(f"not stopped, so {CUT}: {error}", ExitCode.USAGE) from None
     try:
         stopping = [(bus, _begin_to_stop(bus)) for bus in table.buses]
         wait([end for _, end in stopping], STUCK_S)

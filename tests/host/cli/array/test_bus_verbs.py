@@ -199,6 +199,16 @@ def test_an_adapter_that_hangs_keeps_no_stop_from_its_end(
     assert "cut the motors' power\n" in told.err
 
 
+@pytest.mark.parametrize("verb", ["stop", "status"])
+def test_a_stop_by_a_file_of_no_use_says_that_it_is_none(channel, tmp_path, capsys, verb):
+    file = tmp_path / "table.toml"
+    file.write_text("[array]\ncolumns = 2\n")
+    assert on(channel, verb, "--array", str(file)) == ExitCode.USAGE
+    lead = "not stopped, so cut the motors' power: " if verb == "stop" else ""
+    told = f"mdms: {lead}{file}: lists no [[cell]], so no cell can be missed; leave it out\n"
+    assert capsys.readouterr().err == told
+
+
 @pytest.mark.parametrize(
     "case",
     [
