@@ -185,6 +185,7 @@ class BlockDownload(_Transfer):
         self._crc = 0
         self._block = bytearray()
         self._sequence = 0
+        self._last = self._answer = None
         self.complete = False
 
     def takes(self, command):
@@ -192,7 +193,12 @@ class BlockDownload(_Transfer):
         return command != sdo.ABORT
 
     def on_request(self, data):
-        """Take the next segment, or the end; raises AbortError."""
+        """Take the next segment, or the end; raises AbortError.
+
+        The last segment of a block comes again where its acknowledgement was lost.
+        """
+        if data == self._last and not self._sequence:
+            return self._answer
         if self.complete:
             return self._end(data)
         sequence = data[0] & sdo.BLOCK_SEQUENCE
@@ -201,7 +207,8 @@ class BlockDownload(_Transfer):
         if sequence == self._sequence + 1:
             self._take(data)
         if data[0] & sdo.BLOCK_LAST or sequence == sdo.BLOCK_SEGMENTS:
-            return self._acknowledge()
+            self._last, self._answer = bytes(data), self._acknowledge()
+            return self._answer
         return None
 
     def _take(self, data):

@@ -77,6 +77,7 @@ class BlockDownload:
         self._awaits: int | None = None
         self._due_s = 0.0
         self._asked = 0
+        self._next_size: int | None = None
         self._barren = 0
 
     @property
@@ -88,6 +89,8 @@ class BlockDownload:
         """Frames to send now; who takes fewer gets the rest with the next call."""
         if self.done or self.failure:
             return
+        if self._next_size is not None:
+            self._await_repetitions(now_s, self._next_size)
         if self._awaits is None and self._block_size:
             yield from self._segments(now_s)
         elif now_s >= self._due_s:
@@ -110,14 +113,29 @@ class BlockDownload:
         if answers == sdo.BLOCK_INITIATE and not self._block_size and data[1:4] == self._place:
             self._begin_block(data[4])
         elif answers == sdo.BLOCK_ACKNOWLEDGE and self._awaits == sdo.BLOCK_ACKNOWLEDGE:
-            self.acknowledged = min(self.acknowledged + data[1] * _SEGMENT, len(self._data))
-            self._barren = 0 if data[1] else self._barren + 1
-            if self._barren == _BARREN:
-                self.failure = f"none of {_BARREN} blocks in a row has arrived"
-            else:
-                self._begin_block(data[2])
+            self._on_acknowledge(data[1], data[2])
         elif answers == sdo.BLOCK_END and self._awaits == sdo.BLOCK_END:
             self.done = True
+
+    def _on_acknowledge(self, sequence: int, size: int) -> None:
+        """The first one counts; those of repetitions are waited for, so that none counts later."""
+        if self._next_size is None:
+            self._next_size = size
+            self.acknowledged = min(self.acknowledged + sequence * _SEGMENT, len(self._data))
+            self._barren = 0 if sequence else self._barren + 1
+        if self._barren == _BARREN:
+            self.failure = f"none of {_BARREN} blocks in a row has arrived"
+        elif self._asked:
+            self._asked, self._due_s = self._asked - 1, 0.0
+        else:
+            self._begin_block(self._next_size)
+
+    def _await_repetitions(self, now_s: float, size: int) -> None:
+        """Begin the next block at last where one of them was lost."""
+        if not self._due_s:
+            self._due_s = now_s + _ANSWER_S
+        elif now_s >= self._due_s:
+            self._begin_block(size)
 
     def _begin_block(self, size: int) -> None:
         if not 1 <= size <= sdo.BLOCK_SEQUENCE:
@@ -125,6 +143,7 @@ class BlockDownload:
             return
         whole = self._block_size and self.acknowledged == len(self._data)
         self._block_size, self._sent, self._asked, self._due_s = size, 0, 0, 0.0
+        self._next_size = None
         self._awaits = sdo.BLOCK_END if whole else None
 
     def _segments(self, now_s: float) -> Iterator[Frame]:
@@ -152,6 +171,8 @@ class BlockDownload:
         self._asked += 1
         self._due_s = now_s + _ANSWER_S
         if not self._block_size:
+            # Once, as the end: in a transfer that is open it would count for a segment.
+            self._asked, self._due_s = _NUDGES, now_s + _NUDGES * _ANSWER_S
             command = sdo.BLOCK_DOWNLOAD | sdo.BLOCK_CRC | sdo.BLOCK_SIZE_TOLD
             size = len(self._data).to_bytes(4, "little")
             yield Frame(self._can_id, bytes((command,)) + self._place + size)

@@ -218,6 +218,17 @@ def test_block_download_with_lost_frames_gets_everything():
     assert client.sink.data == data
 
 
+def test_last_segment_of_a_block_that_comes_again_is_acknowledged_again():
+    client = Client()
+    client.ask(b"\xc6\x00\x50\x01\x0e\0\0\0")
+    client.ask(b"\x01abcdefg")
+    for _ in range(3):
+        assert client.ask(b"\x82hijklmn") == [b"\xa2\x02\x3f\0\0\0\0\0"]
+    crc = sdo.crc16(b"abcdefghijklmn", 0)
+    end = bytes((0xC1, crc & 0xFF, crc >> 8)) + bytes(5)
+    assert client.ask(end) == [b"\xa1\0\0\0\0\0\0\0"]
+
+
 def test_block_download_of_an_ordinary_entry():
     client = Client()
     transcript(
