@@ -209,10 +209,7 @@ class Commissioning:
         UpdateRunsError.
         """
         self._clock.sleep(HEAR_S)
-        if self._update_runs:
-            raise UpdateRunsError(
-                f"{UPDATE_RUNS}, and a request would break that off; let mdms flash --bus end first"
-            )
+        self.refuse_update()
         # A node that has another id by now, or is gone, counts no more.
         self._network.scanner.nodes.clear()
         self._network.scanner.search(cob.NODE_MAX)
@@ -223,6 +220,13 @@ class Commissioning:
             # Another host has a heartbeat there, and answers nothing.
             found.discard(cob.HOST_NODE)
         return sorted(found)
+
+    def refuse_update(self) -> None:
+        """Raises UpdateRunsError where a cell has taken firmware since the bus was opened."""
+        if self._update_runs:
+            raise UpdateRunsError(
+                f"{UPDATE_RUNS}, and a request would break that off; let mdms flash --bus end first"
+            )
 
     @property
     def other_host(self) -> bool:

@@ -187,7 +187,11 @@ def _save(path: Path, bundles: "Sequence[Bundle]", *, force: bool) -> None:
 def _carried_out(
     arguments: Namespace, commissioning: "Commissioning", rows: Sequence[Row]
 ) -> "Updater":
-    """The updates at their ends; none where nothing is to be done."""
+    """The updates at their ends; none where nothing is to be done.
+
+    Raises BusyError, UpdateRunsError: both may have begun while the firmware was compiled.
+    """
+    from mdms_host.commissioning.wheel_turn import refuse_busy
     from mdms_host.flashing.cell_update import CellUpdate
     from mdms_host.flashing.updater import Updater
 
@@ -205,6 +209,8 @@ def _carried_out(
             return updater.over
 
         if updater.updates:
+            commissioning.refuse_update()
+            refuse_busy(commissioning, sorted(commissioning.states))
             commissioning.drive(updater, over)
     return updater
 

@@ -17,6 +17,7 @@ from mdms_host.flashing.cell_update import CellUpdate
 from mdms_host.flashing.updater import Updater
 from mdms_protocol import indices
 from mdms_protocol.codecs import cob, nmt, sdo, update
+from mdms_protocol.codecs.frame import Frame
 from mdms_protocol.version import VERSION
 from mdms_sim.nodes.python_bank import PythonBank
 from mdms_sim.nodes.virtual_board import VirtualBoard
@@ -236,6 +237,31 @@ def test_cells_that_may_drive_are_left_alone(flash):
         assert code == ExitCode.NODE_FAULT
         assert "node 2 is operational; turn it off first: mdms stop" in said
     assert flash("--list")[0] == ExitCode.OK
+
+
+def test_run_or_update_that_begins_while_firmware_is_compiled_is_left_alone(
+    commissioned, flash, cells, monkeypatch
+):
+    assert commissioned()[0] == ExitCode.OK
+    send = cells.array.attach(lambda _frame, _now_s: None)
+
+    def compile_until(frame):
+        def compiled(_bytecode):
+            send(frame)
+            cells.sleep(1.0)
+            return PACKED
+
+        monkeypatch.setattr("mdms_host.flashing.bundles.packed_firmware", compiled)
+
+    block = bytes((sdo.BLOCK_DOWNLOAD_RESPONSE | sdo.BLOCK_ACKNOWLEDGE, 63, 63, *bytes(5)))
+    for begun, words in (
+        (Frame(cob.SDO_RESPONSE_BASE + 3, block), "firmware comes into cells over the bus"),
+        (nmt.command(nmt.START, nmt.ALL_NODES), "turn them off first: mdms stop"),
+    ):
+        compile_until(begun)
+        code, _, said = flash("--node", 2)
+        assert (code, words in said) == (ExitCode.NODE_FAULT, True)
+    assert [row["counter"] for row in flash("--list")[1]["cells"]] == [0] * 3
 
 
 def test_file_that_is_no_bundle_or_not_whole_is_refused(flash, tmp_path):
