@@ -197,6 +197,8 @@ _FLASH_S = 2.0
 _BOOT_S = 20.0
 #: A cell on trial runs for a while before it is confirmed, so that it may fail.
 _TEST_S = 0.5
+#: The time of a served table may pass more slowly than ours.
+_TESTS = 10
 #: A transfer is begun anew so often without getting further than before.
 _ATTEMPTS = 3
 #: A program that has asked the cell amid a transfer has its other answers by then.
@@ -356,8 +358,11 @@ class CellUpdate:
             # Its boot-up message alone may be lost.
             _check(self._boot)
             raise
-        yield Waiting(_TEST_S)
-        refused = yield from self._attempt(update.CONFIRM)
+        for _ in range(_TESTS):
+            yield Waiting(_TEST_S)
+            refused = yield from self._attempt(update.CONFIRM)
+            if refused != REASONS[update.SELF_TEST]:
+                break
         if (yield from self._read(indices.UPDATE, 8)):
             raise UpdateError(refused or "it is on trial still")
         yield from self._verify()

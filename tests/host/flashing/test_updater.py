@@ -41,20 +41,21 @@ class Cells:
         self.now_s += 0.001
         return [frame for _, frames in self.bank.collect_all() for frame in frames]
 
-    def run(self, updates, limit_s=120.0):
+    def run(self, updates, limit_s=120.0, slow=1):
+        """To the end; the time of the cells passes so many times more slowly than the updater's."""
         updater = Updater(updates, BITRATE)
         end_s = self.now_s + limit_s
         while not updater.over:
             assert self.now_s < end_s
-            if updater.wake_s <= self.now_s:
-                for frame in updater.poll(self.now_s):
+            if updater.wake_s <= self.now_s * slow:
+                for frame in updater.poll(self.now_s * slow):
                     for cell in set(range(self.count)) - self.deaf:
                         self.bank.deliver(cell, frame)
             self.hand()
             for frame in self._tick():
                 if self._loses(frame.data):
                     continue
-                updater.on_frame(frame, self.now_s)
+                updater.on_frame(frame, self.now_s * slow)
         return updater
 
     def lose(self, start, number):
@@ -140,6 +141,13 @@ def test_boot_up_message_that_gets_lost_costs_no_cell_its_firmware():
     cells, sent = Cells(), bundle()
     cells.lose(bytes((nmt.INITIALISING,)), 0)
     updater = cells.run(updates(cells, sent))
+    assert [each.failure for each in updater.updates] == [None] * 3
+    assert cells.running() == [sent.identification] * 3
+
+
+def test_cell_whose_time_passes_slowly_is_given_time_for_its_self_test():
+    cells, sent = Cells(), bundle()
+    updater = cells.run(updates(cells, sent), slow=4)
     assert [each.failure for each in updater.updates] == [None] * 3
     assert cells.running() == [sent.identification] * 3
 
