@@ -74,6 +74,8 @@ class Tracker:
         self._lay_there: set[str] = set()
         self._faulty: list[tuple[int, list[int]]] = []
         self._changes: list[BeliefChange] = []
+        #: Parcels that may be in each other's places, as a person was told.
+        self.guessed: set[str] = set()
         self._withdrawn: list[tuple[Parcel, BoundingBox | None]] = []
 
     # Parcels come and go
@@ -357,6 +359,7 @@ class Tracker:
                 there.estimator.may_be(here.estimator.footprint, covered, valid)
                 for here, there in ((one, two), (two, one))
             ):
+                self.guessed |= {name, other}
                 change = BeliefChange(name, BeliefEvent.GUESSED, one.place, other=other)
                 self._changes.append(change)
 

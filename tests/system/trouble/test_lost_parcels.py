@@ -67,3 +67,31 @@ def test_a_box_that_is_told_20_mm_wrong_arrives_where_it_is_to_be(side):
     outcome = ended.parcels["box"].outcome
     assert outcome.reached
     assert outcome.position_error_m < 0.003
+
+
+def test_a_parcel_whose_name_is_a_guess_is_not_claimed_to_have_arrived():
+    """Two boxes that look alike have changed sides before either was found."""
+
+    def box(name: str, x_m: float) -> dict[str, object]:
+        return {"name": name, "length_m": 0.28, "width_m": 0.28, "x_m": x_m, "y_m": 0.0}
+
+    def put(name: str, x_m: float, y_m: float) -> dict[str, object]:
+        place = {"parcel": name, "x_m": x_m, "y_m": y_m}
+        return {"kind": "lift", "start_s": 0.02, "duration_s": 0.1, **place}
+
+    async def main(table):
+        await table["one"].move(-0.2, 0.0)
+
+    ended = mdms.simulate(
+        {
+            "scenario": "array54",
+            "motion": {"field": "program"},
+            "parcel": [box("one", -0.35), box("two", 0.35)],
+            "fault": [put("one", 0.25, 0.1), put("two", -0.25, -0.1)],
+        },
+        program=main,
+        limit_s=3.0,
+    )
+    assert "which is which is a guess" in ended.incidents[0].text
+    assert (ended.status, ended.parcels["one"].reached) == ("time limit", False)
+    assert ended.violations == ()
