@@ -73,7 +73,8 @@ def test_a_parcel_whose_name_is_a_guess_is_not_claimed_to_have_arrived():
     """Two boxes that look alike have changed sides before either was found."""
 
     def box(name: str, x_m: float) -> dict[str, object]:
-        return {"name": name, "length_m": 0.28, "width_m": 0.28, "x_m": x_m, "y_m": 0.0}
+        size = {"length_m": 0.28, "width_m": 0.28, "mass_kg": 2.0}
+        return {"name": name, **size, "x_m": x_m, "y_m": 0.0}
 
     def put(name: str, x_m: float, y_m: float) -> dict[str, object]:
         place = {"parcel": name, "x_m": x_m, "y_m": y_m}
