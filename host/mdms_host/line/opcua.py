@@ -483,8 +483,10 @@ class OpcUaServer:
     async def _show_parcels(self, parcels: list[dict[str, Any]]) -> None:
         there = {each["parcel"]: each for each in parcels}
         for name in self._parcels.keys() - there.keys():
-            nodes = self._parcels.pop(name)
-            await self._server.delete_nodes([nodes["object"]], recursive=True)
+            node = self._parcels.pop(name)["object"]
+            # asyncua would search all references of the server for each node that it deletes.
+            await self._folder.delete_reference(node, ua.ObjectIds.HasComponent)
+            await node.delete(delete_references=False, recursive=True)
             self._written = {
                 key: value
                 for key, value in self._written.items()

@@ -172,3 +172,42 @@ def test_a_crowd_that_opens_no_session_disturbs_no_client(tmp_path: Path) -> Non
             each.close()
 
     with_client(tmp_path, talk)
+
+
+def test_few_nodes_are_looked_at_when_a_parcel_leaves(tmp_path: Path) -> None:
+    async def talk(served: Served) -> None:
+        parcels = [
+            {"parcel": name, "kind": "box", "pose": [0.0, 0.0, 0.0]} for name in ("box 1", "box 2")
+        ]
+        folder = await served.line.get_child(f"{served.line.nodeid.NamespaceIndex}:Parcels")
+
+        async def shown(there: list[dict[str, Any]]) -> list[str]:
+            await served.table.show(served.plant, parcels=there)
+            await served.server.show()
+            return [(await each.read_browse_name()).Name for each in await folder.get_children()]
+
+        space = served.server._server.iserver.aspace
+        assert await shown([]) == []
+        before = len(space._nodes)
+        assert await shown(parcels) == ["box 1", "box 2"]
+        gone = (await folder.get_children())[0]
+        nodes = space._nodes = CountingDict(space._nodes)
+        assert await shown(parcels[1:]) == ["box 2"]
+        assert nodes.looks < 500
+        with pytest.raises(ua.UaStatusCodeError):
+            await gone.read_browse_name()
+        assert await shown([]) == []
+        assert len(nodes) == before
+        assert await shown(parcels) == ["box 1", "box 2"]
+
+    with_client(tmp_path, talk)
+
+
+class CountingDict(dict[Any, Any]):
+    """A dictionary that counts how often one of its values is read."""
+
+    looks = 0
+
+    def __getitem__(self, key: Any) -> Any:
+        self.looks += 1
+        return super().__getitem__(key)
