@@ -70,7 +70,9 @@ def scan_table(nodes: Mapping[str, Sequence[FoundNode]]) -> Table:
     """The nodes of each bus as a table."""
     split = len(nodes) > 1
     names = ("bus",) if split else ()
-    table = Table(*names, "node", "state", "device", "software", "serial", "remark")
+    table = Table()
+    for name in (*names, "node", "state", "device", "software", "serial", "remark"):
+        table.add_column(name, overflow="fold", no_wrap=name == "node")
     for bus, node in ((bus, node) for bus, some in nodes.items() for node in some):
         identity = node.identity
         table.add_row(
@@ -265,13 +267,14 @@ class StatusModel:
 def status_table(rows: list[CellStatus], dots: tuple[str, str] = ("●", "○")) -> Table:
     """The rows as a table of 80 columns; presence as the centre sensor and the four around.
 
-    `dots` are the signs of a covered sensor and of a free one.
+    `dots` are the signs of a covered sensor and of a free one. On a narrower terminal every text
+    is folded, but for the node ids.
     """
     table = Table(box=box.SIMPLE_HEAD, padding=0, collapse_padding=True)
     split = any(row.bus for row in rows)
-    for name in (*(("bus",) if split else ()), "node", "state", "drives", "parcel", "speeds mm/s"):
-        table.add_column(name, no_wrap=True)
-    table.add_column("remark", overflow="fold")
+    names = ("node", "state", "drives", "parcel", "speeds mm/s", "remark")
+    for name in (*(("bus",) if split else ()), *names):
+        table.add_column(name, overflow="fold", no_wrap=name == "node")
     for row in rows:
         table.add_row(
             *((escape(row.bus or ""),) if split else ()),

@@ -3,7 +3,14 @@ import io
 import pytest
 from rich.console import Console
 
-from mdms_host.commissioning.status import StatusModel, status_table
+from mdms_host.commissioning.network import Identity
+from mdms_host.commissioning.status import (
+    CellStatus,
+    FoundNode,
+    StatusModel,
+    scan_table,
+    status_table,
+)
 from mdms_protocol.codecs import sdo
 from mdms_protocol.codecs.frame import Frame
 
@@ -216,3 +223,25 @@ def test_table_names_the_unit_and_fits_80_columns() -> None:
     assert "pre-operational" in lines[2]
     assert "switch on disabled" in lines[2]
     assert "-123.4 -123.4" in lines[2]
+
+
+@pytest.mark.parametrize(
+    ("width", "bus"), [(40, None), (40, "can1"), (80, "/dev/serial/by-id/usb-adapter_0001")]
+)
+def test_a_narrow_table_cuts_nothing_and_names_each_node(width, bus) -> None:
+    rows = [
+        CellStatus(
+            *(node, "operational", 0.0, ("operation enabled",) * 2, 0, (0.06, -0.06), None),
+            errors=("supply voltage too low",),
+            bus=bus,
+        )
+        for node in (7, 113)
+    ]
+    console = Console(file=io.StringIO(), width=width)
+    console.print(status_table(rows))
+    shown = console.file.getvalue()
+    assert {"7", "113"} <= set(shown.split())
+    assert "…" not in shown
+    found = FoundNode(113, "operational", Identity("MDMS cell", "1.0", 1, 2, 3, 0xABCDEF), None)
+    console.print(scan_table({bus or "can0": [found], "can9": []}))
+    assert "…" not in console.file.getvalue()
