@@ -33,14 +33,25 @@ def writing(path: Path) -> Iterator[None]:
         raise CommandError(f"{path}: cannot be written: {error.strerror}", code) from None
 
 
-def written(folder: Path, write: Callable[[], object]) -> CommandError | None:
-    """Have the rest of a folder written, which else stays as it is; the error if there was one."""
+def written(
+    folder: Path, write: Callable[[], object], put_in_place: Callable[[], object]
+) -> CommandError | None:
+    """Have the rest of a folder written, which else stays as it is, and have it take its place.
+
+    Returns the last error, None if there was none.
+    """
+    incomplete = None
     try:
         with writing(folder):
             write()
     except CommandError as error:
-        return CommandError(f"{error}; only what was written before is there", error.code)
-    return None
+        incomplete = CommandError(f"{error}; only what was written before is there", error.code)
+    try:
+        with writing(folder):
+            put_in_place()
+    except CommandError as error:
+        return error
+    return incomplete
 
 
 def check_own(path: Path, mark: bytes, force: bool) -> None:

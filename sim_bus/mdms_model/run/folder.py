@@ -245,6 +245,8 @@ _FILLED: set[Path] = set()
 def fresh_folder(folder: Path) -> Iterator[Path]:
     """A folder beside `folder` to fill; it takes its place at the end, or vanishes on any error.
 
+    A filled folder that cannot take its place stays where it is, and OSError names it.
+
     A crash at any time leaves the old folder or the new one, or for an instant none: then the old
     one comes back with the next run that is written here. Raises `RunFolderError` when the place is
     taken by something else or cannot be written, OSError when the device is full or breaks.
@@ -257,13 +259,22 @@ def fresh_folder(folder: Path) -> Iterator[Path]:
     except OSError as error:
         if error.errno in _DEVICE:
             raise
-        raise RunFolderError(f"{folder}: cannot be made: {error.strerror}") from None
+        # Another run that could not take its place is in the way.
+        taken = f": {partial}" if isinstance(error, FileExistsError) else ""
+        raise RunFolderError(f"{folder}: cannot be made: {error.strerror}{taken}") from None
     _FILLED.add(partial)
+    stays = False
     try:
         yield partial
-        _put_in_place(partial, folder)
+        try:
+            _put_in_place(partial, folder)
+        except OSError as error:
+            stays = partial.is_dir()
+            where = f"; what was written is in {partial}" if stays else ""
+            raise OSError(error.errno, f"{error.strerror}{where}", str(folder)) from None
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        if not stays:
+            shutil.rmtree(partial, ignore_errors=True)
         _FILLED.remove(partial)
 
 
@@ -419,7 +430,9 @@ def _clear_up(folder: Path) -> None:
         if found is None or _is_alive(int(found[1])):
             continue
         if found[2] == "partial":
-            shutil.rmtree(path, ignore_errors=True)
+            # A whole run could not take its place, and somebody was told where it is.
+            if not _is_run(path):
+                shutil.rmtree(path, ignore_errors=True)
         elif place.exists():
             _take_over(path, place)
         else:

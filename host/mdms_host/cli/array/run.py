@@ -148,7 +148,8 @@ def _operate_and_keep(
     arguments: Namespace,
     main: Main | None,
 ) -> tuple[Operation, Run, CommandError | None]:
-    with fresh_folder(arguments.out) as folder:
+    with ExitStack() as filled:
+        folder = filled.enter_context(fresh_folder(arguments.out))
         if keeps_frames(arguments):
             failed = say_log_ends(arguments.out)
             with bus_log_in(folder, belief, failed) as log_frame:
@@ -168,5 +169,5 @@ def _operate_and_keep(
             main=main,
             array_file=arguments.array,
         )
-        incomplete = written(arguments.out, keep)
+        incomplete = written(arguments.out, keep, filled.close)
     return operation, ended, incomplete

@@ -159,7 +159,8 @@ def _serve_and_keep(
 ) -> Exception | None:
     """Serve to the end and keep the run; return the error that has ended it, None for none."""
     clock, (scenario, _) = MonotonicClock(), recipes.first
-    with fresh_folder(arguments.out) as folder:
+    with ExitStack() as filled:
+        folder = filled.enter_context(fresh_folder(arguments.out))
         all_frames = keeps_frames(arguments)
         failed = say_log_ends(arguments.out)
         with open_log(folder / BUS_LOG, failed) if all_frames else nullcontext() as log:
@@ -181,7 +182,7 @@ def _serve_and_keep(
         # No seed repeats what other programs and people did.
         del figures["seed"]
         keep = partial(keep_run, folder, lasted, outcome.record, figures)
-        incomplete = written(arguments.out, keep)
+        incomplete = written(arguments.out, keep, filled.close)
     if incomplete is None or ended_by is None:
         return ended_by or incomplete
     say(f"mdms: {incomplete}")

@@ -1,7 +1,10 @@
 """`mdms run` when its way to the bus ends before the run does."""
 
+import errno
 import json
+import os
 import resource
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,6 +101,34 @@ def test_a_full_disk_ends_no_run_and_leaves_what_it_took(on_a_full_disk, tmp_pat
     ]
     assert logged(run) > 10
     assert not (run / "meta.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("ending", "code"), [(Ending.DONE, ExitCode.USAGE), (Ending.FAULT, ExitCode.NODE_FAULT)]
+)
+def test_a_run_that_cannot_take_its_place_ends_as_it_went_and_is_kept(
+    monkeypatch, tmp_path, capsys, ending, code
+):
+    def operate(*_, participant, **_others):
+        participant.poll(0.0)
+        fault = "jammed" if ending is Ending.FAULT else None
+        return Operation(ending, 1.0, fault, LinkCounts(0, 0, 0, 0))
+
+    def refused(path, _target):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    monkeypatch.setattr(operation, "operate", operate)
+    monkeypatch.setattr(Path, "rename", refused)
+    run, channel = tmp_path / "run", ("-i", "virtual", "-c", "denied")
+    assert main(["run", "array18", *channel, "--out", str(run), *AT_REST]) == code
+    told = capsys.readouterr()
+    assert "after 1.0 s" in told.out
+    partial = tmp_path / f".run.{os.getpid()}.partial"
+    assert (
+        f"mdms: {run}: cannot be written: Permission denied; what was written is in {partial}\n"
+        in told.err
+    )
+    assert read_run(partial).figures["ending"] == str(ending)
 
 
 def test_a_disk_that_has_room_again_takes_the_rest_of_the_folder(on_a_full_disk, tmp_path, capsys):

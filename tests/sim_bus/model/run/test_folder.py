@@ -1,8 +1,10 @@
 """A run folder gives back its content, and no other folder is mistaken for one."""
 
 import csv
+import errno
 import json
 import os
+import shutil
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -339,6 +341,48 @@ def test_crash_at_any_rename_leaves_the_old_run_whole_or_brings_it_back(
     assert read_run(folder).scenario.title == "again"
     assert (folder / "notes.txt").read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.fixture
+def read_only_parent(monkeypatch):
+    """No folder can be renamed as long as the list holds something."""
+    denied, rename = [True], Path.rename
+
+    def refused(path, target):
+        if denied:
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", refused)
+    return denied
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_a_run_that_cannot_take_its_place_is_kept_and_named(
+    tmp_path, plane, plane_record, read_only_parent, again
+):
+    partial = tmp_path / f".run.{os.getpid()}.partial"
+    if again:
+        write_run(tmp_path / "run", plane, plane_record, {})
+    with pytest.raises(PermissionError) as refused:
+        stored(tmp_path / "run", replace(plane, title="new"), plane_record)
+    assert refused.value.filename == str(tmp_path / "run")
+    assert refused.value.strerror == f"Permission denied; what was written is in {partial}"
+    assert read_run(partial).scenario.title == "new"
+    # It is whole, so that the next run here leaves it.
+    read_only_parent.clear()
+    kept = partial.rename(tmp_path / ".run.4194999.partial")
+    stored(tmp_path / "run", plane, plane_record)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [kept.name, "run"]
+    assert read_run(kept).scenario.title == "new"
+
+
+def test_a_run_whose_place_is_gone_says_so(tmp_path):
+    (tmp_path / "gone").mkdir()
+    with pytest.raises(FileNotFoundError) as refused, fresh_folder(tmp_path / "gone" / "run"):
+        shutil.rmtree(tmp_path / "gone")
+    assert refused.value.filename == str(tmp_path / "gone" / "run")
+    assert refused.value.strerror == "No such file or directory"
 
 
 def test_old_run_comes_back_though_the_next_one_fails_too(tmp_path, plane, plane_record):
