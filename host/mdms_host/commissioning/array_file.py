@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mdms_host.commissioning.cell_settings import CellSettings
-from mdms_host.commissioning.parameters import BY_NAME, BY_PLACE, Parameter, ParameterError
+from mdms_host.commissioning.parameters import BY_NAME, BY_PLACE, Parameter, ParameterError, near
 from mdms_host.layout import Layout, WheelPlace
 from mdms_host.places import Place, is_place, place_values, sensor_values, wheel_values
 from mdms_model.errors import InputError
@@ -27,6 +27,7 @@ _HEAD = """\
 _SIDE = Limit(at_least=1, at_most=1000)
 #: The keys of a cell that say where it is.
 _PLACE = ("number", "column", "row")
+_KEYS = ("serial", "node", "bus", *_PLACE, "settings")
 _BUSES_MOST = 1000
 
 
@@ -219,9 +220,9 @@ def _cells(document: Mapping[str, Any]) -> Iterator[FiledCell]:
 
 
 def _cell(table: dict[str, Any]) -> FiledCell:
-    unknown = table.keys() - {"serial", "node", "bus", "settings", *_PLACE}
+    unknown = table.keys() - set(_KEYS)
     if unknown:
-        raise ArrayFileError(f"{min(unknown)}: unknown key")
+        raise ArrayFileError(f"{min(unknown)}: unknown key; known here: {', '.join(_KEYS)}")
     serial, node_id = _serial(table.get("serial")), table.get("node")
     if type(node_id) is not int or not cob.NODE_MIN <= node_id <= cob.NODE_MAX:
         raise ArrayFileError(f"node: expected {cob.NODE_MIN} to {cob.NODE_MAX}, got {node_id!r}")
@@ -271,7 +272,7 @@ def _values(table: object, prefix: str) -> Iterable[tuple[Parameter, int]]:
         if isinstance(value, dict):
             yield from _values(value, name)
         elif name not in BY_NAME:
-            raise ArrayFileError(f"settings.{name}: there is no such setting")
+            raise ArrayFileError(f"settings.{name}: there is no such setting; {near(name)}")
         elif type(value) not in (int, float):
             raise ArrayFileError(f"settings.{name}: expected a number, got {value!r}")
         else:
@@ -279,13 +280,19 @@ def _values(table: object, prefix: str) -> Iterable[tuple[Parameter, int]]:
 
 
 def _refuse_duplicates(cells: tuple[FiledCell, ...]) -> None:
-    for place, cell in enumerate(cells):
-        for other in cells[:place]:
-            if cell.serial == other.serial:
-                raise ArrayFileError(f"serial number {cell.serial:08X} is there twice")
-            if (cell.bus, cell.node_id) == (other.bus, other.node_id):
+    for item, cell in enumerate(cells):
+        for other, before in enumerate(cells[:item]):
+            if cell.serial == before.serial:
+                raise ArrayFileError(
+                    f"cell.{item}.serial: serial number {cell.serial:08X} is that of cell.{other} "
+                    "too; mdms scan shows those of the cells"
+                )
+            if (cell.bus, cell.node_id) == (before.bus, before.node_id):
                 where = f" on bus {cell.bus}" if cell.bus else ""
-                raise ArrayFileError(f"node id {cell.node_id} is there twice{where}")
+                raise ArrayFileError(
+                    f"cell.{item}.node: node id {cell.node_id}{where} is that of cell.{other} too; "
+                    "give each cell of a bus its own"
+                )
 
 
 def _check_buses(table: FiledTable, cells: tuple[FiledCell, ...]) -> None:

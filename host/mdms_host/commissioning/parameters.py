@@ -143,7 +143,8 @@ def find_parameters(name: str) -> tuple[Parameter, ...]:
     # A setting of the cell has no name behind a dot, and an empty key means none of them.
     of_axes = tuple(each for each in PARAMETERS if key and each.name.partition(".")[2] == key)
     if not of_axes:
-        raise ParameterError(f"{name or repr(name)}: there is no such setting; {_near(key)}")
+        said = {*BY_NAME, *(name.partition(".")[2] for name in BY_NAME if "." in name)}
+        raise ParameterError(f"{name or repr(name)}: there is no such setting; {near(key, said)}")
     return of_axes
 
 
@@ -160,8 +161,7 @@ def parse_assignments(texts: Iterable[str]) -> dict[Parameter, int]:
     return wanted
 
 
-def _near(key: str) -> str:
-    names = {each.name for each in PARAMETERS}
-    names |= {name.partition(".")[2] for name in names if "." in name}
+def near(key: str, names: Iterable[str] = BY_NAME) -> str:
+    """What to do about a name that is no setting: names that come near, if any."""
     close = get_close_matches(key, sorted(names), n=3)
     return f"did you mean {' or '.join(close)}?" if close else "see mdms configure show"

@@ -56,14 +56,18 @@ CELL = '[[cell]]\nserial = "0000000A"\nnode = 1\n'
         ('[[cell]]\nserial = "XY"\nnode = 1', "cell.0.serial: .*'XY'"),
         ('[[cell]]\nserial = "0A"\nnode = 128', "cell.0.node: expected 1 to 127, got 128"),
         (CELL + '[[cell]]\nserial = "0B"\nnode = 128', "cell.1.node: expected 1 to 127, got 128"),
-        (CELL + "colour = 1", "cell.0.colour: unknown key"),
+        (CELL + "colour = 1", "cell.0.colour: unknown key; known here: serial, node, bus, number"),
         (CELL + "settings.axis3.gain = 1", "cell.0.settings.axis3.gain: there is no such setting"),
+        (
+            CELL + "settings.axis1.polarty = 1",
+            "cell.0.settings.axis1.polarty: .*; did you mean axis1.polarity",
+        ),
         (CELL + "settings.axis1 = 1", "cell.0.settings.axis1: there is no such setting"),
         (CELL + "settings = 1", "cell.0.settings: expected a table"),
         (CELL + "settings.axis1.gain = true", "expected a number, got True"),
         (CELL + "settings.axis1.gain = 1e3", "cell.0.axis1.gain: 1000.0 is not in 0 to 100"),
-        (CELL + CELL, "serial number 0000000A is there twice"),
-        (CELL + CELL.replace("0A", "0B"), "node id 1 is there twice"),
+        (CELL + CELL, "cell.1.serial: serial number 0000000A is that of cell.0 too"),
+        (CELL + CELL.replace("0A", "0B"), "cell.1.node: node id 1 is that of cell.0 too"),
     ],
 )
 def test_a_bad_file_is_refused_with_the_place(tmp_path, text, told):
@@ -200,7 +204,10 @@ def test_cells_of_several_buses_are_set_up_one_bus_after_the_other(tmp_path):
         (cell(1, 1, "bus = -1"), "cell.0.bus: expected 0 to 999, got -1"),
         (cell(1, 1, "bus = '0'"), "cell.0.bus: expected 0 to 999, got '0'"),
         (cell(1, 1, "bus = 1"), "cell.bus: there is a bus 1, but none on 0"),
-        (TWO_BUSES + cell(3, 1, "number = 3\nbus = 1"), "node id 1 is there twice on bus 1"),
+        (
+            TWO_BUSES + cell(3, 1, "number = 3\nbus = 1"),
+            "cell.2.node: node id 1 on bus 1 is that of cell.. too",
+        ),
         ("[array]\nchannels = ['a']\n" + TWO_BUSES, "array.channels has 1 items, but the cells"),
         ("[array]\nchannels = []\n", "array.channels has 0 items"),
     ],
