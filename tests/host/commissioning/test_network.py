@@ -131,6 +131,24 @@ def test_a_refusal_names_node_object_and_reason(commissioning) -> None:
         commissioning.write(1, 0x1000, 0, 1)
 
 
+@pytest.mark.parametrize("code", [sdo.UNKNOWN_COMMAND, sdo.TOGGLE_NOT_ALTERNATED])
+def test_a_text_that_another_program_breaks_off_is_asked_for_again(code: int) -> None:
+    """A request of the other one ends a transfer of several frames: a server has one at a time."""
+    begins = []
+
+    def answer(request: bytes) -> bytes:
+        if request[0] & sdo.SPECIFIER != sdo.UPLOAD_SEGMENT:
+            begins.append(request)
+            return b"\x41" + request[1:4] + b"\4\0\0\0"
+        if len(begins) < 3:
+            return bytes((sdo.ABORT, 0, 0, 0)) + code.to_bytes(4, "little")
+        return b"\x07name" + bytes(3)
+
+    with virtual_time(_answered_by(answer)), Commissioning(None, MonotonicClock()) as bus:
+        assert bus.read_text(9, 0x1008) == "name"
+    assert len(begins) == 3
+
+
 def test_a_value_out_of_range_is_not_even_sent(commissioning) -> None:
     with pytest.raises(OutOfRangeError, match="0x2000"):
         commissioning.write(1, 0x2000, 0, 100_001)
