@@ -117,7 +117,10 @@ def _operate(
     _turn_off(coordinator, participant, link, clock)
     watch.look()
     ending = _ending(coordinator, interrupt is not None, finished, limit_s)
-    return Operation(ending, clock.now_s() - start_s, watch.fault, link.counts, interrupt)
+    fault = watch.fault
+    if ending is Ending.NO_CELLS and fault is None:
+        fault = f"no cell was heard within the limit of {limit_s:g} s; is the bus connected?"
+    return Operation(ending, clock.now_s() - start_s, fault, link.counts, interrupt)
 
 
 class _Watch:
@@ -207,11 +210,13 @@ def all_off(link: AnyLink) -> None:
 def _ending(
     coordinator: Coordinator, interrupted: bool, finished: bool, limit_s: float | None
 ) -> Ending:
+    present = any(cell.last_heartbeat_s is not None for cell in coordinator.cells)
     if coordinator.fault:
-        present = any(cell.last_heartbeat_s is not None for cell in coordinator.cells)
         return Ending.FAULT if present else Ending.NO_CELLS
     if interrupted:
         return Ending.INTERRUPTED
+    if not present:
+        return Ending.NO_CELLS
     if finished or coordinator.endless:
         return Ending.DONE
     return Ending.TIME_LIMIT if coordinator.stuck is None else Ending.STUCK

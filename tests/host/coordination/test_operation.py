@@ -161,6 +161,13 @@ def test_an_array_of_no_cells_is_told_as_such(link) -> None:
     assert done.ending == Ending.NO_CELLS
 
 
+def test_no_cells_within_a_short_limit_are_told_as_such(link) -> None:
+    link.power_off()
+    done = operate(coordinator(), link, link, 0.2)
+    assert done.ending == Ending.NO_CELLS
+    assert done.fault == "no cell was heard within the limit of 0.2 s; is the bus connected?"
+
+
 def test_a_missing_cell_is_a_fault(link) -> None:
     one = Coordinator(Layout(4, 1), FieldProgram(np.zeros(8)), timing=Timing(phase_limit_s=0.5))
     done = operate(one, link, link, 10.0)
