@@ -91,8 +91,8 @@ def perform(job: Job) -> dict[str, Any]:
         if run.log_sha256 is None:
             digests["record_sha256"] = record_sha256(run)
         in_measure = True
-        for each in job.measures:
-            values[name_of(each)] = measured(run, each)
+        # A measure that raises leaves none of the others.
+        values = {name_of(each): measured(run, each) for each in job.measures}
     except (Exception, SystemExit) as error:
         # A function of a user that ends its process must not end the sweep, least of all with 0.
         columns["failure"] = utf8(f"{type(error).__name__}: {error}")

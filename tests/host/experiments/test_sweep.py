@@ -132,7 +132,8 @@ def test_a_run_is_run_again_if_its_measure_uses_another_value(executor, tmp_path
 
 def test_a_run_that_raises_is_a_row(executor):
     over = {"cell.friction": [0.2, 0.3], "parcel.box.mass_kg": [2.0, -1.0]}
-    rows = mdms.sweep(ROW, over, seeds=1, measures=fails_at_02, executor=executor).rows
+    measures = [end_m, fails_at_02]
+    rows = mdms.sweep(ROW, over, seeds=1, measures=measures, executor=executor).rows
     too_light = "must be above 0 and at least 1e-06 and at most 1e+06"
     assert [row["failure"] for row in rows] == [
         "ZeroDivisionError: on purpose",
@@ -141,6 +142,8 @@ def test_a_run_that_raises_is_a_row(executor):
         f"ScenarioError: parcel.0.mass_kg is -1.0, but {too_light}",
     ]
     assert [row["fails_at_02"] for row in rows] == [None, None, 1.0, None]
+    # Those that were measured before the failing one do not count either.
+    assert [row["end_m"] is None for row in rows] == [True, True, False, True]
 
 
 def no_memory(_run):
