@@ -216,7 +216,7 @@ class Tracker:
             self._expect_obstacles(groups, coverage)
         self._agree(now_s, valid, views, coverage)
         self._watch_unknown(now_s, valid, coverage, groups)
-        self._judge(now_s, coverage, groups)
+        self._judge(now_s, views, coverage, groups)
         self._leave_obstacles(views)
         for name, each in list(self._known.items()):
             if each.gate is not None and each.has_left(
@@ -419,7 +419,13 @@ class Tracker:
             now_s, parts, free, mute=mute, heaps=search.heaps, settled=search.settled
         )
 
-    def _judge(self, now_s: float, coverage: Coverage, groups: tuple[Ints, ...]) -> None:
+    def _judge(
+        self,
+        now_s: float,
+        views: Mapping[str, View],
+        coverage: Coverage,
+        groups: tuple[Ints, ...],
+    ) -> None:
         """Judge what each sensor is worth where all parcels are found that have ever been."""
         waiting = [each for each in self._known.values() if each.standing is not Standing.FOUND]
         if not self._known or not all(each.expected for each in waiting):
@@ -429,6 +435,10 @@ class Tracker:
         for each in waiting:
             if each.awaited_at is not None:
                 other |= each.awaited_at
+        for name, view in views.items():
+            # As the parcel may be turned, these are under it or not.
+            unsure = abs(view.distance_m) < self._known[name].estimator.unsure_turn_m
+            other[view.near.sensors[unsure]] = True
         self._faulty += self._presence.judge(now_s, coverage.distance_m, other, self._alone)
 
     def _expect_obstacles(self, groups: tuple[Ints, ...], coverage: Coverage) -> None:

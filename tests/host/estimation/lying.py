@@ -85,7 +85,8 @@ class Lying:
                 under = footprint.distance_m(wheels_m, pose) < 0.05
                 rolling = self.layout.surface_jacobian(*pose[:2].tolist()) @ twist
                 speed_m_s[under] = rolling[under]
-            bits = self.covered.reshape(self.layout.cells, -1) @ (1 << np.arange(5))
+            shown = self.covered.reshape(self.layout.cells, -1)
+            bits = shown @ (1 << np.arange(shown.shape[1]))
             for cell, each_bits in enumerate(bits.tolist(), 1):
                 self.tracker.on_presence(self.now_s, cell, each_bits)
             self.tracker.on_speeds(self.now_s, speed_m_s, standing=speed_m_s == 0.0)

@@ -417,6 +417,14 @@ def test_a_parcel_that_is_set_down_just_behind_a_leaving_one_is_found_by_all_its
     assert table.tracker.take_faulty() == []
 
 
+def test_a_parcel_that_may_be_turned_any_way_makes_no_sensor_faulty() -> None:
+    table = Lying(Layout(6, 3, wheels=WHEELS, sensor_offsets_m=((0.0, 0.0),)), (BOX,))
+    table.put("box", BOTTOM, -0.1, 0.0, 0.0)
+    table.run(1.0)
+    assert table.events() == [("box", BeliefEvent.FOUND)]
+    assert table.tracker.take_faulty() == []
+
+
 @pytest.mark.parametrize("columns", [range(5, 9), range(6, 9)], ids=["all of it", "a part"])
 def test_an_unknown_thing_over_cells_that_fall_silent_lies_there_still(table, columns) -> None:
     table.put("thing", BOTTOM, 0.254, 0.0, 0.0)

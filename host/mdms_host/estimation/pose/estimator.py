@@ -245,6 +245,14 @@ class ParcelEstimator:
         """Distance from the edge within which a sensor may show the parcel or not [m]."""
         return max(_NEAR_M, _DEEP_DEVIATIONS * self._deviation_m)
 
+    @property
+    def unsure_turn_m(self) -> float:
+        """How far an edge may be elsewhere, as the parcel may be turned otherwise [m]."""
+        if self._filter is None:
+            return 0.0
+        turn_rad2 = float(self._filter.covariance[2, 2])
+        return _DEEP_DEVIATIONS * sqrt(turn_rad2) * self.footprint.reach_m
+
     def edge_misfit(self, now_s: float, point_m: Floats) -> float | None:
         """How badly an edge fits that is over a point now, in variances; None if it cannot be."""
         pose = self.pose_at(now_s - _LATENCY_S)
