@@ -359,7 +359,9 @@ class Simulation:
     def _sample(self) -> None:
         now_ns = self.kernel.now_ns
         estimates = self._estimates() if self._estimates else self._unknown
-        voltage_v = self._voltage_uv[:, : self._axes].ravel() / UV_PER_V
+        # Cells learn only later that a bridge has shut off.
+        driven = self.world.is_driven
+        voltage_v = self._voltage_uv[:, : self._axes].ravel() * driven / UV_PER_V
         references = self._references.reference_m_s
         now_s = now_ns / NS_PER_S
         reports = self._reports.sample(now_s) | {"presence": self._presence.bits}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mdms_model.array import build_cells, build_wheels
-from mdms_model.arrays import Floats, Records
+from mdms_model.arrays import Bools, Floats, Records
 from mdms_model.compiled import for_types_of
 from mdms_model.run.record import Event
 from mdms_model.scenario.scenario import Parcel, Scenario
@@ -256,6 +256,13 @@ class World:
         """`Contact` codes (W,)."""
         codes: NDArray[np.int8] = self.scene.state.wheels["contact"].astype(np.int8)
         return codes
+
+    @property
+    def is_driven(self) -> Bools:
+        """Whether the bridge of each motor drives it (W,); others are open or shorted."""
+        shorted = self.bridges.shorted.take(self.wheels.cell) != 0
+        driven: Bools = (self.scene.state.wheels["coasting"] == 0) & ~shorted
+        return driven
 
     @property
     def motor_current_a(self) -> Floats:
