@@ -245,7 +245,9 @@ def events_of(journey: Journey) -> Iterator[Event]:
         if cause == REVERSAL:
             yield _event(journey, at, "reversal", f"turns at {journey.trace.phases[at, 1]:+.6f} m")
         elif cause == TIP:
-            yield _event(journey, at, "tip", f"tips at {journey.trace.phases[at, 1]:+.6f} m")
+            where = f"at x {journey.trace.phases[at, 1]:.4f} m"
+            detail = f"the supports no longer hold its centre of mass, {where}"
+            yield _event(journey, at, "tip", detail)
             return
         elif cause == HELD:
             where_m = journey.trace.phases[at, 1]
