@@ -85,7 +85,9 @@ def read_record(path: Path, scenario: Scenario) -> Record:
             raise ValueError(f"it has {wheels} wheels, and their table {expected}")
         return record
     except (*_UNPACKED, ValueError, KeyError, IndexError, TypeError) as error:
-        raise RecordFileError(f"{path}: holds no record of these parcels: {error}") from None
+        # The reader has no words for a file that ends too soon.
+        why = str(error) or "it is cut off"
+        raise RecordFileError(f"{path}: holds no record of these parcels: {why}") from None
 
 
 def _all_sources(scenario: Scenario, record: Record) -> Iterator[Source]:

@@ -270,6 +270,7 @@ def one_wheel_a_cell(scenario):
         (change_meta("figures", lambda _: {"node_ids": ["a"] * 18}), "and not one of each cell"),
         (change_meta("figures", lambda _: {"node_ids": [1]}), "and not one of each cell"),
         (cut_record, "damaged run folder"),
+        (lambda folder: (folder / "run.mcap").write_bytes(b""), "parcels: it is cut off$"),
         (change_version, "written in format 99, but this version reads 1"),
         (spoil_scenario, "parcel.0.mass_kg is -2.0, but must be above 0"),
         (lambda folder: (folder / "run.mcap").unlink(), "run.mcap: cannot be read"),
