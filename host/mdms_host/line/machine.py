@@ -308,7 +308,7 @@ class Machine:
         if name not in self.recipes.names:
             there = ", ".join(self.recipes.names)
             raise CommandRefusedError(f"no recipe {name!r:.40}; there are: {there}")
-        if self.states.state is not State.IDLE:
+        if name != self.recipes.chosen and self.states.state is not State.IDLE:
             state = self.states.state.name.capitalize()
             raise CommandRefusedError(f"a recipe is not chosen in {state}, but in Idle alone")
         self.recipes.chosen = name

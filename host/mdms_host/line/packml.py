@@ -141,8 +141,8 @@ class StateMachine:
             self.reason = reason
 
     def change_mode(self, mode: Mode) -> None:
-        """Work in another mode from now on. Raises `CommandRefusedError` but in Stopped."""
-        if self.state is not State.STOPPED:
+        """Work in this mode; another is refused by `CommandRefusedError` but in Stopped."""
+        if mode is not self.mode and self.state is not State.STOPPED:
             raise CommandRefusedError(
                 f"the mode is not changed in {self.state.name.capitalize()}, but in Stopped alone"
             )

@@ -339,6 +339,10 @@ def test_maintenance_takes_no_reset_and_leaves_the_bus_to_others(line) -> None:
     line.bring_to_execute()
     with pytest.raises(CommandRefusedError, match="not changed in Execute, but in Stopped alone"):
         line.do("mode", mode=2)
+    # A controller that has restarted writes its whole image again.
+    line.do("mode", mode=1)
+    line.do("recipe", recipe=TABLE.stem)
+    assert line.state is State.EXECUTE
 
 
 def test_a_run_that_is_stopped_by_hand_stops_the_machine(line) -> None:
@@ -563,11 +567,13 @@ def test_a_recipe_is_not_chosen_in_completed() -> None:
     async def main(_table: Table) -> None:
         return
 
-    with VirtualLine(recipes={TABLE.stem: (load_scenario(str(TABLE)), main)}) as line:
+    job = load_scenario(str(TABLE)), main
+    with VirtualLine(recipes={TABLE.stem: job, "other": job}) as line:
         line.bring_to_execute()
         line.until_state(State.COMPLETED)
         with pytest.raises(CommandRefusedError, match="not chosen in Completed, but in Idle alone"):
-            line.do("recipe", recipe=TABLE.stem)
+            line.do("recipe", recipe="other")
+        assert line.machine.snapshot()["recipe"] == TABLE.stem
 
 
 def test_a_cell_that_falls_out_in_suspended_holds_though_the_exits_become_free(impatient) -> None:
