@@ -129,8 +129,8 @@ class Slots:
 
     @property
     def spare(self):
-        """The slot that may be written: neither started nor confirmed."""
-        return 2 if 1 in (self.running, self.record.confirmed) else 1
+        """The slot that is not confirmed; it may be written, except while it is on trial."""
+        return 2 if self.record.confirmed == 1 else 1
 
     def key(self):
         """The array's key, empty if there is none."""

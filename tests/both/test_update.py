@@ -148,6 +148,26 @@ def test_slot_whose_stream_ends_too_soon_is_never_started():
     bench.files.unpack = unpack
 
 
+def test_confirmed_firmware_that_found_no_room_at_a_start_is_not_written_over():
+    bench = Bench()
+    bench.start_trial(bundle_of())
+    assert bench.prove() is None
+    unpack = bench.files.unpack
+
+    def full(_path):
+        raise MemoryError
+
+    bench.files.unpack = full
+    bench.power_up()
+    assert bench.read(0x1F56, 1) == 0
+    bench.files.unpack = unpack
+    bench.start_trial(bundle_of(NEWER, counter=2))
+    assert bench.read(0x1F56, 1) == identification(NEWER)
+    bench.power_up()  # nobody has confirmed it
+    assert bench.reason() == update.ROLLED_BACK
+    assert bench.read(0x1F56, 1) == identification(PACKED)
+
+
 def test_bundle_that_is_not_for_this_cell_is_refused_with_the_reason():
     good = bundle_of()
     for data, reason in (
