@@ -39,7 +39,7 @@ class SdoClient:
     """Does transfers one after another, each again when no answer comes in time: `attempts`.
 
     `answers` holds the values that were read, by (index, sub-index), as integers. `failure` is the
-    reason why it gave up, None as long as it has not.
+    reason why it gave up, None as long as it has not; `abort` is the cell's code, if it gave one.
     """
 
     def __init__(
@@ -57,6 +57,7 @@ class SdoClient:
         self._due_s = 0.0
         self.answers: dict[tuple[int, int], int] = {}
         self.failure: str | None = None
+        self.abort: int | None = None
 
     def append(self, transfers: Iterable[Setting | Read]) -> None:
         """Do these as well, after the others."""
@@ -93,8 +94,8 @@ class SdoClient:
             return
         kind = data[0] & sdo.SPECIFIER
         if kind == sdo.ABORT:
-            code = int.from_bytes(data[4:], "little")
-            self.failure = f"it refuses {_text(transfer)} (abort code 0x{code:08X})"
+            self.abort = int.from_bytes(data[4:], "little")
+            self.failure = f"it refuses {_text(transfer)} (abort code 0x{self.abort:08X})"
         elif kind == sdo.DOWNLOAD_RESPONSE and isinstance(transfer, Setting):
             self._next()
         elif kind == sdo.UPLOAD_RESPONSE and isinstance(transfer, Read):

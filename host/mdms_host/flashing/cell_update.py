@@ -403,11 +403,16 @@ class CellUpdate:
         A cell that has done it, and whose answer was lost, refuses it when it comes again.
         """
         write = Setting(indices.PROGRAM_CONTROL, 1, command)
-        task = SdoClient(self.node_id, [write], answer_within_s=_FLASH_S)
-        yield task
-        if task.done:
-            return None
-        reason = yield from self._reason()
+        for _ in range(_ATTEMPTS):
+            task = SdoClient(self.node_id, [write], answer_within_s=_FLASH_S)
+            yield task
+            if task.done:
+                return None
+            reason = yield from self._reason()
+            if reason or task.abort != sdo.WRONG_STATE:
+                break
+            # After a transfer was broken off, a cell takes writes for segments of it for a while.
+            yield Waiting(_PAUSE_S)
         return reason or task.failure
 
     def _read(self, index: int, sub: int) -> Generator[UpdateTask, None, int]:

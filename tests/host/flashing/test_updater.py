@@ -174,6 +174,13 @@ def test_requests_of_another_program_delay_an_update_only():
     assert update.restarts == 1
 
 
+def test_transfer_that_is_broken_off_on_a_slow_table_delays_an_update_only():
+    cells, sent = Cells(1), bundle()
+    cells.every(0.02, lambda: ask(cells), times=1)
+    (update,) = cells.run(updates(cells, sent), slow=4).updates
+    assert update.finished, update.failure
+
+
 def test_update_that_gets_further_each_time_is_not_given_up():
     cells, sent = Cells(1), bundle()
     (update,) = updates(cells, sent)
