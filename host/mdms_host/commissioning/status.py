@@ -115,14 +115,14 @@ def _problem(node_id: int, identity: Identity) -> str | None:
 
 _STATUSWORDS = (indices.STATUSWORD, indices.STATUSWORD + indices.AXIS_OFFSET)
 _ERROR_CODES = (indices.ERROR_CODE, indices.ERROR_CODE + indices.AXIS_OFFSET)
-_READS = (
-    *(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE)),
-    *(Read(index, 0) for index in (*_ERROR_CODES, indices.SUSPECT, indices.ERROR_REGISTER)),
-)
-_READ_NEIGHBOURS = tuple(Read(*place) for place in NEIGHBOURS)
 #: Vendor and product: only the first is there for certain (CiA 301, 7.5.2.21).
 _KIND = {(indices.IDENTITY, 1): VENDOR_ID, (indices.IDENTITY, 2): PRODUCT_CODE}
-_READ_KIND = tuple(Read(*place) for place in _KIND)
+_READS = (
+    *(Read(*place) for place in _KIND),
+    *(Read(index, 0) for index in (*_STATUSWORDS, indices.PRESENCE)),
+    *(Read(index, 0) for index in (*_ERROR_CODES, indices.SUSPECT, indices.ERROR_REGISTER)),
+    *(Read(*place) for place in NEIGHBOURS),
+)
 #: A cell that is silent for longer is shown as such: three heartbeats at their default period.
 _SILENT_S = 0.35
 _POLL_S = 0.1
@@ -164,14 +164,12 @@ class CellStatus:
 class StatusModel:
     """A participant that keeps the last state of every node on the bus.
 
-    It sends little: the statuswords, presence bits and suspect of a node are read when it appears,
-    and when it is pre-operational again. An operational node reports changes by itself. While
-    firmware comes in over the bus, nothing is sent: a request would break it off. With
-    `asks_neighbours` it reads the kind of each and the node ids of the cells around it as well.
+    It sends little: the kind of a node, its state and the node ids of the cells around it are read
+    when it appears, and when it is pre-operational again. An operational node reports changes by
+    itself. While firmware comes in over the bus, nothing is sent: a request would break it off.
     """
 
-    def __init__(self, *, asks_neighbours: bool = False) -> None:
-        self._reads = (*_READ_KIND, *_READS, *_READ_NEIGHBOURS) if asks_neighbours else _READS
+    def __init__(self) -> None:
         self._cells: dict[int, RemoteCell] = {}
         self._reading: dict[int, SdoClient] = {}
         self._next_poll_s = 0.0
@@ -203,14 +201,14 @@ class StatusModel:
         is_node = base == cob.HEARTBEAT_BASE and cob.NODE_MIN <= node_id < cob.NODE_MAX
         if is_node and node_id not in self._cells:
             self._cells[node_id] = RemoteCell(node_id, node_id)
-            self._reading[node_id] = SdoClient(node_id, self._reads)
+            self._reading[node_id] = SdoClient(node_id, _READS)
         if node_id not in self._cells:
             return
         cell = self._cells[node_id]
         before = cell.nmt_state
         cell.on_frame(frame.can_id, frame.data, now_s)
         if cell.nmt_state == nmt.PRE_OPERATIONAL and before not in (None, nmt.PRE_OPERATIONAL):
-            self._reading[node_id] = SdoClient(node_id, self._reads)
+            self._reading[node_id] = SdoClient(node_id, _READS)
         if base == cob.SDO_RESPONSE_BASE and node_id in self._reading:
             self._on_answer(node_id, frame.data)
 

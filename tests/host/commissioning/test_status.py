@@ -5,6 +5,7 @@ from rich.console import Console
 
 from mdms_host.commissioning.network import Identity
 from mdms_host.commissioning.status import (
+    NEIGHBOURS,
     CellStatus,
     FoundNode,
     StatusModel,
@@ -13,12 +14,14 @@ from mdms_host.commissioning.status import (
 )
 from mdms_protocol.codecs import sdo
 from mdms_protocol.codecs.frame import Frame
+from mdms_protocol.dictionary import PRODUCT_CODE, VENDOR_ID
 
 WORD, PRESENCE, SUSPECT, REGISTER = 0x6041, 0x3001, 0x3015, 0x1001
 
 
-def answer(index: int, value: int) -> Frame:
-    return Frame(0x585, bytes((0x4B, index & 0xFF, index >> 8, 0)) + value.to_bytes(4, "little"))
+def answer(index: int, sub: int, value: int) -> Frame:
+    place = index.to_bytes(2, "little") + bytes((sub,))
+    return Frame(0x585, b"\x43" + place + value.to_bytes(4, "little"))
 
 
 def after(*frames: Frame) -> StatusModel:
@@ -30,6 +33,8 @@ def after(*frames: Frame) -> StatusModel:
     return model
 
 
+#: A cell of ours that knows no neighbours.
+ALONE = {(0x1018, 1): VENDOR_ID, (0x1018, 2): PRODUCT_CODE} | dict.fromkeys(NEIGHBOURS, 0)
 #: A cell at rest, whose drives are off.
 AT_REST = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 0, 0x603F: 0, 0x683F: 0, SUSPECT: 0, REGISTER: 0}
 
@@ -37,16 +42,17 @@ AT_REST = {WORD: 0x40, 0x6841: 0x40, PRESENCE: 0, 0x603F: 0, 0x683F: 0, SUSPECT:
 def asked(model: StatusModel, replies: dict[int, int | None], start_s: float = 0.0) -> list[Frame]:
     """The requests of the model to node 5, which replies so; None is a refusal."""
     requests = []
-    for step in range(20):
-        now_s = start_s + step / 100
+    for step in range(40):
+        now_s = start_s + step / 200
         for frame in model.poll(now_s):
             if frame.can_id != 0x605:
                 continue
             requests.append(frame)
             index = frame.data[1] | frame.data[2] << 8
-            value = (AT_REST | replies)[index]
-            refusal = Frame(0x585, sdo.abort(index, 0, sdo.NO_SUCH_OBJECT))
-            model.on_frame(refusal if value is None else answer(index, value), now_s)
+            sub = frame.data[3]
+            value = ALONE[index, sub] if sub else (AT_REST | replies)[index]
+            refusal = Frame(0x585, sdo.abort(index, sub, sdo.NO_SUCH_OBJECT))
+            model.on_frame(refusal if value is None else answer(index, sub, value), now_s)
     return requests
 
 
@@ -59,7 +65,7 @@ def text(model: StatusModel, now_s: float) -> str:
 def test_a_cell_that_appears_is_asked_once() -> None:
     model = StatusModel()
     model.on_frame(Frame(0x705, b"\x7f"), 0.0)
-    assert len(asked(model, {0x6841: 0x27, PRESENCE: 0b10001})) == 7
+    assert len(asked(model, {0x6841: 0x27, PRESENCE: 0b10001})) == 17
     model.on_frame(Frame(0x705, b"\x7f"), 0.2)
     assert asked(model, {}, 0.2) == []
     (row,) = model.rows(0.2)
@@ -113,7 +119,7 @@ def test_a_cell_that_was_stopped_is_read_anew_and_not_shown_as_it_was() -> None:
     )
     (row,) = model.rows(0.1)
     assert (row.drives, row.speeds_m_s, row.presence) == (None, None, None)
-    assert len(asked(model, {PRESENCE: 1}, 0.1)) == 7
+    assert len(asked(model, {PRESENCE: 1}, 0.1)) == 17
     (row,) = model.rows(0.5)
     assert (row.state, row.drives) == ("pre-operational", ("switch on disabled",) * 2)
     assert (row.speeds_m_s, row.presence) == (None, 1)

@@ -106,7 +106,7 @@ def _heard(table: TableBuses, number: int, nodes: Sequence[FoundNode]) -> HeardC
 def status(arguments: Namespace) -> ExitCode:
     """Listen and show; on a terminal until Ctrl-C, else once."""
     table = named_table(arguments)
-    models = [StatusModel(asks_neighbours=True) for _ in table.buses]
+    models = [StatusModel() for _ in table.buses]
     with open_links(table.options, table.channels) as (link, clock):
         end_s = clock.now_s() + LISTEN_S
         drive(OnEachBus(models), link, clock, lambda: clock.now_s() >= end_s)
@@ -219,7 +219,7 @@ def _stop_bus(bus: TableBus) -> _Stopped | LinkError:
     """
     try:
         with open_links(bus.options) as (link, clock):
-            report, model = stop_all(link, clock), StatusModel(asks_neighbours=True)
+            report, model = stop_all(link, clock), StatusModel()
             if report.heard:
                 end_s = clock.now_s() + ASK_S
                 drive(model, link, clock, lambda: clock.now_s() >= end_s)
