@@ -407,7 +407,7 @@ class Layer:
         estimate[wire.HOLD] = rights.hold
         if rights.state != UNDER:
             estimate[wire.WANTS] = 0
-        wire.pack_estimate(estimate, 0, self._objects.data, self._frame_at)
+        wire.pack_estimate(estimate, self._objects.data, self._frame_at)
 
     def _look_around(self, sent):
         """Find the parcel over the square after a restart, by the neighbours that are heard.

@@ -177,7 +177,7 @@ class Pages:
     def on_page(self, direction, data):
         """Take a page, from the host or handed on by a neighbour; returns False if it is none."""
         page = [0] * wire.PROGRAM_FIELDS
-        if not wire.unpack_program(data, page, 0):
+        if not wire.unpack_program(data, page):
             if lost.is_lost(data):
                 return direction != HOST or self._on_lost(data)
             place = self._place

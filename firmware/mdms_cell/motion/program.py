@@ -197,7 +197,7 @@ class Program:
             joins = wire.JOINS if fields[wire.LEG] else 0
             fields[wire.LEG] = number - _GOAL or joins
             fields[wire.LEGS] = self.legs
-        wire.pack_program(fields, 0, frame, at)
+        wire.pack_program(fields, frame, at)
         return True
 
 

@@ -2,8 +2,8 @@
 
 A frame is one little-endian number; its fields lie from bit 0 on in the order of the constants. It
 is taken apart and put together in three pieces of 24, 24 and 16 bits, so that no number on the way
-leaves a small int of 31 bits. Fields stand in any buffer of integers, from `base` on, and the frame
-in any buffer of bytes, from `at` on: nothing is allocated.
+leaves a small int of 31 bits. Fields stand in any buffer of integers, and the frame in any buffer
+of bytes, from `at` on: nothing is allocated.
 
 `pack_...` clips values that do not fit, for the cell. `messages` checks values for the host.
 `unpack_...` returns False, and leaves the fields as they were, for a frame that no sender makes.
@@ -114,16 +114,16 @@ def clipped(number: int, low: int, high: int) -> int:
 
 
 @micropython.viper
-def pack_estimate(fields: ptr32, base: int, frame: ptr8, at: int):  # type: ignore[no-untyped-def]
+def pack_estimate(fields: ptr32, frame: ptr8, at: int):  # type: ignore[no-untyped-def]
     """Write the frame of an estimate; yaw wraps, and all else is clipped."""
     widen = int(WIDEN)
-    x = fields[base + X] << widen >> widen
-    y = fields[base + Y] << widen >> widen
-    identity = fields[base + IDENTITY] << widen >> widen
-    state = fields[base + STATE] << widen >> widen
-    certainty = fields[base + CERTAINTY] << widen >> widen
-    hold = fields[base + HOLD] << widen >> widen
-    sequence = fields[base + SEQUENCE] << widen >> widen
+    x = fields[X] << widen >> widen
+    y = fields[Y] << widen >> widen
+    identity = fields[IDENTITY] << widen >> widen
+    state = fields[STATE] << widen >> widen
+    certainty = fields[CERTAINTY] << widen >> widen
+    hold = fields[HOLD] << widen >> widen
+    sequence = fields[SEQUENCE] << widen >> widen
     x = x if x > -2048 else -2048
     y = y if y > -2048 else -2048
     identity = identity if identity > 0 else 0
@@ -131,10 +131,10 @@ def pack_estimate(fields: ptr32, base: int, frame: ptr8, at: int):  # type: igno
     certainty = certainty if certainty > 0 else 0
     hold = hold if hold > 0 else 0
     sequence = sequence if sequence > 0 else 0
-    wants = fields[base + WANTS]
+    wants = fields[WANTS]
     low = (x if x < 2047 else 2047) & 0xFFF
     low |= ((y if y < 2047 else 2047) & 0xFFF) << 12
-    middle = fields[base + YAW] & 0xFFF
+    middle = fields[YAW] & 0xFFF
     middle |= (identity if identity < IDENTITY_MAX else IDENTITY_MAX) << 12
     middle |= (state if state < UNDER else UNDER) << 18
     middle |= (wants & 0xF) << 20
@@ -142,7 +142,7 @@ def pack_estimate(fields: ptr32, base: int, frame: ptr8, at: int):  # type: igno
     high |= (certainty if certainty < 15 else 15) << 4
     high |= (hold if hold < HOLD_NONE else HOLD_NONE) << 8
     high |= (sequence if sequence < SEQUENCE_MAX else SEQUENCE_MAX) << 11
-    high |= (fields[base + FLAGS] & 7) << 13
+    high |= (fields[FLAGS] & 7) << 13
     frame[at] = low & 0xFF
     frame[at + 1] = low >> 8 & 0xFF
     frame[at + 2] = low >> 16
@@ -153,7 +153,7 @@ def pack_estimate(fields: ptr32, base: int, frame: ptr8, at: int):  # type: igno
     frame[at + 7] = high >> 8
 
 
-def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
+def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]") -> bool:
     """Read the frame of an estimate into the fields; returns False if it is none."""
     if len(frame) != LENGTH:
         return False
@@ -161,7 +161,7 @@ def unpack_estimate(frame: "Sequence[int]", fields: "MutableSequence[int]", base
     if read_estimates(frame, _FRESH, _ROW, 1):
         return False
     for field in range(ESTIMATE_FIELDS):
-        fields[base + field] = _ROW[field]
+        fields[field] = _ROW[field]
     return True
 
 
@@ -197,38 +197,36 @@ def read_estimates(frames: ptr8, fresh: ptr8, fields: ptr16, count: int) -> int:
     return wrong
 
 
-def pack_program(
-    fields: "Sequence[int]", base: int, frame: "MutableSequence[int]", at: int = 0
-) -> None:
+def pack_program(fields: "Sequence[int]", frame: "MutableSequence[int]", at: int = 0) -> None:
     """Write the frame of a page; yaw wraps, and all else is clipped."""
-    page = fields[base + PAGE] & 3
-    low = clipped(fields[base + PARCEL_IDENTITY], 0, IDENTITY_MAX) | page << 6
-    low |= clipped(fields[base + PROGRAM_SEQUENCE], 0, SEQUENCE_MAX) << 8
+    page = fields[PAGE] & 3
+    low = clipped(fields[PARCEL_IDENTITY], 0, IDENTITY_MAX) | page << 6
+    low |= clipped(fields[PROGRAM_SEQUENCE], 0, SEQUENCE_MAX) << 8
     middle = 0
     high = 0
     if page == PARCEL:
-        low |= clipped(fields[base + SHAPE], 0, DISC) << 10
-        low |= clipped(fields[base + PARCEL_LENGTH], 0, 4095) << 12
-        middle = clipped(fields[base + PARCEL_WIDTH], 0, 4095)
-        middle |= clipped(fields[base + ACCELERATION], 0, 255) << 12
-        speed = clipped(fields[base + SPEED], 0, 255)
+        low |= clipped(fields[SHAPE], 0, DISC) << 10
+        low |= clipped(fields[PARCEL_LENGTH], 0, 4095) << 12
+        middle = clipped(fields[PARCEL_WIDTH], 0, 4095)
+        middle |= clipped(fields[ACCELERATION], 0, 255) << 12
+        speed = clipped(fields[SPEED], 0, 255)
         middle |= (speed & 0xF) << 20
-        high = speed >> 4 | (fields[base + PROGRAM_FLAGS] & 63) << 4
+        high = speed >> 4 | (fields[PROGRAM_FLAGS] & 63) << 4
     elif page != END:
-        x = clipped(fields[base + PLACE_X], -131_072, 131_071)
-        yaw = fields[base + PLACE_YAW] & 0xFFF
+        x = clipped(fields[PLACE_X], -131_072, 131_071)
+        yaw = fields[PLACE_YAW] & 0xFFF
         low |= (x & 0x3FFF) << 10
         middle = x >> 14 & 0xF
-        middle |= (clipped(fields[base + PLACE_Y], -131_072, 131_071) & 0x3FFFF) << 4
+        middle |= (clipped(fields[PLACE_Y], -131_072, 131_071) & 0x3FFFF) << 4
         middle |= (yaw & 3) << 22
         high = yaw >> 2
         if page == GOAL:
-            high |= clipped(fields[base + LEG], 0, JOINS) << 10
-            high |= clipped(fields[base + LEGS], 0, LEGS_MAX) << 13
+            high |= clipped(fields[LEG], 0, JOINS) << 10
+            high |= clipped(fields[LEGS], 0, LEGS_MAX) << 13
     _write(low, middle, high, frame, at)
 
 
-def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base: int) -> bool:
+def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]") -> bool:
     """Read the frame of a page into the fields that it has; returns False if it is none.
 
     A page is of an identity and has a sequence, and a parcel has a speed and an acceleration; the
@@ -247,23 +245,23 @@ def unpack_program(frame: "Sequence[int]", fields: "MutableSequence[int]", base:
         return False
     if page == GOAL and (high >> 13 > LEGS_MAX or high >> 13 < high >> 10 & 7 < JOINS):
         return False
-    fields[base + PARCEL_IDENTITY] = low & 63
-    fields[base + PAGE] = page
-    fields[base + PROGRAM_SEQUENCE] = low >> 8 & 3
+    fields[PARCEL_IDENTITY] = low & 63
+    fields[PAGE] = page
+    fields[PROGRAM_SEQUENCE] = low >> 8 & 3
     if page == PARCEL:
-        fields[base + SHAPE] = low >> 10 & 3
-        fields[base + PARCEL_LENGTH] = low >> 12
-        fields[base + PARCEL_WIDTH] = middle & 0xFFF
-        fields[base + ACCELERATION] = middle >> 12 & 0xFF
-        fields[base + SPEED] = speed
-        fields[base + PROGRAM_FLAGS] = high >> 4 & 63
+        fields[SHAPE] = low >> 10 & 3
+        fields[PARCEL_LENGTH] = low >> 12
+        fields[PARCEL_WIDTH] = middle & 0xFFF
+        fields[ACCELERATION] = middle >> 12 & 0xFF
+        fields[SPEED] = speed
+        fields[PROGRAM_FLAGS] = high >> 4 & 63
     elif page != END:
-        fields[base + PLACE_X] = ((low >> 10 | (middle & 0xF) << 14) ^ 0x20000) - 0x20000
-        fields[base + PLACE_Y] = ((middle >> 4 & 0x3FFFF) ^ 0x20000) - 0x20000
-        fields[base + PLACE_YAW] = ((middle >> 22 | (high & 0x3FF) << 2) ^ 0x800) - 0x800
+        fields[PLACE_X] = ((low >> 10 | (middle & 0xF) << 14) ^ 0x20000) - 0x20000
+        fields[PLACE_Y] = ((middle >> 4 & 0x3FFFF) ^ 0x20000) - 0x20000
+        fields[PLACE_YAW] = ((middle >> 22 | (high & 0x3FF) << 2) ^ 0x800) - 0x800
         if page == GOAL:
-            fields[base + LEG] = high >> 10 & 7
-            fields[base + LEGS] = high >> 13
+            fields[LEG] = high >> 10 & 7
+            fields[LEGS] = high >> 13
     return True
 
 

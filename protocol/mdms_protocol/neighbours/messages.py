@@ -80,14 +80,14 @@ def encode_estimate(estimate: Estimate) -> bytes:
     """The data of an estimate's frame; raises OutOfRangeError."""
     _check(estimate)
     frame = bytearray(n.LENGTH)
-    n.pack_estimate(tuple(estimate), 0, frame, 0)
+    n.pack_estimate(tuple(estimate), frame, 0)
     return bytes(frame)
 
 
 def decode_estimate(data: bytes) -> Estimate | None:
     """The estimate that a frame carries, None if it carries none."""
     fields = array("i", bytes(4 * n.ESTIMATE_FIELDS))
-    return Estimate(*fields) if n.unpack_estimate(data, fields, 0) else None
+    return Estimate(*fields) if n.unpack_estimate(data, fields) else None
 
 
 def encode_page(page: Page) -> bytes:
@@ -106,7 +106,7 @@ def encode_page(page: Page) -> bytes:
     values = (*head, *page[2:])
     fields[: len(values)] = values
     frame = bytearray(n.LENGTH)
-    n.pack_program(fields, 0, frame)
+    n.pack_program(fields, frame)
     return bytes(frame)
 
 
@@ -120,7 +120,7 @@ def decode_page(data: bytes) -> Page | None:
         place = data[lost.COLUMN], data[lost.ROW], data[lost.IDENTITY]
         return Lost(lost.kind_of(data), *place, lost.number_of(data))
     fields = array("i", bytes(4 * n.PROGRAM_FIELDS))
-    if not n.unpack_program(data, fields, 0):
+    if not n.unpack_program(data, fields):
         return None
     kind = _PAGES[fields[n.PAGE]]
     behind = len(kind._fields) - 2

@@ -37,14 +37,14 @@ def estimate_frame(fields):
     for field, number in fields.items():
         numbers[field] = number
     frame = bytearray(8)
-    wire.pack_estimate(numbers, 0, frame, 0)
+    wire.pack_estimate(numbers, frame, 0)
     return bytes(frame)
 
 
 def estimate_of(data):
     """The fields of an estimate, by their numbers."""
     fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-    assert wire.unpack_estimate(data, fields, 0)
+    assert wire.unpack_estimate(data, fields)
     return list(fields)
 
 
@@ -52,7 +52,7 @@ def page_frame(fields):
     """The frame of a page with these fields, the last of which may be left out."""
     frame = bytearray(8)
     left_out = wire.PROGRAM_FIELDS - len(fields)
-    wire.pack_program(array("i", tuple(fields) + left_out * (0,)), 0, frame)
+    wire.pack_program(array("i", tuple(fields) + left_out * (0,)), frame)
     return bytes(frame)
 
 

@@ -159,7 +159,7 @@ def test_pages_that_are_handed_on_make_the_same_program():
     for number in range(wire.LEGS_MAX + 2):
         if program.pack(number, frame, 0):
             handed_on += 1
-            assert wire.unpack_program(frame, fields, 0)
+            assert wire.unpack_program(frame, fields)
             other.take(fields)
     assert handed_on == 3
     assert other.whole

@@ -129,7 +129,7 @@ class NeighbourHost:
             self._answered[bus] = True
         elif base == cob.TPDO_BASES[2]:
             fields = array("i", [0] * wire.ESTIMATE_FIELDS)
-            wire.unpack_estimate(frame.data, fields, 0)
+            wire.unpack_estimate(frame.data, fields)
             self.estimates.append(Heard(now_s, number, fields))
         elif base == cob.EMCY_BASE:
             self.emergencies.append((now_s, number, bytes(frame.data)))
@@ -205,7 +205,7 @@ def _steps(pose: Pose) -> tuple[int, int, int]:
 
 def _page(fields: Sequence[int]) -> Frame:
     data = bytearray(wire.LENGTH)
-    wire.pack_program(array("i", fields), 0, data)
+    wire.pack_program(array("i", fields), data)
     return Frame(cob.PROGRAM, bytes(data))
 
 
