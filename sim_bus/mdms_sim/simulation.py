@@ -99,8 +99,6 @@ NS_PER_S = 1_000_000_000
 TICK_NS = 1_000_000
 #: Latency of a cell's background loop: from a frame's end, or a tick, to its answer in a mailbox.
 PROCESSING_NS = 100_000
-#: A board drops frames that the bus has not taken for so long (`WAIT_MS` in `boards/bus.py`).
-WAIT_NS = 20_000_000
 SAMPLE_NS = 10_000_000
 
 # At one instant frames end first, then the world moves and the cells tick, then answers leave, then
@@ -352,7 +350,7 @@ class Simulation:
 
     def _send(self, cell: int, frames: list[Frame]) -> None:
         mailbox = self._mailboxes[cell]
-        mailbox.drop_late(self.kernel.now_ns, WAIT_NS)
+        mailbox.drop_late(self.kernel.now_ns)
         for frame in frames:
             mailbox.send(frame)
 

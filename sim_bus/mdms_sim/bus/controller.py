@@ -101,6 +101,8 @@ MAILBOXES = 3
 RECEIVE_FIFO = 3
 #: Frames that a node keeps in memory for the time when a mailbox is free.
 TRANSMIT_QUEUE = 4096
+#: A board drops frames that the bus has not taken for so long (`WAIT_MS` in `boards/bus.py`).
+WAIT_NS = 20_000_000
 
 
 class Station(Protocol):
@@ -218,14 +220,14 @@ class Controller:
         while queue and len(taken) < MAILBOXES and queue[0].can_id not in taken:
             self._load(queue.popleft())
 
-    def drop_late(self, now_ns: int, wait_ns: int) -> None:
-        """Empties the queue if the bus has carried no frame of this node for so long.
+    def drop_late(self, now_ns: int) -> None:
+        """Empties the queue if the bus has carried no frame of this node for `WAIT_NS`.
 
         To be called often while there is a queue, or frames that are `delayed` may make one.
         """
         if not self.queue or self.sent != self._stuck_at:
             self._stuck_at, self._stuck_ns = self.sent, now_ns
-        elif now_ns - self._stuck_ns > wait_ns:
+        elif now_ns - self._stuck_ns > WAIT_NS:
             self.queue.clear()
 
     def request_again(self) -> None:
