@@ -25,9 +25,7 @@ class EncoderMissingError(RuntimeError):
     """There is no ffmpeg, or it cannot write this; the message says what helps."""
 
 
-def write_video(
-    path: Path, size_px: tuple[int, int], rate_hz: int, frames: Iterable[bytes]
-) -> None:
+def _encode(path: Path, size_px: tuple[int, int], frames: Iterable[bytes]) -> None:
     """Write frames of red, green and blue bytes, `size_px` wide and high, both even.
 
     H.264 in the colours that all players take. One thread and no dates: the same bytes for the same
@@ -36,7 +34,8 @@ def write_video(
     width, height = size_px
     command = [
         *(find_encoder(), "-y", "-loglevel", "error"),
-        *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate_hz)),
+        *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"),
+        *("-r", str(VIDEO_RATE_HZ)),
         *("-i", "-", "-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20"),
         *("-threads", "1", "-fflags", "+bitexact", "-flags:v", "+bitexact"),
         *("-metadata", f"comment={MARK}", "-movflags", "+faststart", "-f", "mp4", str(path)),
@@ -115,7 +114,7 @@ def write_mp4(path: Path, scenario: Scenario, record: Record) -> None:
         for _ in range(still):
             yield data
 
-    write_video(path, view.size_px, VIDEO_RATE_HZ, frames())
+    _encode(path, view.size_px, frames())
 
 
 def _instants(record: Record, rate_hz: float, least: int, most: int) -> tuple[list[int], float]:
