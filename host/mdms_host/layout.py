@@ -9,7 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
+from mdms_model.array import cell_centres
 from mdms_model.arrays import Floats, Ints
+from mdms_model.scenario.scenario import Array
 from mdms_protocol.codecs import cob
 
 _SENSOR_OFFSETS_M = (
@@ -79,10 +81,7 @@ class Layout:
     @cached_property
     def cell_positions_m(self) -> Floats:
         """Centres of the cells [m; table frame], shape (cells, 2)."""
-        x_m = (np.arange(self.columns) - (self.columns - 1) / 2) * self.pitch_m
-        y_m = (np.arange(self.rows) - (self.rows - 1) / 2) * self.pitch_m
-        grid_x_m, grid_y_m = np.meshgrid(x_m, y_m)
-        return np.column_stack((grid_x_m.ravel(), grid_y_m.ravel()))
+        return cell_centres(Array(self.columns, self.rows, self.pitch_m))
 
     @cached_property
     def wheel_positions_m(self) -> Floats:
