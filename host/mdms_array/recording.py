@@ -55,8 +55,8 @@ class PlanLog:
         """Keep the plan, if it is another than before."""
         program = self._program
         goals = dict(self._coordinator.goals)
-        ways = () if program is None else tuple(program.under_way)
-        planned = None if program is None else program.plan
+        ways = () if program is None else tuple(program.traffic.under_way)
+        planned = None if program is None else program.traffic.plan
         same = goals == self._goals and ways == self._ways and planned is self._planned
         if same and not (ways and time_s >= self._again_s):
             return
@@ -76,9 +76,9 @@ class PlanLog:
         due_s: dict[str, Floats] = {}
         tiles: tuple[Tile, ...] = ()
         if program is not None:
-            ways = dict(program.ways)
-            due_s = {name: time_s + in_s for name, in_s in program.due_in_s.items()}
-            tiles = tuple(Tile(*tile) for tile in program.reserved)
+            ways = dict(program.traffic.ways)
+            due_s = {name: time_s + in_s for name, in_s in program.traffic.due_in_s.items()}
+            tiles = tuple(Tile(*tile) for tile in program.traffic.reserved)
         goals = {name: _pose(goal) for name, goal in self._goals.items()}
         return Plan(time_s, ways, tiles, due_s, goals)
 

@@ -234,8 +234,8 @@ class Coordinator:
         if known is not None:
             estimate = self.estimate(parcel)
             start = None if estimate is None else np.array(astuple(estimate))
-            # Programs that plan ways plan none on which a parcel tips.
-            straight = not hasattr(type(self._program), "ways")
+            # Programs with traffic plan no way on which a parcel tips.
+            straight = not hasattr(self._program, "traffic")
             self._safe_goals.check(known, start, goal, straight=straight)
         self._program.set_goal(parcel, goal)
 

@@ -499,7 +499,7 @@ class Machine:
         assert isinstance(program, TableProgram)
         if not program.table.parcels:
             return _STARVED
-        if self.orders.waiting and not program.under_way:
+        if self.orders.waiting and not program.traffic.under_way:
             return _BLOCKED.format(exits=", ".join(sorted(self.orders.full)))
         return ""
 

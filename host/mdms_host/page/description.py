@@ -164,7 +164,7 @@ def plan_of(coordinator: Coordinator | None) -> dict[str, Any]:
     program = None if coordinator is None else coordinator.program
     if not isinstance(program, TableProgram):
         return planned({}, ())
-    return planned(program.ways, program.reserved)
+    return planned(program.traffic.ways, program.traffic.reserved)
 
 
 def planned(

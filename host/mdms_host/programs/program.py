@@ -46,7 +46,8 @@ class TableProgram:
     It begins when all parcels that are to lie on the table have been found. A parcel of the members
     that comes to be believed on it has arrived.
 
-    The orders of the table go to `traffic`. With `keeps_goals` it has no other aim than its goals.
+    The orders of the table go to `traffic`, which knows the ways of all parcels. With `keeps_goals`
+    it has no other aim than its goals.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class TableProgram:
         self._register: Tracker | None = None
         self._members = {member.name: member for member in members}
         self._awaited = {member.name for member in members if member.lies}
-        self._traffic = traffic
+        self.traffic = traffic
         self.table = table
         self.driver = TableDriver(table)
         table.expects = any(not member.lies for member in members)
@@ -97,7 +98,7 @@ class TableProgram:
     def attend(self, register: Tracker, heaviest_kg: float = inf) -> None:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
         self._register = register
-        self._traffic.attend(lambda: register.parcels)
+        self.traffic.attend(lambda: register.parcels)
         self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg, self._misfit)
 
     def serve_orders(self) -> None:
@@ -111,7 +112,7 @@ class TableProgram:
 
     def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
         """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
-        self._traffic.know(parcel, mass)
+        self.traffic.know(parcel, mass)
         self._members[parcel.name] = Member(
             parcel.name, kind, parcel.length_m, parcel.width_m, parcel.shape, lies=not comes
         )
@@ -122,7 +123,7 @@ class TableProgram:
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """These cells (from 1) are lost, and no others."""
-        self._traffic.on_lost_cells(cells)
+        self.traffic.on_lost_cells(cells)
 
     @property
     def began(self) -> bool:
@@ -152,7 +153,7 @@ class TableProgram:
     @property
     def _left(self) -> set[str]:
         """Parcels that are not at their goals."""
-        return {name for name, one in self._traffic.steered.items() if not one.arrived}
+        return {name for name, one in self.traffic.steered.items() if not one.arrived}
 
     @property
     def failed(self) -> bool:
@@ -176,43 +177,18 @@ class TableProgram:
     def awaits(self) -> Collection[str]:
         """Parcels that must be found before the program begins, or before their goals count."""
         if self.keeps_goals:
-            return self._traffic.steered.keys()
+            return self.traffic.steered.keys()
         return self._awaited if self._task is None else ()
 
     @property
     def near(self) -> Collection[str]:
         """Parcels about to arrive."""
-        return self._traffic.near
-
-    @property
-    def plan(self) -> object:
-        """The plan that is in effect: another object with each, None before the first."""
-        return self._traffic.plan
+        return self.traffic.near
 
     @property
     def controllers(self) -> Mapping[str, Steered]:
         """The follower of each parcel that has been ordered to a place."""
-        return self._traffic.steered
-
-    @property
-    def under_way(self) -> Collection[str]:
-        """Parcels that have a way before them."""
-        return self._traffic.under_way
-
-    @property
-    def due_in_s(self) -> Mapping[str, Floats]:
-        """In what time each parcel is planned at the poses of its way [s], (K,)."""
-        return self._traffic.due_in_s
-
-    @property
-    def ways(self) -> Mapping[str, Floats]:
-        """The poses (K, 3) that are before each parcel under way, where it is now first."""
-        return self._traffic.ways
-
-    @property
-    def reserved(self) -> Sequence[tuple[float, float, float, tuple[str, ...]]]:
-        """Tiles that parcels have before them: middle and side [m], and which parcels, in order."""
-        return self._traffic.reserved
+        return self.traffic.steered
 
     def set_goal(self, name: str, goal: GoalPose) -> None:
         """Order a parcel to a place; this replaces any order of the program.
@@ -226,12 +202,12 @@ class TableProgram:
     def _give(self, name: str, goal: GoalPose) -> None:
         self._given[name] = order = Order(name, goal, kept=self.keeps_goals)
         self._given_up.pop(name, None)
-        self._traffic.give(order)
+        self.traffic.give(order)
 
     def take_notices(self) -> list[str]:
         """Notices about parcels since the last call."""
         notices, self._notices = self._notices, []
-        return notices + self._traffic.take_notices()
+        return notices + self.traffic.take_notices()
 
     def references_m_s(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of shape (W,) for the next step, given the beliefs at its beginning."""
@@ -244,12 +220,12 @@ class TableProgram:
                 self.table.serve_orders()
         if self._task is not None and self._failure is None:
             self._go_on(step_s)
-        references_m_s = self._traffic.step(beliefs, step_s)
+        references_m_s = self.traffic.step(beliefs, step_s)
         self._doubts = any(belief.doubtful for belief in beliefs.values())
         self._note_refused()
-        self._rested_s = self._rested_s + step_s if self._traffic.at_rest else 0.0
+        self._rested_s = self._rested_s + step_s if self.traffic.at_rest else 0.0
         if self._register is not None:
-            for name, gate in self._traffic.take_leaving():
+            for name, gate in self.traffic.take_leaving():
                 if gate is None:
                     self._exits.pop(name, None)
                     self._register.stay(name)
@@ -264,12 +240,12 @@ class TableProgram:
     @property
     def speeds_m_s(self) -> Floats:
         """How fast each wheel is to run under the references that were returned last, (W,)."""
-        return self._traffic.speeds_m_s
+        return self.traffic.speeds_m_s
 
     @property
     def gains(self) -> Mapping[str, Gain]:
         """Gains of the wheels under parcels in the step before these, and their pushes."""
-        return self._traffic.gains
+        return self.traffic.gains
 
     def _withdraw(self) -> None:
         """Parcels that have not come after all are no more on the table, and expected again."""
@@ -279,7 +255,7 @@ class TableProgram:
             if any(parcel.name == each.name for each in self.table.parcels):
                 self._exits.pop(parcel.name, None)
                 self._withdrawn.add(parcel.name)
-                self._traffic.withdraw(parcel.name)
+                self.traffic.withdraw(parcel.name)
             if self._comings is None or not self._comings.brings(parcel.name):
                 self._register.announce(parcel, region)
 
@@ -296,12 +272,12 @@ class TableProgram:
                 self._notices.append(order.refused)
             else:
                 del self._given[name]
-                self._traffic.forget(name)
+                self.traffic.forget(name)
                 self._notices.append(f"{name} is not taken to the given place: {order.refused}")
 
     def _take_out(self, beliefs: Mapping[str, Belief]) -> None:
         """Parcels that have left are no more on the table, though they may still be believed."""
-        for name in self._traffic.take_left():
+        for name in self.traffic.take_left():
             self.driver.remove(name, self._exits.pop(name, None), withdrawn=name in self._withdrawn)
             self._withdrawn.discard(name)
             self._gone.add(name)
@@ -336,7 +312,7 @@ class TableProgram:
             for where, took_s in self.driver.take_blocked()
         ]
         if error is None:
-            self._traffic.forget_refused()
+            self.traffic.forget_refused()
             return
         if isinstance(error, ProgramError):
             where = place_of(error)
@@ -355,6 +331,8 @@ class CellsTableProgram(TableProgram):
     See `motion.program.ByCells`.
     """
 
+    traffic: CellsTraffic
+
     def __init__(
         self,
         main: Main,
@@ -364,7 +342,6 @@ class CellsTableProgram(TableProgram):
         cells: CellsProgram,
     ) -> None:
         super().__init__(main, table, members, traffic)
-        self._by_cells = traffic
         self._cells = cells
 
     def _misfit(self, parcel: Parcel) -> str | None:
@@ -386,12 +363,12 @@ class CellsTableProgram(TableProgram):
         """The pages to send now, given the beliefs; once a cycle."""
         self.references_m_s(beliefs, step_s)
         pages = self._cells.step(beliefs, now_s, step_s)
-        self._by_cells.doubt_arrivals()
+        self.traffic.doubt_arrivals()
         return pages
 
     def begin_again(self) -> None:
         """Plan and send every parcel's way anew, from where the parcel is."""
-        self._by_cells.begin_again()
+        self.traffic.begin_again()
 
     def ends(self) -> list[Page]:
         """The pages that end all programs."""

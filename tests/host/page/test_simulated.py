@@ -333,10 +333,10 @@ def test_an_unannounced_thing_is_shown_as_unknown_and_gets_a_name(monkeypatch):
 
 
 def test_ways_and_tiles_are_shown_where_a_program_has_them(running, monkeypatch):
-    program = running.slot.coordinator.program
+    traffic = type(running.slot.coordinator.program.traffic)
     ways = {"box": np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]])}
-    monkeypatch.setattr(type(program), "ways", ways, raising=False)
-    monkeypatch.setattr(type(program), "reserved", [(0.1, 0.0, 0.06, ("box",))], raising=False)
+    monkeypatch.setattr(traffic, "ways", ways)
+    monkeypatch.setattr(traffic, "reserved", [(0.1, 0.0, 0.06, ("box",))])
     running.run(0.3)
     (plan,) = [message for message in running.messages if message["kind"] == "plan"]
     assert plan["paths"] == {"box": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.5]]}

@@ -314,19 +314,19 @@ def test_a_parcel_that_is_stopped_half_way_off_its_infeed_goes_on():
 def test_ways_and_tiles_that_are_left_can_be_shown():
     table = two_boxes(main=go_east)
     table.run(0.2)
-    ways, before = table.program.ways, len(table.program.reserved)
+    ways, before = table.program.traffic.ways, len(table.program.traffic.reserved)
     assert ways["box"][0] == pytest.approx(table.pose("box"), abs=0.01)
     assert ways["box"][-1] == pytest.approx((0.36, 0.0, 0.0), abs=0.01)
-    assert {names for *_, names in table.program.reserved} == {("box",)}
-    due_in_s = table.program.due_in_s["box"]
+    assert {names for *_, names in table.program.traffic.reserved} == {("box",)}
+    due_in_s = table.program.traffic.due_in_s["box"]
     assert len(due_in_s) == len(ways["box"])
     assert due_in_s[0] == pytest.approx(0.0, abs=0.2)
     assert (np.diff(due_in_s) > 0).all()
-    assert table.program.under_way == ["box"]
+    assert table.program.traffic.under_way == ["box"]
     table.run(1.5)
-    assert 0 < len(table.program.reserved) < before
+    assert 0 < len(table.program.traffic.reserved) < before
     table.run_until(6.0, lambda: table.program.finished)
-    assert (table.program.ways, table.program.reserved) == ({}, [])
+    assert (table.program.traffic.ways, table.program.traffic.reserved) == ({}, [])
 
 
 def test_plans_are_kept_for_the_record_as_they_change_and_as_tiles_are_left():
