@@ -61,7 +61,7 @@ class Comings:
         stocks = (parcels for infeed in self._infeeds for parcels in infeed.stock.values())
         return any(name == parcel.name for parcels in stocks for parcel in parcels)
 
-    def step(self, register: Tracker, there: Collection[str]) -> None:
+    def step(self, tracker: Tracker, there: Collection[str]) -> None:
         """Announce the parcels that may come next; `there` are all believed on the table."""
         expected = {key: name for key, name in self._expected.items() if name not in there}
         self._expected = expected
@@ -70,11 +70,11 @@ class Comings:
                 if (infeed.name, kind) in expected:
                     continue
                 # One that was found for an instant, and is sought since then, has its name still.
-                taken = {*there, *register.parcels}
+                taken = {*there, *tracker.parcels}
                 free = next((one for one in parcels if one.name not in taken), None)
                 if free is not None:
                     expected[infeed.name, kind] = free.name
-                    register.announce(infeed.parcel(free), infeed.region)
+                    tracker.announce(infeed.parcel(free), infeed.region)
 
 
 def tracker_gate(gate: Gate) -> TrackerGate:
@@ -94,12 +94,12 @@ class TrackedNewcomers:
 
     def __init__(
         self,
-        register: Tracker,
+        tracker: Tracker,
         know: Callable[[Parcel, Mass, str, bool], None],
         heaviest_kg: float = inf,
         misfit: Callable[[Parcel], str | None] = lambda _: None,
     ) -> None:
-        self._register = register
+        self._tracker = tracker
         self._know = know
         self._heaviest_kg = heaviest_kg
         self._misfit = misfit
@@ -111,7 +111,7 @@ class TrackedNewcomers:
         self._refuse_misfit(parcel)
         region = None if near_m is None else around(near_m)
         try:
-            self._register.announce(parcel, region)
+            self._tracker.announce(parcel, region)
         except ValueError as error:
             raise ProgramError(str(error)) from None
         self._know(parcel, _mass_of(newcomer, parcel), newcomer.kind, True)
@@ -122,7 +122,7 @@ class TrackedNewcomers:
         parcel = self._learned(unknown, newcomer) or _drawn(newcomer)
         self._refuse_misfit(parcel)
         try:
-            self._register.name(unknown, parcel)
+            self._tracker.name(unknown, parcel)
         except KeyError:
             raise ProgramError(f"{unknown} is not there any more") from None
         except ValueError as error:
@@ -132,8 +132,8 @@ class TrackedNewcomers:
     def give_up(self, name: str) -> None:
         """Expect a parcel no more, which has not been found."""
         # One whose outline sensors contradict is none of the tracker's any more.
-        if name in self._register.parcels:
-            self._register.depart(name)
+        if name in self._tracker.parcels:
+            self._tracker.depart(name)
 
     def _refuse_heavier(self, newcomer: Newcomer) -> None:
         if (newcomer.mass_kg or 0.0) > self._heaviest_kg:
@@ -150,7 +150,7 @@ class TrackedNewcomers:
         """The parcel as large as sensors show it, where the program has no size."""
         if newcomer.length_m is not None:
             return None
-        size = self._register.size(unknown)
+        size = self._tracker.size(unknown)
         if size is None:
             raise ProgramError(f"{unknown} is no rectangle: {newcomer.name} needs a size")
         return size.parcel(newcomer.name)

@@ -61,7 +61,7 @@ class TableProgram:
         self._main = main
         self.keeps_goals = False
         self._comings = comings
-        self._register: Tracker | None = None
+        self._tracker: Tracker | None = None
         self._members = {member.name: member for member in members}
         self._awaited = {member.name for member in members if member.lies}
         self.traffic = traffic
@@ -95,11 +95,11 @@ class TableProgram:
         for name, goal in goals.items():
             self._give(name, goal)
 
-    def attend(self, register: Tracker, heaviest_kg: float = inf) -> None:
+    def attend(self, tracker: Tracker, heaviest_kg: float = inf) -> None:
         """Announce parcels that may come or leave from now on; no heavier ones may come."""
-        self._register = register
-        self.traffic.attend(lambda: register.parcels)
-        self.table.newcomers = TrackedNewcomers(register, self._know, heaviest_kg, self._misfit)
+        self._tracker = tracker
+        self.traffic.attend(lambda: tracker.parcels)
+        self.table.newcomers = TrackedNewcomers(tracker, self._know, heaviest_kg, self._misfit)
 
     def serve_orders(self) -> None:
         """Carry out the orders of `table.orders` beside the program, from its beginning on."""
@@ -108,7 +108,7 @@ class TableProgram:
     @property
     def is_clear(self) -> bool | None:
         """Whether nothing lies on the table; None where sensors have not shown all of it."""
-        return None if self._register is None else self._register.is_clear
+        return None if self._tracker is None else self._tracker.is_clear
 
     def _know(self, parcel: Parcel, mass: Mass, kind: str, comes: bool) -> None:
         """There is to be a parcel that has not been drawn before; it `comes`, or is there."""
@@ -224,17 +224,17 @@ class TableProgram:
         self._doubts = any(belief.doubtful for belief in beliefs.values())
         self._note_refused()
         self._rested_s = self._rested_s + step_s if self.traffic.at_rest else 0.0
-        if self._register is not None:
+        if self._tracker is not None:
             for name, gate in self.traffic.take_leaving():
                 if gate is None:
                     self._exits.pop(name, None)
-                    self._register.stay(name)
+                    self._tracker.stay(name)
                 else:
                     self._exits[name] = gate.name
-                    self._register.depart(name, tracker_gate(gate))
+                    self._tracker.depart(name, tracker_gate(gate))
             if self._comings is not None:
                 there = {*beliefs, *(parcel.name for parcel in self.table.parcels)}
-                self._comings.step(self._register, there)
+                self._comings.step(self._tracker, there)
         return references_m_s
 
     @property
@@ -249,15 +249,15 @@ class TableProgram:
 
     def _withdraw(self) -> None:
         """Parcels that have not come after all are no more on the table, and expected again."""
-        if self._register is None:
+        if self._tracker is None:
             return
-        for parcel, region in self._register.take_withdrawn():
+        for parcel, region in self._tracker.take_withdrawn():
             if any(parcel.name == each.name for each in self.table.parcels):
                 self._exits.pop(parcel.name, None)
                 self._withdrawn.add(parcel.name)
                 self.traffic.withdraw(parcel.name)
             if self._comings is None or not self._comings.brings(parcel.name):
-                self._register.announce(parcel, region)
+                self._tracker.announce(parcel, region)
 
     def _note_refused(self) -> None:
         """Say of given goals that no parcel will come there.
@@ -289,14 +289,14 @@ class TableProgram:
     def _take_in(self, beliefs: Mapping[str, Belief]) -> None:
         there = self._gone.union(parcel.name for parcel in self.table.parcels)
         for name, belief in beliefs.items():
-            if belief.named and name not in self._members and self._register is not None:
+            if belief.named and name not in self._members and self._tracker is not None:
                 # A person has given a name to an unknown thing.
-                parcel = self._register.parcels[name]
+                parcel = self._tracker.parcels[name]
                 self._know(parcel, uniform_mass(parcel.footprint), "", comes=False)
             member = self._members.get(name)
             if member is not None and name not in there:
                 size = member.length_m, member.width_m, member.shape
-                lay_there = self._register is not None and self._register.lay_there(name)
+                lay_there = self._tracker is not None and self._tracker.lay_there(name)
                 come = TableParcel(name, member.kind, *size)
                 self.driver.put(come, arrives=not member.lies, lay_there=lay_there)
         self.driver.see(beliefs)
