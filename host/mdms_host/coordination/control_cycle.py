@@ -243,7 +243,7 @@ _LONGEST = 2.0
 class ControlCycle:
     """The cycle of a run: the tracker's beliefs to the program, its references to the cells.
 
-    Cells that steer (`by_cells`) get no setpoints, but their programs.
+    With `steering`, cells get no setpoints, but their programs.
     """
 
     def __init__(
@@ -252,7 +252,7 @@ class ControlCycle:
         program: Program | ByCells,
         tracker: Tracker,
         velocities: VelocityFrames,
-        by_cells: CellsControl | None,
+        steering: CellsControl | None,
     ) -> None:
         cells, wheels = array.roster.cells, len(array.roster.wheels_out)
         self.references_m_s: Floats = np.zeros(wheels)
@@ -268,7 +268,7 @@ class ControlCycle:
         self._step_s = array.timing.sync_period_s
         self._tracker = tracker
         self._velocities = velocities
-        self._by_cells = by_cells
+        self._steering = steering
         #: How fast each wheel is to run under its reference, as far as that is known.
         self._commanded_m_s: Floats = np.zeros(wheels)
         self._noisy = False
@@ -280,8 +280,8 @@ class ControlCycle:
     ) -> Iterable[tuple[int | None, Frame]]:
         """Frames to send for the SYNC at `sync_s`, each with its bus, None for all buses."""
         self._track(phase, now_s)
-        if self._by_cells is not None:
-            return self._pages(self._by_cells, phase, now_s, sync_s)
+        if self._steering is not None:
+            return self._pages(self._steering, phase, now_s, sync_s)
         self.references_m_s = self._references_m_s(phase, now_s, sync_s)
         self._odometry.on_references(self.references_m_s)
         return zip(self._buses, self._velocities.targets(self.references_m_s), strict=True)
@@ -349,14 +349,14 @@ class ControlCycle:
         return left_m_s
 
     def _pages(
-        self, by_cells: CellsControl, phase: Phase, now_s: float, sync_s: float
+        self, steering: CellsControl, phase: Phase, now_s: float, sync_s: float
     ) -> Iterator[tuple[None, Frame]]:
         """Send the frames that cells that steer still need, and follow their reports."""
-        self.references_m_s = by_cells.references_m_s
+        self.references_m_s = steering.references_m_s
         self._odometry.on_references(self.references_m_s)
         if phase == Phase.RUNNING and not self._odometry.silent:
             beliefs = self._tracker.beliefs(sync_s, now_s, self._program.near)
-            for frame in by_cells.frames(beliefs, now_s, self._step_s):
+            for frame in steering.frames(beliefs, now_s, self._step_s):
                 yield None, frame
             self._report(beliefs, now_s)
 

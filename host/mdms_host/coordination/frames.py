@@ -96,12 +96,12 @@ class Commands:
     """
 
     def __init__(
-        self, roster: Roster, schedule: Schedule, period_s: float, by_cells: CellsControl | None
+        self, roster: Roster, schedule: Schedule, period_s: float, steering: CellsControl | None
     ) -> None:
         self._roster = roster
         self._schedule = schedule
         self._period_s = period_s
-        self._by_cells = by_cells
+        self._steering = steering
         self._phase = Phase.WAITING
         self._answered: set[BringUpCell] = set()
 
@@ -128,9 +128,9 @@ class Commands:
                 for frame in cell.commands(self._phase_of(cell), now_s):
                     yield cell.bus, frame
         self._answered.clear()
-        if everyone and self._by_cells is not None and self._phase in (*_ENDING, *HELD):
+        if everyone and self._steering is not None and self._phase in (*_ENDING, *HELD):
             # Behind a quick stop: wheels are to be braked, and not just switched off.
-            for frame in self._by_cells.ends():
+            for frame in self._steering.ends():
                 yield None, frame
 
     def _phase_of(self, cell: BringUpCell) -> Phase:
@@ -141,7 +141,7 @@ class Commands:
     def _repeat_as_needed(self, now_s: float) -> None:
         """While all cells run, and when all are off, none needs anything again."""
         # Cells that steer are told again and again to stand: one may have missed it.
-        kept = self._phase is Phase.KEEPING and self._by_cells is None
+        kept = self._phase is Phase.KEEPING and self._steering is None
         running = (kept or self._phase is Phase.RUNNING) and not self._roster.out
         settled = running or self._phase in STOPPED
         due_s = self._schedule.next_s("command")
@@ -174,7 +174,7 @@ class FrameRouter:
         buses: int,
         tracker: Tracker,
         commands: Commands,
-        by_cells: CellsControl | None,
+        steering: CellsControl | None,
     ) -> None:
         self.other_host = False
         self.switched_off = False
@@ -186,7 +186,7 @@ class FrameRouter:
         self._commands = commands
         self._handlers: list[dict[int, Handler]] = [{} for _ in range(buses)]
         for cell in array.roster.cells:
-            self._register(cell, by_cells)
+            self._register(cell, steering)
         for handlers in self._handlers:
             # Two hosts that began at the same instant meet here.
             handlers[cob.HEARTBEAT_BASE + cob.HOST_NODE] = self._on_other_host
@@ -198,7 +198,7 @@ class FrameRouter:
         if handler is not None:
             handler(frame.data, now_s)
 
-    def _register(self, cell: BringUpCell, by_cells: CellsControl | None) -> None:
+    def _register(self, cell: BringUpCell, steering: CellsControl | None) -> None:
         """Take in a cell's frames; others act on some of them as well."""
         handlers, node_id = self._handlers[cell.bus], cell.node_id
         handlers |= cell.handlers
@@ -210,9 +210,9 @@ class FrameRouter:
         for each in (pdo.CONTROLWORD, pdo.TARGET_VELOCITY):
             handlers[each.can_id(node_id)] = partial(self._on_other_values, cell, each)
         handlers[cob.SDO_REQUEST_BASE + node_id] = partial(self._on_other_request, cell)
-        if by_cells is not None:
-            handlers[cob.ESTIMATE_BASE + node_id] = partial(by_cells.on_estimate, cell)
-            handlers[cob.PROGRAM_BASE + node_id] = partial(by_cells.on_page, cell)
+        if steering is not None:
+            handlers[cob.ESTIMATE_BASE + node_id] = partial(steering.on_estimate, cell)
+            handlers[cob.PROGRAM_BASE + node_id] = partial(steering.on_page, cell)
 
     def _on_heartbeat(self, cell: BringUpCell, data: bytes, now_s: float) -> None:
         before = cell.nmt_state
