@@ -100,13 +100,12 @@ class CellsProgram:
             self._sendings[name].want(way)
         return self._followed[name]
 
-    def set_orders(self, orders: Mapping[int, tuple[CellTurn, ...]]) -> None:
-        """Have parcels come over cells (from 1) in these orders while the host is gone.
+    def set_turns(self, turns: Mapping[int, tuple[CellTurn, ...]]) -> None:
+        """Have parcels come over cells (from 1) in these turns while the host is gone.
 
-        Any earlier order is over. At a cell without an order the parcel that comes first goes
-        first.
+        Any earlier turns are over. At a cell without turns the parcel that comes first goes first.
         """
-        self._precedences.set(orders)
+        self._precedences.set(turns)
 
     def misfit(self, parcel: Parcel) -> str | None:
         """Why the cells cannot carry a parcel, None where they can."""

@@ -210,7 +210,7 @@ class Legs:
 _AWAY_S = 2.5
 
 
-def orders_over_cells(
+def turns_over_cells(
     reservations: Reservations,
     tiles: Tiles,
     come_m: Mapping[str, float],
@@ -221,13 +221,13 @@ def orders_over_cells(
     Each goes from `come_m` of its route to `until_m`; parcels that are not listed come nowhere.
     Tiles are as large as cells.
     """
-    orders = {}
+    turns_over = {}
     for tile, visits in reservations.order.items():
         turns = _turns([visit for visit in visits if _is_ahead(visit, come_m, until_m)])
         cell = tiles.cell_of(tile)
         if cell is not None and len({turn.parcel for turn in turns}) > 1:
-            orders[cell] = turns
-    return orders
+            turns_over[cell] = turns
+    return turns_over
 
 
 def _is_ahead(visit: Visit, come_m: Mapping[str, float], until_m: Mapping[str, float]) -> bool:
@@ -251,8 +251,8 @@ _TILES = 1
 #: and 4 mm around it.
 _CLEARANCE_M = 0.01
 _GAP_S = 0.2
-#: The orders of parcels over each cell are made anew so often [s].
-_ORDERS_S = 0.1
+#: The turns of parcels over each cell are made anew so often [s].
+_TURNS_S = 0.1
 #: Cells are given a whole way of so many legs, even while the first is gone along in parts.
 _LEGS = wire.LEGS_MAX
 
@@ -283,7 +283,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
         rules = WayRules(over_lost=not cells.goes_on, beside=False)
         super().__init__(planner, executor, loads, rules)
         self._cells = cells
-        self._orders_due_s = -inf
+        self._turns_due_s = -inf
         self._still: Floats = np.zeros(len(layout.wheel_cells))
 
     def know(self, parcel: Parcel, mass: Mass) -> None:
@@ -320,7 +320,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
             if not ride.at_rest:
                 self._moved_s = self._now_s
         if self._cells.goes_on:
-            self._set_orders()
+            self._set_turns()
         return self._still
 
     def doubt_arrivals(self) -> None:
@@ -339,15 +339,15 @@ class CellsTraffic(OrderedTraffic[Legs]):
         """How fast each wheel is to run, (W,): what cells command is not known."""
         return self._still
 
-    def _set_orders(self) -> None:
-        """Have cells get the order over them, of parcels as far as these would go by themselves."""
-        if self.plan is None or self._now_s < self._orders_due_s:
+    def _set_turns(self) -> None:
+        """Have cells get the turns over them, of parcels as far as these would go by themselves."""
+        if self.plan is None or self._now_s < self._turns_due_s:
             return
-        self._orders_due_s = self._now_s + _ORDERS_S
+        self._turns_due_s = self._now_s + _TURNS_S
         come_m = {name: ride.progress_m for name, ride in self._rides.items()}
         until_m = {name: ride.given_m for name, ride in self._rides.items()}
         reservations = self.plan.reservations
-        self._cells.set_orders(orders_over_cells(reservations, self._tiles, come_m, until_m))
+        self._cells.set_turns(turns_over_cells(reservations, self._tiles, come_m, until_m))
 
     def _set_out(self, order: Order, route: Route) -> Legs:
         def send(goal: GoalPose, legs: Sequence[GoalPose], last: bool) -> Followed:

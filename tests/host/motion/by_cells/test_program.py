@@ -120,6 +120,6 @@ def test_parcel_beyond_those_that_cells_tell_apart_is_not_steered_and_named_unti
 def test_order_leaves_out_a_parcel_beyond_those_that_cells_tell_apart():
     parcels = [Parcel(f"parcel-{number}", 0.2, 0.2) for number in range(1, 65)]
     program = CellsProgram(LAYOUT, tuple(parcels), CellsMotion(go_on=True))
-    program.set_orders({3: (CellTurn("parcel-64", 0.0), CellTurn("parcel-2", 1.0))})
+    program.set_turns({3: (CellTurn("parcel-64", 0.0), CellTurn("parcel-2", 1.0))})
     pages = program.step({}, STEP_S, STEP_S)
     assert [page.identities for page in pages] == [(2,)]
