@@ -33,7 +33,7 @@ _FOUND_S = 3.0
 _MOST_SIGNALS = 1000
 
 
-class Orders(Protocol):
+class Traffic(Protocol):
     """Carries out orders for parcels."""
 
     def give(self, order: Order) -> None:
@@ -78,7 +78,9 @@ class Table:
     True
     """
 
-    def __init__(self, half_m: tuple[float, float], gates: Sequence[Gate], orders: Orders) -> None:
+    def __init__(
+        self, half_m: tuple[float, float], gates: Sequence[Gate], traffic: Traffic
+    ) -> None:
         self.now_s = 0.0
         self.half_m = half_m
         #: Whether any parcel may come.
@@ -91,7 +93,7 @@ class Table:
         self.recipe = ""
         #: The orders of the plant around the table, and the exits that are full.
         self.orders = TableOrders()
-        self._orders = orders
+        self._traffic = traffic
         self._script = Script()
         self._unknown: dict[str, tuple[Floats, Footprint]] = {}
         self._parcels: dict[str, TableParcel] = {}
@@ -332,13 +334,13 @@ class Table:
         """A task that is broken off orders nothing any more."""
         for order in orders:
             if not order.over:
-                self._orders.cancel(order)
+                self._traffic.cancel(order)
 
     def _give(self, parcel: TableParcel, goal: GoalPose | Gate) -> Order:
         if self._parcels.get(parcel.name) is not parcel:
             raise ProgramError(f"{parcel.name} has left the table")
         order = Order(parcel.name, goal)
-        self._orders.give(order)
+        self._traffic.give(order)
         return order
 
 
@@ -430,7 +432,7 @@ class TableDriver:
 
     def stop(self) -> BaseException | None:
         """Break off the program, and bring all parcels to rest; an error of that, if any."""
-        self.table._orders.stop()
+        self.table._traffic.stop()
         return self.table._script.cancel()
 
     def in_virtual_time(self) -> None:
