@@ -41,13 +41,14 @@ class SpeedProfile:
     @cached_property
     def duration_s(self) -> float:
         """Time from rest at the start to rest at the end, never slower than the bounds say."""
-        speeds_m_s = np.sqrt(self._squares)
-        both_m_s = speeds_m_s[:-1] + speeds_m_s[1:]
+        both_m_s = self.speeds_m_s[:-1] + self.speeds_m_s[1:]
         return float((2 * np.diff(self.s_m) / both_m_s).sum())
 
-    def speed_at(self, s_m: float) -> float:
-        """The greatest speed at a path coordinate [m/s]."""
-        return sqrt(max(float(np.interp(s_m, self.s_m, self._squares)), 0.0))
+    @cached_property
+    def speeds_m_s(self) -> Floats:
+        """The greatest speed at each sample [m/s], (M,): forward from rest, and backward."""
+        speeds_m_s: Floats = np.sqrt(_passed(self._backward, np.diff(self._climbs)))
+        return speeds_m_s
 
     def acceleration_at(self, s_m: float) -> float:
         """The bound of s'' at a path coordinate [m/s2]."""
@@ -94,11 +95,6 @@ class SpeedProfile:
     @cached_property
     def _backward(self) -> list[float]:
         return _passed(self._resting_caps[::-1].tolist(), np.diff(self._climbs)[::-1])[::-1]
-
-    @cached_property
-    def _squares(self) -> list[float]:
-        """Square of the greatest speed at each sample: forward from rest, and backward."""
-        return _passed(self._backward, np.diff(self._climbs))
 
     @cached_property
     def _resting_caps(self) -> Floats:
