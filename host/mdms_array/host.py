@@ -166,7 +166,7 @@ def cells_program(
     hangs = scenario.motion.field == "goal"
     traffic = CellsTraffic(layout, executor or VirtualExecutor(), loads, cells, hangs=hangs)
     table, main = Table(half_table_m(scenario), (), traffic), main or main_of(scenario.task)
-    program = CellsTableProgram(main, table, _members(scenario), traffic, cells)
+    program = CellsTableProgram(main, table, _members(scenario), traffic)
     if (goals := goals_of(scenario)) is not None:
         program.keep_goals(goals)
     return program

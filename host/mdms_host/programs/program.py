@@ -8,7 +8,6 @@ from typing import Any
 from mdms_host.estimation.belief import Belief, Gain
 from mdms_host.estimation.parcel import Parcel
 from mdms_host.estimation.tracker import Tracker
-from mdms_host.motion.by_cells.program import CellsProgram
 from mdms_host.motion.goal import GoalPose
 from mdms_host.motion.program import Steered
 from mdms_host.motion.trajectory.pushes import Mass, uniform_mass
@@ -333,36 +332,25 @@ class CellsTableProgram(TableProgram):
 
     traffic: CellsTraffic
 
-    def __init__(
-        self,
-        main: Main,
-        table: Table,
-        members: Sequence[Member],
-        traffic: CellsTraffic,
-        cells: CellsProgram,
-    ) -> None:
-        super().__init__(main, table, members, traffic)
-        self._cells = cells
-
     def _misfit(self, parcel: Parcel) -> str | None:
-        return self._cells.misfit(parcel)
+        return self.traffic.cells.misfit(parcel)
 
     def on_estimate(self, cell: int, estimate: Estimate, now_s: float) -> None:
         """A cell (from 1) has sent its estimate."""
-        self._cells.on_estimate(cell, estimate, now_s)
+        self.traffic.cells.on_estimate(cell, estimate, now_s)
 
     def on_answer(self, cell: int, answer: Lost) -> None:
         """A cell (from 1) has answered a page about a lost cell."""
-        self._cells.on_answer(cell, answer)
+        self.traffic.cells.on_answer(cell, answer)
 
     def on_silence(self, silent_s: Mapping[int, float]) -> None:
         """For how long nothing has come of each cell (from 1) [s]."""
-        self._cells.on_silence(silent_s)
+        self.traffic.cells.on_silence(silent_s)
 
     def step(self, beliefs: Mapping[str, Belief], now_s: float, step_s: float) -> list[Page]:
         """The pages to send now, given the beliefs; once a cycle."""
         self.references_m_s(beliefs, step_s)
-        pages = self._cells.step(beliefs, now_s, step_s)
+        pages = self.traffic.cells.step(beliefs, now_s, step_s)
         self.traffic.doubt_arrivals()
         return pages
 
@@ -372,4 +360,4 @@ class CellsTableProgram(TableProgram):
 
     def ends(self) -> list[Page]:
         """The pages that end all programs."""
-        return self._cells.ends()
+        return self.traffic.cells.ends()

@@ -258,7 +258,7 @@ _LEGS = wire.LEGS_MAX
 
 
 class CellsTraffic(OrderedTraffic[Legs]):
-    """Traffic by way of `cells`; see `OrderedTraffic`."""
+    """Traffic by way of `cells`, which steer the parcels; see `OrderedTraffic`."""
 
     def __init__(
         self,
@@ -282,18 +282,18 @@ class CellsTraffic(OrderedTraffic[Legs]):
         # A parcel that goes on without the host crosses no lost cell; see `by_cells.lost_cells`.
         rules = WayRules(over_lost=not cells.goes_on, beside=False)
         super().__init__(planner, executor, loads, rules)
-        self._cells = cells
+        self.cells = cells
         self._turns_due_s = -inf
         self._still: Floats = np.zeros(len(layout.wheel_cells))
 
     def know(self, parcel: Parcel, mass: Mass) -> None:
         """There is to be another parcel."""
         super().know(parcel, mass)
-        self._cells.add(parcel)
+        self.cells.add(parcel)
 
     def on_lost_cells(self, cells: frozenset[int]) -> None:
         """See `OrderedTraffic`."""
-        self._cells.on_lost_cells(cells)
+        self.cells.on_lost_cells(cells)
         super().on_lost_cells(cells)
 
     def begin_again(self) -> None:
@@ -303,11 +303,11 @@ class CellsTraffic(OrderedTraffic[Legs]):
         """
         for name in [name for name, ride in self._rides.items() if not ride.has_come]:
             self._end_ride(name)
-        self._cells.begin_again()
+        self.cells.begin_again()
 
     def take_notices(self) -> list[str]:
         """See `OrderedTraffic`."""
-        return super().take_notices() + self._cells.take_notices()
+        return super().take_notices() + self.cells.take_notices()
 
     def step(self, beliefs: Mapping[str, Belief], step_s: float) -> Floats:
         """References of all wheels (W,): 0, for the host commands none."""
@@ -319,7 +319,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
             ride.step(belief, step_s, limit_m)
             if not ride.at_rest:
                 self._moved_s = self._now_s
-        if self._cells.goes_on:
+        if self.cells.goes_on:
             self._set_turns()
         return self._still
 
@@ -332,7 +332,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
     @property
     def near(self) -> Collection[str]:
         """See `OrderedTraffic`."""
-        return self._cells.near
+        return self.cells.near
 
     @property
     def speeds_m_s(self) -> Floats:
@@ -347,14 +347,14 @@ class CellsTraffic(OrderedTraffic[Legs]):
         come_m = {name: ride.progress_m for name, ride in self._rides.items()}
         until_m = {name: ride.given_m for name, ride in self._rides.items()}
         reservations = self.plan.reservations
-        self._cells.set_turns(turns_over_cells(reservations, self._tiles, come_m, until_m))
+        self.cells.set_turns(turns_over_cells(reservations, self._tiles, come_m, until_m))
 
     def _set_out(self, order: Order, route: Route) -> Legs:
         def send(goal: GoalPose, legs: Sequence[GoalPose], last: bool) -> Followed:
-            return self._cells.lead(order.parcel, goal, legs, last=last)
+            return self.cells.lead(order.parcel, goal, legs, last=last)
 
-        return Legs(order, route, self._loads[order.parcel], send, self._cells.motion)
+        return Legs(order, route, self._loads[order.parcel], send, self.cells.motion)
 
     def _end_ride(self, name: str) -> None:
         super()._end_ride(name)
-        self._cells.end(name)
+        self.cells.end(name)
