@@ -364,23 +364,23 @@ class CellTurn(NamedTuple):
 
 
 class Precedences:
-    """The orders over all cells that have one, or had: those get to know that it is over."""
+    """The turns over all cells that have any, or had: those get to know that they are over."""
 
     def __init__(self, layout: Layout) -> None:
         self._columns = layout.columns
-        self._orders: dict[int, tuple[CellTurn, ...]] = {}
+        self._turns: dict[int, tuple[CellTurn, ...]] = {}
         self._numbers: dict[int, int] = {}
         self._queue: list[int] = []
         self._due_s = -inf
 
-    def set(self, orders: Mapping[int, tuple[CellTurn, ...]]) -> None:
-        """Have these be the orders over cells (from 1), and no others."""
-        wanted = {**dict.fromkeys(self._orders, ()), **orders}
-        changed = [cell for cell, order in wanted.items() if self._orders.get(cell) != order]
-        self._orders = wanted
+    def set(self, turns: Mapping[int, tuple[CellTurn, ...]]) -> None:
+        """Have these be the turns over cells (from 1), and no others."""
+        wanted = {**dict.fromkeys(self._turns, ()), **turns}
+        changed = [cell for cell, each in wanted.items() if self._turns.get(cell) != each]
+        self._turns = wanted
         for cell in changed:
             self._numbers[cell] = (self._numbers.get(cell, 0) + 1) % precedence.NUMBERS
-        # Changed orders go first.
+        # Changed turns go first.
         self._queue = [*changed, *(cell for cell in self._queue if cell not in changed)]
 
     def pages(self, identities: Mapping[str, int], now_s: float) -> Iterator[Page]:
@@ -392,7 +392,7 @@ class Precedences:
         self._queue.append(cell)
         row, column = divmod(cell - 1, self._columns)
         # Parcels beyond those that cells tell apart are not steered, and have no turn.
-        names = (turn.parcel for turn in self._orders[cell])
+        names = (turn.parcel for turn in self._turns[cell])
         order = tuple(identities[name] for name in names if name in identities)
         order = order[: precedence.PLACES]
         yield Precedence(self._numbers[cell], column + 1, row + 1, order)
