@@ -38,8 +38,7 @@ class CellsProgram:
 
     A parcel without a way gets an identity too, so that its cells keep others away. A parcel that
     does not get on although nothing holds it is stopped. If all identities are taken, a parcel gets
-    that of a parcel that has left the table. `goes_on` is whether the cells bring a parcel to its
-    goal without the host.
+    that of a parcel that has left the table.
     """
 
     def __init__(
@@ -53,7 +52,6 @@ class CellsProgram:
         self._layout = layout
         self._centres_of_mass_m = centres_of_mass_m
         self.motion = motion or CellsMotion()
-        self.goes_on = self.motion.go_on
         self._reports = Reports(layout)
         self._precedences = Precedences(layout)
         self._parcels: dict[str, Parcel] = {}
@@ -95,7 +93,7 @@ class CellsProgram:
         self._last_legs.pop(name, None)
         if last:
             self._last_legs[name] = self._last_leg_to(name, goal)
-        way = Way((goal, *legs[: wire.LEGS_MAX]) if self.goes_on else (goal,))
+        way = Way((goal, *legs[: wire.LEGS_MAX]) if self.motion.go_on else (goal,))
         if name in self._sendings:
             self._sendings[name].want(way)
         return self._followed[name]
@@ -192,7 +190,7 @@ class CellsProgram:
             shown = None if stopped else belief
             pages += sending.pages(None if shown is None else shown.pose, now_s)
         identities = {name: sending.identity for name, sending in self._sendings.items()}
-        if not self.goes_on:
+        if not self.motion.go_on:
             # A parcel that goes on without the host could meet another on a lost cell's square.
             names = {identity: name for name, identity in identities.items()}
             pages += self._lost_cells.step(names, now_s)
@@ -289,7 +287,7 @@ class CellsProgram:
         reported = followed.reported and sending.is_latest_there
         there = followed.there and (sending.is_latest_there if last.felt else asked)
         followed.arrived = last.step(belief, reported, there)
-        way = Way(last.places if self.goes_on else last.places[:1])
+        way = Way(last.places if self.motion.go_on else last.places[:1])
         if sending.latest is None or sending.latest.places != way.places:
             sending.want(way)
         followed.lead(last.places[0])

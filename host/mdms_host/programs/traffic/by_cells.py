@@ -280,7 +280,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
             hangs=hangs,
         )
         # A parcel that goes on without the host crosses no lost cell; see `by_cells.lost_cells`.
-        rules = WayRules(over_lost=not cells.goes_on, beside=False)
+        rules = WayRules(over_lost=not cells.motion.go_on, beside=False)
         super().__init__(planner, executor, loads, rules)
         self.cells = cells
         self._turns_due_s = -inf
@@ -319,7 +319,7 @@ class CellsTraffic(OrderedTraffic[Legs]):
             ride.step(belief, step_s, limit_m)
             if not ride.at_rest:
                 self._moved_s = self._now_s
-        if self.cells.goes_on:
+        if self.cells.motion.go_on:
             self._set_turns()
         return self._still
 
