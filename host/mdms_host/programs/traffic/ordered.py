@@ -120,6 +120,8 @@ class OrderedTraffic(ABC, Generic[Ride]):
         self._dispatch = Dispatch(planner, executor, self._where, self._timetable, rules)
         self._now_s = 0.0
         self._orders: dict[str, Order] = {}
+        #: The last order for each parcel: whoever waits at its end is told of the next one, too.
+        self._last: dict[str, Order] = {}
         self._rides: dict[str, Ride] = {}
         self._again_s = 0.0
         self._moved_s = 0.0
@@ -163,10 +165,10 @@ class OrderedTraffic(ABC, Generic[Ride]):
         if not self._orders:
             # Nobody has waited on a table that was idle.
             self._moved_s = self._now_s
-        before = self._orders.get(order.parcel)
+        before = self._last.get(order.parcel)
         if before is not None:
             before.replaced = True
-        self._orders[order.parcel] = order
+        self._orders[order.parcel] = self._last[order.parcel] = order
         self._again_s = self._now_s
         # Why it had no way was of the order before.
         self._dispatch.blocked.pop(order.parcel, None)
@@ -406,6 +408,7 @@ class OrderedTraffic(ABC, Generic[Ride]):
             # It came too late. The next parcel may have the same name.
             order.refused = f"{name} has left the table"
         self.steered.pop(name, None)
+        self._last.pop(name, None)
         self._stood.pop(name, None)
         self._gone_out.discard(name)
         self._where.drop(name)

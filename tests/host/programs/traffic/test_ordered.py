@@ -505,6 +505,23 @@ def test_a_parcel_that_sets_out_for_another_place_is_not_to_leave_any_more():
     assert told == [("small 1", "leaves"), ("small 1", "stays")]
 
 
+def test_a_parcel_that_a_person_takes_away_from_a_full_exit_does_not_leave_once_it_is_free():
+    async def main(table):
+        first = await table.arrival()
+        await first.leave("north")
+
+    table = Rolling("sort54", "stream.0.start_s=0.1", main=main)
+    table.table.orders.full.add("north")
+    table.run_until(4.0, lambda: len(table.table.parcels) == 1)
+    table.run(2.5)
+    assert table.table.orders.waiting == {"small 1"}
+    table.program.set_goal("small 1", GoalPose(0.1, -0.1, None))
+    table.run(0.1)
+    table.table.orders.full.clear()
+    table.run_until(4.0, lambda: table.program.finished)
+    assert away_m(table.pose("small 1"), 0.1, -0.1) < 0.003
+
+
 def test_a_parcel_that_is_doubtful_has_not_left_wherever_it_is_believed():
     table = Rolling("sort54", "task.0.count=1", "stream.0.start_s=0.1")
     tracker = Everywhere(parcel.name for parcel in table.parcels)
