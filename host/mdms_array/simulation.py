@@ -217,30 +217,25 @@ def _simulated(
 
 
 def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
-    """Its present report; None where none runs.
-
-    It claims nothing of parcels of which it has said that which is which is a guess.
-    """
+    """Its present report; None where none runs."""
     if coordinator is None:
         return None
-    guessed = coordinator.tracker.guessed
-    goals = {name: each for name, each in coordinator.goals.items() if name not in guessed}
-    arrived = {name: each for name, each in coordinator.arrived.items() if name not in guessed}
     troubles = coordinator.troubles
     stopped = "stopped by a person" if coordinator.stopped else None
     held = troubles[-1][1] if troubles and coordinator.phase in TROUBLED else None
     return HostReport(
-        goals=_poses(goals),
-        arrived=_poses(arrived),
+        goals=_poses(coordinator.goals),
+        arrived=_poses(coordinator.arrived),
         believed={
             name: (pose.x_m, pose.y_m, pose.yaw_rad)
-            for name in arrived
+            for name in coordinator.arrived
             if (pose := coordinator.estimate(name)) is not None
         },
         reason=coordinator.fault or coordinator.stuck or coordinator.lost or held or stopped,
         trouble_s=troubles[-1][0] if troubles else -inf,
         # A program may end before a parcel is there whose task it does not await.
         over=coordinator.finished and coordinator.arrived.keys() == coordinator.goals.keys(),
+        guessed=frozenset(coordinator.tracker.guessed),
     )
 
 

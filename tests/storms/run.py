@@ -165,12 +165,10 @@ class Host:
         if self.coordinator is not None:
             # The words of a program before it was killed have been said.
             told_s = max([self._told_s, *(time_s for time_s, _ in self.troubles)])
-            report = replace(host_report_of(self.coordinator), trouble_s=told_s)
+            report = host_report_of(self.coordinator)
             # The next program is told the same places: nobody has seen to a guess of one before.
-            guessed = {name for one in self._before for name in one.tracker.guessed}
-            arrived = {name: at for name, at in report.arrived.items() if name not in guessed}
-            goals = {name: at for name, at in report.goals.items() if name not in guessed}
-            return replace(report, arrived=arrived, goals=goals)
+            guessed = report.guessed.union(*(one.tracker.guessed for one in self._before))
+            return replace(report, trouble_s=told_s, guessed=guessed)
         goals = host_report_of(self._before[-1]).goals
         return HostReport(goals, reason="the program has been killed")
 

@@ -40,6 +40,8 @@ class HostReport:
     `goals` has the parcels that it steers to one, `arrived` those that it reports there, and
     `believed` their believed poses. `reason` says why it cannot go on, if it does. `trouble_s` is
     the time of its last report of trouble [s]. `over` is whether its job has ended as requested.
+    `guessed` has the parcels that may be in each other's places, as a person was told: nothing is
+    claimed of them.
     """
 
     goals: Mapping[str, Pose] = field(default_factory=dict)
@@ -48,6 +50,7 @@ class HostReport:
     reason: str | None = None
     trouble_s: float = -inf
     over: bool = False
+    guessed: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ def test_a_user_whom_no_list_names_may_run_a_table():
         text=True,
     )
     assert "Traceback" not in done.stderr
-    assert done.returncode == ExitCode.TIME_LIMIT
+    assert done.returncode == ExitCode.NO_DEVICE
 
 
 def test_model_runs_without_drawing_or_the_libraries_of_hardware():
