@@ -7,6 +7,7 @@ of the table carries them out.
 import json
 import os
 import socket
+import tempfile
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import suppress
@@ -16,7 +17,6 @@ from threading import Event, Thread
 from typing import Any
 
 from mdms_host.cli.exits import CommandError, ExitCode
-from mdms_sim.serve.packet import runtime_folder
 
 _SUFFIX = ".report"
 _LONGEST = 65536
@@ -57,7 +57,7 @@ class ReportRequests:
         self._waiting: SimpleQueue[Request] = SimpleQueue()
         self._closed = Event()
         self._socket: socket.socket | None = None
-        self._path = runtime_folder() / f"{os.getpid()}{_SUFFIX}"
+        self._path = folder_of_requests() / f"{os.getpid()}{_SUFFIX}"
         if not hasattr(socket, "AF_UNIX"):
             return
         with suppress(OSError):
@@ -119,10 +119,19 @@ class ReportRequests:
         connection.sendall(json.dumps(answer).encode())
 
 
+def folder_of_requests() -> Path:
+    """Where the sockets of this user's commands are; only the user may enter."""
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    if base and os.access(base, os.W_OK):
+        return Path(base) / "mdms"
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    return Path(tempfile.gettempdir()) / f"mdms-{user}"
+
+
 def running() -> dict[int, str]:
     """The commands of this user that write reports: process number and title."""
     found = {}
-    for path in sorted(runtime_folder().glob(f"*{_SUFFIX}")):
+    for path in sorted(folder_of_requests().glob(f"*{_SUFFIX}")):
         process = int(path.stem) if path.stem.isdecimal() else None
         answer = None if process is None else ask(process, {"do": "title"}, _ASKS_S)
         if process is not None and answer is not None:
@@ -132,7 +141,7 @@ def running() -> dict[int, str]:
 
 def ask(process: int, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
     """The answer of a command; None where it is gone or does not answer."""
-    path = runtime_folder() / f"{process}{_SUFFIX}"
+    path = folder_of_requests() / f"{process}{_SUFFIX}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(timeout_s)
         try:

@@ -47,7 +47,7 @@ def unpack(data: bytes | bytearray | memoryview) -> list[tuple[Frame, float | No
 
 
 def runtime_folder() -> Path:
-    """Where the sockets of this user's served buses and commands are; only the user may enter."""
+    """Where the sockets of this user's served buses are; only the user may enter."""
     base = os.environ.get("XDG_RUNTIME_DIR")
     if base and os.access(base, os.W_OK):
         return Path(base) / "mdms"

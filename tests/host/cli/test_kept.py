@@ -16,10 +16,9 @@ from mdms_host.cli import main
 from mdms_host.cli.exits import CommandError, ExitCode
 from mdms_host.cli.kept import level_of, reports_folder
 from mdms_host.cli.log_files import LogFolder, RotatingFile
-from mdms_host.cli.report_requests import ReportRequests, ask, running
+from mdms_host.cli.report_requests import ReportRequests, ask, folder_of_requests, running
 from mdms_model.run.folder import read_run
 from mdms_sim.nodes.bank import NodeDied
-from mdms_sim.serve.packet import runtime_folder
 
 
 def options(**given: object) -> Namespace:
@@ -207,7 +206,7 @@ def test_no_run_takes_the_folder_of_a_service_whose_clients_nothing_repeats(
 def test_a_program_that_asks_for_no_report_keeps_nobody_from_one(tmp_path, monkeypatch, sent):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     requests = ReportRequests("a table")
-    (path,) = runtime_folder().iterdir()
+    (path,) = folder_of_requests().iterdir()
     with socket.socket(socket.AF_UNIX) as rude:
         rude.connect(str(path))
         rude.sendall(sent)
@@ -222,7 +221,7 @@ def test_a_request_that_came_without_a_file_descriptor_left_is_answered_later(
 ):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     requests = ReportRequests("a table")
-    (path,) = runtime_folder().iterdir()
+    (path,) = folder_of_requests().iterdir()
     with socket.socket(socket.AF_UNIX) as early:
         used = []
         with suppress(OSError):
