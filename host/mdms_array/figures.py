@@ -128,7 +128,7 @@ def believed_run(
 
 
 def broken_off(run: Run, coordinator: Coordinator) -> Run:
-    """The run, once what is left of its program is broken off; an error of that is the run's."""
+    """Break off what is left of the program. An error of that makes the returned run failed."""
     failure = break_off(coordinator)
     if failure is None:
         return run

@@ -235,7 +235,7 @@ def host_report_of(coordinator: Coordinator | None) -> HostReport | None:
         trouble_s=troubles[-1][0] if troubles else -inf,
         # A program may end before a parcel is there whose task it does not await.
         over=coordinator.finished and coordinator.arrived.keys() == coordinator.goals.keys(),
-        guessed=frozenset(coordinator.tracker.guessed),
+        guessed=coordinator.tracker.guessed,
     )
 
 

@@ -16,7 +16,7 @@ def main() -> int:
         # Libraries read it when they are imported.
         os.environ.setdefault(name, "1")
     if os.path.expanduser("~") == "~":
-        # Containers run as users whom no list names; root's folder takes nothing, and says so.
+        # A user without an entry has no home. Messages name this one, in which no file can be made.
         os.environ["HOME"] = "/"
     # What is imported stays: to look for garbage in it took a third of a short command.
     gc.disable()

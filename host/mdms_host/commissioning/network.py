@@ -108,7 +108,7 @@ _ANSWER_S = 0.5
 #: Attempts at a request. Of two frames lost in a hundred, one read in 400,000 fails.
 _ATTEMPTS = 4
 #: Refusals of a valid step of a transfer: a request of another program has broken it off.
-_BROKEN_OFF = (sdo.UNKNOWN_COMMAND, sdo.TOGGLE_NOT_ALTERNATED, sdo.INVALID_SEQUENCE)
+_INTERRUPTED = (sdo.UNKNOWN_COMMAND, sdo.TOGGLE_NOT_ALTERNATED, sdo.INVALID_SEQUENCE)
 #: Erasing a sector of flash may take a board this long.
 _FLASH_S = 3.0
 #: A cell writes no flash while a wheel brakes: 2 s at most (0x3004), unless that was set longer.
@@ -383,7 +383,7 @@ class Commissioning:
             try:
                 return transfer(node)
             except canopen.SdoAbortedError as error:
-                if error.code not in _BROKEN_OFF or attempt == _ATTEMPTS:
+                if error.code not in _INTERRUPTED or attempt == _ATTEMPTS:
                     raise RefusedError(f"{place}: refused, {error}", error.code) from None
             except canopen.SdoCommunicationError as error:
                 if attempt == _ATTEMPTS:

@@ -61,6 +61,8 @@ class TrackedParcel:
         self._found_s: float | None = None
         #: Whether it was first found elsewhere than told; None before.
         self.elsewhere: bool | None = None
+        #: Whether it may be another one that looks alike, as a person was told.
+        self.guessed = False
         #: Where it was found last; None while it is not.
         self._found_m: Floats | None = None
         self.unknown = unknown

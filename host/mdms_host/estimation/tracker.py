@@ -74,8 +74,6 @@ class Tracker:
         self._lay_there: set[str] = set()
         self._faulty: list[tuple[int, list[int]]] = []
         self._changes: list[BeliefChange] = []
-        #: Parcels that may be in each other's places, as a person was told.
-        self.guessed: set[str] = set()
         self._withdrawn: list[tuple[Parcel, BoundingBox | None]] = []
 
     # Parcels come and go
@@ -105,6 +103,11 @@ class Tracker:
         Raises KeyError for a name that there is not.
         """
         self._known[name].gate = None
+
+    @property
+    def guessed(self) -> frozenset[str]:
+        """Parcels that may be in each other's places, as a person was told."""
+        return frozenset(name for name, each in self._known.items() if each.guessed)
 
     def take_withdrawn(self) -> list[tuple[Parcel, BoundingBox | None]]:
         """Parcels that have not come after all, with the regions where they were announced.
@@ -359,7 +362,7 @@ class Tracker:
                 there.estimator.may_be(here.estimator.footprint, covered, valid)
                 for here, there in ((one, two), (two, one))
             ):
-                self.guessed |= {name, other}
+                one.guessed = two.guessed = True
                 change = BeliefChange(name, BeliefEvent.GUESSED, one.place, other=other)
                 self._changes.append(change)
 

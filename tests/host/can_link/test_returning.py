@@ -139,7 +139,7 @@ def test_a_device_that_is_not_there_at_the_beginning_is_an_error() -> None:
 def test_a_device_that_hangs_as_it_is_opened_keeps_nobody_from_the_end(
     monkeypatch, request
 ) -> None:
-    monkeypatch.setattr("mdms_host.can_link.returning.HANGS_S", 0.05, raising=False)
+    monkeypatch.setattr("mdms_host.can_link.returning.HANGS_S", 0.05)
     opens, over, first = Event(), Event(), Device()
     request.addfinalizer(over.set)
 

@@ -466,6 +466,7 @@ def test_which_of_two_alike_is_which_is_a_guess_where_both_lie_elsewhere(
     assert [event for event in table.events() if event[1] is BeliefEvent.GUESSED] == (
         [("one", BeliefEvent.GUESSED)] if guessed else []
     )
+    assert table.tracker.guessed == ({"one", "two"} if guessed else set())
     table.take("one")
     table.run(1.5)
     table.put("one", one.footprint, -0.3, 0.2, 0.0)

@@ -186,7 +186,7 @@ def test_an_adapter_that_hangs_keeps_no_stop_from_its_end(
         wait(ends, limit_s, FIRST_COMPLETED)
 
     monkeypatch.setattr("can.Bus", bus)
-    monkeypatch.setattr("mdms_host.cli.array.cells.wait", one_ends, raising=False)
+    monkeypatch.setattr("mdms_host.cli.array.cells.wait", one_ends)
     with Nodes("right", {1: nmt.OPERATIONAL}):
         code = main(["stop", "-i", "virtual", "--array", str(tmp_path / "table.toml")])
     told = capsys.readouterr()
