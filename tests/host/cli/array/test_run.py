@@ -159,6 +159,11 @@ def test_a_disk_that_has_room_again_takes_the_rest_of_the_folder(on_a_full_disk,
             ExitCode.TIME_LIMIT,
             "not come to its end: it waits in main (program.p",
         ),
+        (
+            "try:\n        await table.sleep(99)\n    finally:\n        raise OSError('no room')",
+            ExitCode.FAILURE,
+            "the program failed as the run ended: OSError: no room, in main (program.py, line 6)",
+        ),
     ],
 )
 def test_a_program_that_fails_or_waits_ends_with_its_message_and_code(
